@@ -1,0 +1,93 @@
+# deltac needs GNU make and Python 3.11 or newer; everything else is installed into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+PYTEST := $(PY) -m pytest
+ARGS ?=
+
+# One stamp per set of requirements: reinstalled when pyproject.toml changes, or after `make clean`.
+CORE := $(VENV)/.deltac-core
+TEST := $(VENV)/.deltac-test
+DEV := $(VENV)/.deltac-dev
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.SUFFIXES:
+.PHONY: help demo test test-casadi test-slow lint types layers check bench docs clean
+
+help:  ## list the targets
+	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(CORE)  ## reproduce the thesis's study: ten figures, one table
+	$(VENV)/bin/deltac reproduce $(ARGS)
+
+test: $(TEST)  ## the test suite, without the slow tests
+	$(PYTEST) -n 2 -m "not slow" $(ARGS)
+
+test-casadi: $(TEST)  ## the numerical tests again, on CasADi's own evaluator
+	DELTAC_EVALUATOR=casadi $(PYTEST) -n 2 -m "not slow and not heyoka" \
+		tests/kernels tests/dynamics tests/energy $(ARGS)
+
+test-slow: $(TEST)  ## the slow tests, with many more random examples
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) -n 2 -m slow $(ARGS)
+
+lint: $(DEV)  ## style: ruff's rules and format
+	$(PY) -m ruff check
+	$(PY) -m ruff format --check
+
+types: $(DEV)  ## types: mypy, strict
+	$(PY) -m mypy
+
+layers: $(DEV)  ## the direction of imports
+	$(VENV)/bin/lint-imports
+
+check: lint types layers test-casadi test  ## all of the checks, as in continuous integration
+
+bench: $(TEST)  ## the benchmarks, beside other simulators
+	$(PY) benchmarks/run.py $(ARGS)
+
+docs: $(TEST)  ## run the examples in the documents and docstrings
+	$(PYTEST) --doctest-modules --doctest-glob="*.md" src $(wildcard *.md docs/*.md) $(ARGS)
+
+clean:  ## remove caches and build products, and install afresh next time
+	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -f $(CORE) $(TEST) $(DEV)
+
+# --- the virtual environment ---------------------------------------------------------------------
+
+# $(call require_python,INTERPRETER): stop with a remedy unless it is recent enough.
+define require_python
+@$(1) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	echo "deltac needs Python 3.11 or newer, but $(1) is: $$($(1) --version 2>&1 || true)"; \
+	echo "$(2)"; exit 1; } >&2
+endef
+
+# $(call install,REQUIREMENT,STAMPS): editable install; the stamps are made only when it succeeds.
+define install
+$(call require_python,$(PY),Remove $(VENV) and run make again with a newer one: make PYTHON=python3.12 ...)
+@echo "setting up $(VENV) (about a minute, once)"
+@rm -f $@
+@$(PY) -m pip --version >/dev/null 2>&1 || $(PY) -m ensurepip >/dev/null || { \
+	echo "$(VENV) has no pip, and it could not be added: remove $(VENV) and run make again" >&2; exit 1; }
+@$(PY) -m pip install --quiet --disable-pip-version-check --no-input --editable "$(1)"
+@touch $(2)
+endef
+
+$(PY):
+	$(call require_python,$(PYTHON),Name another interpreter: make PYTHON=python3.12 ...)
+	@test -e $(VENV) && kept=yes; $(PYTHON) -m venv $(VENV) || { \
+		test "$$kept" || rm -rf $(VENV); \
+		echo "could not make $(VENV): remove it if it is there; on Debian and Ubuntu, apt install python3-venv" >&2; exit 1; }
+
+# A larger set includes the smaller ones.
+$(CORE): pyproject.toml | $(PY)
+	$(call install,.,$(CORE))
+
+$(TEST): pyproject.toml | $(PY)
+	$(call install,.[test],$(CORE) $(TEST))
+
+$(DEV): pyproject.toml | $(PY)
+	$(call install,.[dev],$(CORE) $(TEST) $(DEV))

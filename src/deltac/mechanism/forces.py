@@ -1,0 +1,210 @@
+"""Force elements. Each states its law, potential, sign, units and channels in its docstring.
+
+The power of a force is positive when it adds energy to the system. A potential V(q, t) obeys
+P = −V̇ + ∂V/∂t: an element whose potential depends on time (a spring whose rest length is driven) has
+a second channel of kind ``prescribed``, through which ∂V/∂t flows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from deltac.errors import InputError
+from deltac.mechanism.laws import as_law
+from deltac.mechanism.quantities import ZERO, Quantity, Vector, positive, vector
+
+
+@dataclass(frozen=True)
+class JointSpring:
+    """Elastic force of a joint. Channel ``spring <name>`` (potential).
+
+    Linear: V = ½ k (q − q0)² for each coordinate (J), generalized force −k (q − q0) (N·m or N); for a
+    quaternion V = ½ k φ², φ the angle of rotation from the identity, moment −k φ n. Or any
+    `potential` V(q, t) in J, a law of the joint's coordinates; the force is −∂V/∂q, exactly.
+    `stiffness` k >= 0 and `rest` q0 may depend on t (then ∂V/∂t is the channel ``prescribed <name>``).
+    """
+
+    name: str
+    joint: str
+    stiffness: tuple[Any, ...] = ()
+    rest: tuple[Any, ...] = ()
+    potential: Any = None
+
+
+@dataclass(frozen=True)
+class JointDamper:
+    """Viscous force of a joint: −c u for each speed (N·m or N). Channel ``damper <name>``.
+
+    `damping` c (N·m·s/rad or N·s/m) is a law, one for each speed; c >= 0 takes energy out.
+    """
+
+    name: str
+    joint: str
+    damping: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """Generalized force of a motor on a joint's speeds (N·m or N). Channel ``actuator <name>``.
+
+    `torque` holds a law of t, q, u for each speed, positive in the direction of the speed, acting on
+    the child (and in reverse on the parent); None when a controller or a log supplies it.
+    """
+
+    name: str
+    joint: str
+    torque: tuple[Any, ...] | None
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """A force at a point of a body and a moment on it. Channel ``applied <name>``.
+
+    `force` (N) and `moment` (N·m) are three laws of t, q, u each; components in the world frame, or
+    in the body frame if `frame` is "body". `point` (m) in body components.
+    """
+
+    name: str
+    body: str
+    point: Vector
+    force: tuple[Any, Any, Any]
+    moment: tuple[Any, Any, Any]
+    frame: str
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """Spring and damper between two points. Channels ``spring <name>`` (potential), ``damper <name>``.
+
+    With the distance d of the points, V = ½ k (d − d0)² (J) and the tension is k (d − d0) + c ḋ (N),
+    positive when it pulls the points together. `stiffness` k and `length` d0 may depend on t (then
+    ∂V/∂t is the channel ``prescribed <name>``). The direction is undefined at d = 0 unless d0 = c = 0.
+    """
+
+    name: str
+    body1: str
+    point1: Vector
+    body2: str
+    point2: Vector
+    stiffness: Any
+    damping: Any
+    length: Any
+
+
+Element: TypeAlias = JointSpring | JointDamper | JointTorque | PointForce | SpringDamper
+
+
+def joint_spring(
+    name: str,
+    joint: str,
+    stiffness: Any = None,
+    rest: Any = 0.0,
+    *,
+    torque: Any = None,
+    potential: Any = None,
+) -> JointSpring:
+    """A spring on a joint's coordinates; see `JointSpring`.
+
+    Give exactly one of: `stiffness` (with `rest`), `potential` (a law of the joint's coordinates), or
+    `torque`, a stiffness curve: the moment as a law of the joint's single coordinate, whose
+    potential −∫ torque dq is found in closed form (InputError if it has none).
+    """
+    where = f"joint spring {_name(name)!r}"
+    given = [stiffness is not None, torque is not None, potential is not None]
+    if sum(given) != 1:
+        raise InputError(f"{where}: give exactly one of stiffness, torque and potential")
+    if stiffness is not None:
+        k = _each(stiffness, f"stiffness of {where}")
+        q0 = _each(rest, f"rest of {where}")
+        return JointSpring(name, joint, stiffness=k, rest=q0)
+    if torque is not None:
+        potential = _integral(as_law(torque, f"torque of {where}"), joint, where)
+    return JointSpring(name, joint, potential=as_law(potential, f"potential of {where}"))
+
+
+def joint_damper(name: str, joint: str, damping: Any) -> JointDamper:
+    """A viscous damper on a joint's speeds; see `JointDamper`."""
+    return JointDamper(_name(name), joint, _each(damping, f"damping of joint damper {name!r}"))
+
+
+def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
+    """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
+    laws = None if torque is None else _each(torque, f"law of joint torque {name!r}")
+    return JointTorque(_name(name), joint, laws)
+
+
+def point_force(
+    name: str,
+    body: str,
+    force: Sequence[Any] = ZERO,
+    point: Sequence[Any] = ZERO,
+    *,
+    moment: Sequence[Any] = ZERO,
+    frame: str = "world",
+) -> PointForce:
+    """A force at a point of a body, and a moment on it; see `PointForce`."""
+    where = f"point force {_name(name)!r}"
+    if frame not in ("world", "body"):
+        raise InputError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
+    return PointForce(
+        name,
+        body,
+        vector(point, f"point of {where}"),
+        vector(force, f"force of {where}"),
+        vector(moment, f"moment of {where}"),
+        frame,
+    )
+
+
+def spring_damper(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+    stiffness: Any = 0.0,
+    damping: Any = 0.0,
+    length: Any = 0.0,
+) -> SpringDamper:
+    """A spring and damper between points of two bodies (or "ground"); see `SpringDamper`."""
+    where = f"spring-damper {_name(name)!r}"
+    if body1 == body2:
+        raise InputError(f"{where} connects body {body1!r} with itself, so it does nothing")
+    return SpringDamper(
+        name,
+        body1,
+        vector(point1, f"point1 of {where}"),
+        body2,
+        vector(point2, f"point2 of {where}"),
+        positive(stiffness, f"stiffness of {where}", allow_zero=True),
+        positive(damping, f"damping of {where}", allow_zero=True),
+        positive(length, f"length of {where}", allow_zero=True),
+    )
+
+
+def _name(name: Any) -> str:
+    if not isinstance(name, str) or not name.strip() or name != name.strip():
+        raise InputError(f"a force element needs a name without surrounding blanks, found {name!r}")
+    return name
+
+
+def _each(value: Any, where: str) -> tuple[Quantity, ...]:
+    values = value if isinstance(value, list | tuple) else (value,)
+    return tuple(as_law(entry, where) for entry in values)
+
+
+def _integral(torque: Any, joint: str, where: str) -> Any:
+    """−∫ torque dq from 0 to q, in closed form."""
+    import sympy
+
+    coordinate = sympy.Symbol(f"q.{joint}", real=True)
+    potential = -sympy.integrate(torque, (coordinate, 0, coordinate))
+    if potential.has(sympy.Integral):
+        raise InputError(
+            f"{where}: no closed form was found for the potential of the stiffness curve {torque}; "
+            "give potential= instead of torque="
+        )
+    return potential

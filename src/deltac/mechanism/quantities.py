@@ -1,0 +1,130 @@
+"""Numbers of a description: a float, or an expression in the mechanism's named parameters.
+
+Every dimension, mass or coefficient may be written ``0.25``, ``"l2/2"`` or as a SymPy expression;
+names are resolved by the mechanism that holds the part. Vectors are tuples of three of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+from deltac.errors import InputError
+from deltac.mechanism.laws import as_law
+
+Quantity: TypeAlias = Any
+"""A float, or a SymPy expression."""
+
+Vector: TypeAlias = tuple[Quantity, Quantity, Quantity]
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]
+
+AXES: dict[str, tuple[float, float, float]] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def vector(value: Sequence[Any], where: str) -> Vector:
+    """Three quantities; InputError names `where` when there are not three."""
+    entries = None if isinstance(value, str) else tuple(value)
+    if entries is None or len(entries) != 3:
+        raise InputError(f"{where}: expected three components, found {value!r}")
+    x, y, z = (as_law(entry, f"{where}, component {c}") for entry, c in zip(entries, "xyz"))
+    return (x, y, z)
+
+
+def unit_vector(value: str | Sequence[float], where: str) -> tuple[float, float, float]:
+    """A direction: ``"x"``, ``"-z"``, … or three numbers of any length but zero (normalised)."""
+    if isinstance(value, str):
+        if value not in AXES:
+            raise InputError(f"{where}: unknown axis {value!r}; known: {', '.join(AXES)}")
+        return AXES[value]
+    entries = vector(value, where)
+    if not all(isinstance(entry, float) for entry in entries):
+        raise InputError(f"{where}: an axis must be of plain numbers, found {value!r}")
+    length = math.hypot(*entries)
+    if not length > 0.0:
+        raise InputError(f"{where}: the axis {tuple(entries)} has no direction (length 0)")
+    x, y, z = (entry / length for entry in entries)
+    return (x, y, z)
+
+
+def rotation_matrix(value: Any, where: str) -> Matrix:
+    """A rotation from three by three numbers, or from a unit quaternion (scalar first).
+
+    Its columns are the turned axes. InputError when it is not a rotation to 1e-6.
+    """
+    if value is None:
+        return IDENTITY
+    rows = [list(row) if hasattr(row, "__len__") else row for row in value]
+    if len(rows) == 4 and not any(isinstance(row, list) for row in rows):
+        return _from_quaternion([float(entry) for entry in value], where)
+    if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
+        raise InputError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
+    r = [[float(entry) for entry in list(row)] for row in rows]
+    gram = [[sum(r[k][i] * r[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+    off = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
+    if not (off < 1e-6 and _determinant(r) > 0.0):
+        raise InputError(
+            f"{where}: the matrix is not a rotation (columns depart from orthonormal, right-handed "
+            f"by {off:.3g}); give an orthonormal matrix, a quaternion, or deltac.rotation(axis, angle)"
+        )
+    a, b, c = ((row[0], row[1], row[2]) for row in r)
+    return (a, b, c)
+
+
+def rotation(axis: str | Sequence[float], angle: float) -> Matrix:
+    """The matrix of a turn by `angle` (rad, right-handed) about `axis`, for joints' placements."""
+    n = unit_vector(axis, "rotation")
+    half = 0.5 * float(angle)
+    w, s = math.cos(half), math.sin(half)
+    return _from_quaternion([w, s * n[0], s * n[1], s * n[2]], "rotation")
+
+
+def _from_quaternion(q: list[float], where: str) -> Matrix:
+    norm = math.hypot(*q)
+    if not abs(norm - 1.0) < 1e-6:
+        raise InputError(
+            f"{where}: the quaternion {tuple(q)} has length {norm:.6g}; expected 1 (scalar first)"
+        )
+    w, x, y, z = (entry / norm for entry in q)
+    return (
+        (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+    )
+
+
+def _determinant(r: list[list[float]]) -> float:
+    return (
+        r[0][0] * (r[1][1] * r[2][2] - r[1][2] * r[2][1])
+        - r[0][1] * (r[1][0] * r[2][2] - r[1][2] * r[2][0])
+        + r[0][2] * (r[1][0] * r[2][1] - r[1][1] * r[2][0])
+    )
+
+
+def positive(value: Any, where: str, *, allow_zero: bool = False) -> Quantity:
+    """A quantity that must be positive; expressions are checked where parameters are known."""
+    quantity = as_law(value, where)
+    if isinstance(quantity, float):
+        require_positive(quantity, where, allow_zero=allow_zero)
+    return quantity
+
+
+def require_positive(value: float, where: str, *, allow_zero: bool = False) -> None:
+    """InputError unless `value` is positive (or zero, if allowed)."""
+    if value > 0.0 or (allow_zero and value == 0.0):
+        return
+    expected = "zero or a positive number" if allow_zero else "a positive number"
+    raise InputError(f"{where}: found {value:g}, expected {expected}")
+
+
+Number: TypeAlias = Callable[[Quantity], float]
+"""Turns a quantity into a float by the parameters' values."""

@@ -1,0 +1,219 @@
+"""Checks of a mechanism's description; every error names the part and the remedy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.bodies import GROUND, Body
+from deltac.mechanism.forces import (
+    Element,
+    JointDamper,
+    JointSpring,
+    JointTorque,
+    PointForce,
+    SpringDamper,
+)
+from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.laws import check_symbols
+from deltac.mechanism.quantities import require_positive
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
+
+
+def parameters(given: Mapping[str, float]) -> dict[str, float]:
+    """The parameters as floats; their names must be usable in laws."""
+    values: dict[str, float] = {}
+    for name, value in given.items():
+        if not name.isidentifier() or name in ("t", "q", "u", "pi"):
+            raise InputError(
+                f"parameter {name!r}: a name of letters, digits and underscores is expected, "
+                "other than t, q, u and pi"
+            )
+        number = float(value)
+        if not math.isfinite(number):
+            raise InputError(f"parameter {name!r} is {number}; expected a finite number")
+        values[name] = number
+    return values
+
+
+def unique(parts: Iterable[Any], what: str) -> None:
+    """InputError if two parts of one kind share a name."""
+    seen: set[str] = set()
+    for part in parts:
+        if part.name in seen:
+            raise InputError(f"two {what} are called {part.name!r}; names must differ")
+        seen.add(part.name)
+
+
+def tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    """The joints with parents before children; InputError unless they make a tree on the ground."""
+    unique(bodies, "bodies")
+    unique(joints, "joints")
+    names = [body.name for body in bodies]
+    carrier: dict[str, Joint] = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end != GROUND and end not in names:
+                raise InputError(
+                    f"joint {joint.name!r}: unknown body {end!r}{closest(end, [*names, GROUND])}"
+                )
+        if joint.child in carrier:
+            raise InputError(
+                f"body {joint.child!r} is the child of two joints, "
+                f"{carrier[joint.child].name!r} and {joint.name!r}; in a tree each body is carried by "
+                "one joint. Close a loop by a constraint instead"
+            )
+        carrier[joint.child] = joint
+    for name in names:
+        if name not in carrier:
+            raise InputError(
+                f"body {name!r} is carried by no joint; connect it, for example by "
+                f"deltac.free('base', {name!r})"
+            )
+    ordered: list[Joint] = []
+    reached = {GROUND}
+    waiting = list(joints)
+    while waiting:
+        ready = [joint for joint in waiting if joint.parent in reached]
+        if not ready:
+            cycle = ", ".join(
+                f"{joint.name!r} ({joint.parent} → {joint.child})" for joint in waiting
+            )
+            raise InputError(
+                f"the joints {cycle} form a cycle that is not connected to the ground; the joints of a "
+                "mechanism must form a tree rooted at 'ground'"
+            )
+        # Depth first in the order given, so that a chain keeps the user's order.
+        first = ready[0]
+        ordered.append(first)
+        reached.add(first.child)
+        waiting.remove(first)
+    return tuple(ordered)
+
+
+def check(mechanism: Mechanism) -> None:
+    """All checks that need the whole mechanism."""
+    for body in mechanism.bodies:
+        body.check(mechanism.number)
+    _check_symbols_of_quantities(mechanism)
+    unique((e for e in mechanism.elements if isinstance(e, JointSpring | SpringDamper)), "springs")
+    unique((e for e in mechanism.elements if isinstance(e, JointDamper | SpringDamper)), "dampers")
+    for kind, what in ((JointTorque, "joint torques"), (PointForce, "point forces")):
+        unique((e for e in mechanism.elements if isinstance(e, kind)), what)
+    for element in mechanism.elements:
+        _check_element(mechanism, element)
+    for joint in mechanism.joints:
+        for a in joint.armature:
+            require_positive(
+                mechanism.number(a), f"armature of joint {joint.name!r}", allow_zero=True
+            )
+        for law in joint.motion:
+            check_symbols(law, ["t", *mechanism.parameters], f"motion of joint {joint.name!r}")
+    _check_mass_carried(mechanism)
+
+
+def _check_symbols_of_quantities(mechanism: Mechanism) -> None:
+    known = tuple(mechanism.parameters)
+    for body in mechanism.bodies:
+        for quantity in (body.mass, *body.mass_centre, *(e for row in body.inertia for e in row)):
+            check_symbols(quantity, known, f"a quantity of body {body.name!r}")
+    for joint in mechanism.joints:
+        quantities = (*joint.position, *joint.child_position, joint.pitch, *joint.armature)
+        for quantity in quantities:
+            check_symbols(quantity, known, f"a quantity of joint {joint.name!r}")
+    for component in mechanism.gravity:
+        check_symbols(component, known, "gravity")
+
+
+def _check_element(mechanism: Mechanism, element: Element) -> None:
+    parameters = tuple(mechanism.parameters)
+    in_time = ["t", *parameters]
+    every = [
+        *in_time,
+        *(f"q.{name}" for name in mechanism.coordinates.names),
+        *(f"u.{name}" for name in mechanism.speeds.names),
+    ]
+    match element:
+        case JointSpring():
+            where = f"joint spring {element.name!r}"
+            joint = _joint_of(mechanism, element.joint, where)
+            kind = KINDS[joint.kind]
+            slots = len(kind.coordinates) - (3 if kind.quaternion is not None else 0)
+            if element.potential is not None:
+                allowed = [*in_time, *(f"q.{name}" for name in joint.coordinates)]
+                check_symbols(element.potential, allowed, f"potential of {where}")
+            else:
+                _check_count(element.stiffness, slots, f"stiffness of {where}")
+                _check_count(element.rest, slots, f"rest of {where}")
+                for law in (*element.stiffness, *element.rest):
+                    check_symbols(law, in_time, where)
+        case JointDamper():
+            where = f"joint damper {element.name!r}"
+            joint = _joint_of(mechanism, element.joint, where)
+            _check_count(element.damping, len(joint.speeds), f"damping of {where}")
+            for law in element.damping:
+                check_symbols(law, every, where)
+        case JointTorque():
+            where = f"joint torque {element.name!r}"
+            joint = _joint_of(mechanism, element.joint, where)
+            if element.torque is not None:
+                _check_count(element.torque, len(joint.speeds), f"law of {where}")
+                for law in element.torque:
+                    check_symbols(law, every, f"law of {where}")
+        case PointForce():
+            where = f"point force {element.name!r}"
+            _require_body(mechanism, element.body, where, ground=False)
+            for quantity in element.point:
+                check_symbols(quantity, parameters, f"point of {where}")
+            for law in (*element.force, *element.moment):
+                check_symbols(law, every, f"law of {where}")
+        case SpringDamper():
+            where = f"spring-damper {element.name!r}"
+            _require_body(mechanism, element.body1, where)
+            _require_body(mechanism, element.body2, where)
+            for quantity in (*element.point1, *element.point2):
+                check_symbols(quantity, parameters, f"a point of {where}")
+            for law in (element.stiffness, element.length):
+                check_symbols(law, in_time, where)
+            check_symbols(element.damping, parameters, f"damping of {where}")
+
+
+def _joint_of(mechanism: Mechanism, name: str, where: str) -> Joint:
+    names = [joint.name for joint in mechanism.joints]
+    if name not in names:
+        raise InputError(f"{where}: unknown joint {name!r}{closest(name, names)}")
+    joint = mechanism.joint(name)
+    if not joint.speeds:
+        raise InputError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
+    return joint
+
+
+def _require_body(mechanism: Mechanism, name: str, where: str, *, ground: bool = True) -> None:
+    names = [body.name for body in mechanism.bodies]
+    if name not in names and not (ground and name == GROUND):
+        raise InputError(f"{where}: unknown body {name!r}{closest(name, names)}")
+
+
+def _check_count(values: Sequence[Any], expected: int, where: str) -> None:
+    if len(values) != expected:
+        raise InputError(f"{where}: expected {expected} values, found {len(values)}")
+
+
+def _check_mass_carried(mechanism: Mechanism) -> None:
+    """A joint that moves nothing with mass has no equation of motion."""
+    carried: dict[str, bool] = {}
+    for joint in reversed(mechanism.joints):
+        heavy = not mechanism.body(joint.child).massless or any(
+            carried[below.name] for below in mechanism.children[joint.child]
+        )
+        carried[joint.name] = heavy
+        moves = bool(joint.speeds) and not joint.prescribed
+        if moves and not heavy and not any(mechanism.number(a) > 0.0 for a in joint.armature):
+            raise InputError(
+                f"joint {joint.name!r} moves the massless frame {joint.child!r} and nothing else, so "
+                "its motion is undetermined; give a body on it a mass, or the joint an armature"
+            )

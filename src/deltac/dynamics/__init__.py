@@ -1,0 +1,1 @@
+"""Mechanics as matrix algebra on CasADi: the recursions, the terms of the energy theorem, the textbook."""

@@ -1,0 +1,197 @@
+"""The terms of the energy theorem in symbols: energies, powers, and what prescribed motion adds.
+
+v = R u + v_t, and v_t is the motion at u = 0. In the joints' own speeds that is the motion of the
+prescribed joints alone; with own generalized speeds u = Y u′ + Z the free joints take part with Z.
+So v_t is always the velocity field of joint speeds u_t, and every scalar product with it is a sum over
+speeds: v_tᵀF = u_tᵀ Σ f.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from deltac.dynamics.coordinates import OwnCoordinates
+from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.system import System
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Kinetic energies of degree 2, 1, 0 in u, and the potential energy (J); or their rates (W)."""
+
+    K2: Any
+    K1: Any
+    K0: Any
+    V: Any
+
+    @property
+    def K(self) -> Any:
+        """Kinetic energy K2 + K1 + K0."""
+        return self.K2 + self.K1 + self.K0
+
+
+@dataclass(frozen=True)
+class Terms(Energies):
+    """What testing functions are made of: energies, and powers (W, positive into the system).
+
+    Scalars: SX when traced, arrays (T,) when evaluated. `force_power` = vᵀF, `nonpotential_power` =
+    vᵀF_D (with ∂V/∂t of potentials driven in time), `transport_power` = v_tᵀF, `inertia_transport` =
+    F_0 = −v_tᵀF*, `prescribed_power` = v_tᵀF′, `rate_1990` = vᵀM v̇_t − v_tᵀβ, `rate_1988` =
+    ∂K/∂t + Σ X_s ∂K/∂q_s.
+    """
+
+    force_power: Any
+    nonpotential_power: Any
+    transport_power: Any
+    inertia_transport: Any
+    prescribed_power: Any
+    rate_1990: Any
+    rate_1988: Any
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Forward dynamics: all accelerations (nu,), and the driving forces of prescribed joints (nu,)."""
+
+    udot: SX
+    driving: SX
+
+
+def forward(system: System, parts: tuple[Channel, ...] | None = None) -> Forward:
+    """The mechanism's own equations of motion."""
+    parts = channels(system) if parts is None else parts
+    others = tuple(part for part in parts if part.name != "gravity")
+    base = ca.vertcat(ca.SX.zeros(3), -system.gravity)
+    udot, driving = aba(system, total_force(system, others), base)
+    return Forward(udot, driving)
+
+
+def driving_forces(system: System, udot: SX, parts: tuple[Channel, ...]) -> SX:
+    """Forces (nu,) that drive the prescribed joints, from accelerations: −(F* + F) at their speeds."""
+    driving = ca.SX.zeros(len(system.mechanism.speeds))
+    places = system.driven_u
+    if places:
+        driving[places] = (rnea(system, udot) - total_force(system, parts))[places]
+    return driving
+
+
+def prescribed_channels(system: System, driving: SX) -> dict[str, SX]:
+    """Power of the channel ``prescribed <joint>`` of every driven joint."""
+    found: dict[str, SX] = {}
+    for joint in system.mechanism.joints:
+        if joint.prescribed:
+            place = system.mechanism.speeds.of(joint.name)
+            found[f"prescribed {joint.name}"] = ca.dot(driving[place], system.u_all[place])
+    return found
+
+
+@dataclass(frozen=True)
+class Acatastatic:
+    """The speeds u_t (nu,) whose motion is v_t, their rate, and X of q̇ = W u + X (free q)."""
+
+    u: SX
+    udot: SX
+    X: SX
+    Y: SX
+    Z: SX
+
+
+def acatastatic(system: System, own: OwnCoordinates | None = None) -> Acatastatic:
+    """The part of the motion that is there when the generalized speeds are zero."""
+    nu = len(system.mechanism.speeds)
+    u_t, udot_t = ca.SX.zeros(nu), ca.SX.zeros(nu)
+    for place in system.driven_u:
+        u_t[place], udot_t[place] = system.u_all[place], system.udot_all[place]
+    Y = ca.SX.eye(system.u.shape[0])
+    Z = ca.SX.zeros(system.u.shape[0])
+    if own is not None:
+        own_q, _ = own.own_state(system)
+        Y, Z = ca.substitute([own.Y, own.Z], [own.own_q], [own_q])
+        along = ca.vertcat(system.q, system.t)
+        Z_dot = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
+        for k, place in enumerate(system.free_u):
+            u_t[place], udot_t[place] = Z[k], Z_dot[k]
+    X = ca.mtimes(ca.jacobian(system.qdot, system.u), Z)
+    return Acatastatic(u_t, udot_t, X, Y, Z)
+
+
+def terms(
+    system: System,
+    udot: SX,
+    parts: tuple[Channel, ...],
+    own: OwnCoordinates | None = None,
+    prescribed_power: SX | None = None,
+) -> Terms:
+    """All terms for accelerations `udot` (nu,), whoever made them.
+
+    `prescribed_power` is v_tᵀF′ when the driving forces are known on their own; by default it is
+    found from the accelerations, F′ = −(F + F*).
+    """
+    drift = acatastatic(system, own)
+    V_t = velocities(system, drift.u)
+    V = velocities(system, system.u_all)
+    V_r = [v - v_t for v, v_t in zip(V, V_t)]
+    A_t = rates_of(system, V, drift.u, drift.udot)
+    rotor, u_r = armature(system), system.u_all - drift.u
+    inertia = [link.inertia for link in system.links]
+
+    def form(a: list[SX], b: list[SX], wa: SX, wb: SX) -> SX:
+        total = sum((ca.dot(x, I @ y) for x, I, y in zip(a, inertia, b)), start=ca.SX(0))
+        return total + ca.dot(wa, rotor * wb)
+
+    K2 = 0.5 * form(V_r, V_r, u_r, u_r)
+    K1 = form(V_t, V_r, drift.u, u_r)
+    K0 = 0.5 * form(V_t, V_t, drift.u, drift.u)
+    force = total_force(system, parts)
+    powers = channel_powers(system, parts)
+    potential = {part.name for part in parts if part.potential is not None}
+    if prescribed_power is None:
+        driven = prescribed_channels(system, driving_forces(system, udot, parts))
+        prescribed_power = _sum(driven)
+    return Terms(
+        K2=K2,
+        K1=K1,
+        K0=K0,
+        V=_sum({part.name: part.potential for part in parts if part.potential is not None}),
+        force_power=ca.dot(force, system.u_all),
+        nonpotential_power=_sum({n: p for n, p in powers.items() if n not in potential}),
+        transport_power=ca.dot(force, drift.u),
+        inertia_transport=ca.dot(rnea(system, udot), drift.u),
+        prescribed_power=prescribed_power,
+        rate_1990=form(V, A_t, system.u_all, drift.udot),
+        rate_1988=_rate_1988(system, 0.5 * form(V, V, system.u_all, system.u_all), drift),
+    )
+
+
+def channel_powers(system: System, parts: tuple[Channel, ...]) -> dict[str, SX]:
+    """Power of each channel, f·u + explicit (W)."""
+    found: dict[str, SX] = {}
+    for part in parts:
+        power = ca.dot(part.force, system.u_all)
+        if part.explicit is not None:
+            power = power + part.explicit
+        found[part.name] = power
+    return found
+
+
+def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
+    """∂K/∂t + Σ X_s ∂K/∂q_s of K as a function of q, u′, t (Kane and Levinson 1988)."""
+    along = ca.vertcat(system.q, system.t)
+    direction = ca.vertcat(drift.X, 1)
+    held = ca.SX.sym("own_u", system.u.shape[0])
+    u = ca.mtimes(drift.Y, held) + drift.Z
+    u_rate = ca.jtimes(u, along, direction)
+    if u_rate.nnz() and ca.depends_on(u_rate, held):
+        own_u = ca.solve(drift.Y, system.u - drift.Z, "symbolicqr")
+        u_rate = ca.substitute(u_rate, held, own_u)
+    return ca.jtimes(K, along, direction) + ca.jtimes(K, system.u, u_rate)
+
+
+def _sum(values: Mapping[str, SX]) -> SX:
+    return sum(values.values(), start=ca.SX(0))

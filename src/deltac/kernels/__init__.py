@@ -1,0 +1,21 @@
+"""Machine code from CasADi expressions: lowering, batches, parameters, evaluators, the cache."""
+
+from __future__ import annotations
+
+from deltac.kernels.cache import CacheInfo, cache_info, clear_cache, prepare_cache
+from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_name
+from deltac.kernels.kernel import Kernel
+from deltac.kernels.lowering import to_heyoka, to_sympy
+
+__all__ = [
+    "CacheInfo",
+    "Evaluator",
+    "Kernel",
+    "cache_info",
+    "clear_cache",
+    "compile_function",
+    "evaluator_name",
+    "prepare_cache",
+    "to_heyoka",
+    "to_sympy",
+]

@@ -1,0 +1,95 @@
+"""Kernels on CasADi's own virtual machine: slower by far, and at home on every platform."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+
+Array = NDArray[np.float64]
+
+_COLUMNS = 256
+"""Columns per call: enough to hide the cost of a call, few enough for the processor's cache."""
+
+
+class CasadiEvaluator:
+    """`f(x, p) -> y`, interpreted by calls on fixed buffers (hence the lock), on one core.
+
+    CasADi's `map` over threads was no faster than this.
+    """
+
+    width = 1
+
+    def __init__(self, function: Any) -> None:
+        """Of a function of dense columns (x, p)."""
+        self._function = function
+        self._lock = Lock()
+        self._buffer, self._evaluate = function.buffer()
+        self._bound: tuple[Array | None, Array | None, Array | None] = (None, None, None)
+        self._column = _Block(function, 1)
+        self._block: _Block | None = None  # built for the first large batch
+
+    def single(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """One state; the arrays of the last call stay bound, so that using them again is fast."""
+        with self._lock:
+            bound = self._bound
+            if not (x is bound[0] and out is bound[1] and parameters is bound[2]):
+                self._bind(x, out, parameters)
+            self._evaluate()
+
+    def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """Many states, block by block."""
+        n = x.shape[1]
+        whole = n - n % _COLUMNS
+        with self._lock:
+            if whole and self._block is None:
+                self._block = _Block(self._function.map(_COLUMNS), _COLUMNS)
+            for start in range(0, whole, _COLUMNS):
+                assert self._block is not None
+                self._block.run(slice(start, start + _COLUMNS), x, out, parameters)
+            for start in range(whole, n):
+                self._column.run(slice(start, start + 1), x, out, parameters)
+
+    def _bind(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """Point the buffers at these arrays; CasADi would read past the end of short ones."""
+        f = self._function
+        sizes = (f.nnz_in(0), f.nnz_out(0), f.nnz_in(1))
+        for array, size in zip((x, out, parameters), sizes, strict=True):
+            if array is None:
+                continue
+            if array.shape != (size,) or array.dtype != np.float64 or not array.flags.c_contiguous:
+                raise InputError(
+                    f"{f.name()}: an array of shape {array.shape} and type {array.dtype}, "
+                    f"expected contiguous float64 of shape ({size},)"
+                )
+        self._bound = (None, None, None)
+        self._buffer.set_arg(0, x.data)
+        if parameters is not None:
+            self._buffer.set_arg(1, parameters.data)
+        self._buffer.set_res(0, out.data)
+        self._bound = (x, out, parameters)  # keeps the memory alive
+
+
+class _Block:
+    """A function of a block of columns, with the memory it reads and writes (transposed)."""
+
+    def __init__(self, function: Any, columns: int) -> None:
+        self._x = np.zeros((columns, function.size1_in(0)))
+        self._parameters = np.zeros((columns, function.size1_in(1)))
+        self._y = np.zeros((columns, function.size1_out(0)))
+        self._buffer, self._evaluate = function.buffer()
+        self._buffer.set_arg(0, self._x.data)
+        if self._parameters.size:
+            self._buffer.set_arg(1, self._parameters.data)
+        self._buffer.set_res(0, self._y.data)
+
+    def run(self, columns: slice, x: Array, out: Array, parameters: Array | None) -> None:
+        self._x[...] = x[:, columns].T
+        if parameters is not None:
+            self._parameters[...] = parameters[:, columns].T
+        self._evaluate()
+        out[:, columns] = self._y.T

@@ -1,0 +1,68 @@
+"""What an evaluator is, and which one compiles a kernel."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError, closest
+
+Array = NDArray[np.float64]
+
+EVALUATORS = ("heyoka", "casadi")
+
+
+class Evaluator(Protocol):
+    """A function `y = f(x, p)` of columns, ready to run; arrays are contiguous float64."""
+
+    @property
+    def width(self) -> int:
+        """The columns of a batch beyond the last multiple of this may differ in rounding."""
+
+    def single(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """One state: x `(n_in,)`, out `(n_out,)`, parameters `(n_par,)`, None if there are none."""
+
+    def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
+
+
+def evaluator_name() -> str:
+    """The evaluator in use: `DELTAC_EVALUATOR` if set, else heyoka where installed, else casadi.
+
+    Raises:
+        InputError: an unknown name, or heyoka is asked for and is not installed.
+    """
+    forced = os.environ.get("DELTAC_EVALUATOR", "").strip().lower()
+    if forced and forced not in EVALUATORS:
+        raise InputError(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
+    installed = importlib.util.find_spec("heyoka") is not None
+    if forced == "heyoka" and not installed:
+        raise InputError(
+            "DELTAC_EVALUATOR='heyoka', and heyoka is not installed; "
+            "install it, or unset the variable to use casadi"
+        )
+    return forced or ("heyoka" if installed else "casadi")
+
+
+def compile_function(function: Any, compact: bool = False) -> Evaluator:
+    """Compile a CasADi function with two dense columns in, (x, p), and one out.
+
+    Args:
+        function: the `casadi.Function`, of `SX` expressions.
+        compact: keep loops in the machine code, which compiles faster and runs slower; for more
+            than about 100 degrees of freedom (heyoka only).
+
+    Raises:
+        InputError: as `evaluator_name`; an operation that heyoka does not have.
+    """
+    if evaluator_name() == "heyoka":
+        from deltac.kernels.heyoka_evaluator import HeyokaEvaluator
+
+        return HeyokaEvaluator(function, compact)
+    from deltac.kernels.casadi_evaluator import CasadiEvaluator
+
+    return CasadiEvaluator(function)

@@ -1,0 +1,47 @@
+"""Kernels as machine code: heyoka expressions, compiled by LLVM, SIMD over the batch, all cores."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import heyoka as hy
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.kernels.cache import prepare_cache
+from deltac.kernels.lowering import to_heyoka
+
+Array = NDArray[np.float64]
+
+
+class HeyokaEvaluator:
+    """`f(x, p) -> y`, compiled.
+
+    heyoka cuts large batches into blocks of whole SIMD vectors and spreads them over threads. The
+    columns left over at the end (`width` is the size of a vector) it puts through scalar code.
+    """
+
+    def __init__(self, function: Any, compact: bool = False) -> None:
+        """Compile a function of dense columns (x, p)."""
+        prepare_cache()
+        variables = [hy.expression(f"x{i}") for i in range(function.nnz_in(0))]
+        parameters = [hy.par[i] for i in range(function.nnz_in(1))]
+        (outputs,) = to_heyoka(function, [variables, parameters])
+        self.width: int = hy.recommended_simd_size()
+        self._compiled: Any = hy.cfunc(
+            outputs, vars=variables, compact_mode=compact, batch_size=self.width
+        )
+        # heyoka counts parameters up to the last one that occurs, and takes no more than that.
+        self._n_parameters: int = self._compiled.nparams
+        self._uses_all = self._n_parameters == len(parameters)
+
+    def single(self, x: Array, out: Array, parameters: Array | None) -> None:
+        """One state, or (heyoka goes by the number of dimensions) many."""
+        if parameters is None or self._n_parameters == 0:
+            self._compiled(x, outputs=out)
+        elif self._uses_all:
+            self._compiled(x, outputs=out, pars=parameters)
+        else:
+            self._compiled(x, outputs=out, pars=parameters[: self._n_parameters])
+
+    batch = single

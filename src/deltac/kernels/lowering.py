@@ -1,0 +1,214 @@
+"""One walk over the instructions of a CasADi function, into any algebra with a table of operations.
+
+A CasADi `SX` function is a straight line of scalar instructions on a work vector. `lower` replays
+it with the operations of another algebra; `to_heyoka` (machine code, Taylor series, quad precision)
+and `to_sympy` (equations to read) are that walk with two tables.
+
+What the tables agree on: comparisons and logical operations are numbers, 0 or 1; `if_else_zero`
+selects, so that a NaN in the branch not taken does not spread; `fmin` and `fmax` hand a NaN on
+(CasADi's own evaluator follows C and drops it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, TypeAlias
+
+import casadi
+
+from deltac.errors import InputError
+
+Function: TypeAlias = Any  # casadi.Function
+Scalar: TypeAlias = Any  # a scalar of the target algebra
+Operation: TypeAlias = Callable[..., Scalar]
+
+
+@dataclass(frozen=True)
+class Algebra:
+    """A target of the walk: its name, its constants, and its operations by CasADi's op code."""
+
+    name: str
+    constant: Callable[[float], Scalar]
+    operations: Mapping[int, Operation]
+
+
+def to_heyoka(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
+    """`function` on heyoka expressions: one list of arguments per input, one list per output.
+
+    Inputs are listed by their structural nonzeros (all entries, when dense); outputs are whole
+    matrices, column by column, structural zeros included.
+
+    Raises:
+        InputError: an operation heyoka cannot express, or arguments that do not fit the inputs.
+    """
+    return lower(function, arguments, _heyoka())
+
+
+def to_sympy(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
+    """`function` on SymPy expressions; arguments, results and errors as in `to_heyoka`."""
+    return lower(function, arguments, _sympy())
+
+
+def lower(
+    function: Function, arguments: Sequence[Sequence[Scalar]], algebra: Algebra
+) -> list[list[Scalar]]:
+    """Replay the instructions of `function` (an `SX` function) in `algebra`; see `to_heyoka`."""
+    _check_arguments(function, arguments)
+    work: dict[int, Scalar] = {}
+    nonzeros: list[dict[int, Scalar]] = [{} for _ in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        reads, writes = function.instruction_input(k), function.instruction_output(k)
+        if op == casadi.OP_INPUT:
+            work[writes[0]] = arguments[reads[0]][reads[1]]
+        elif op == casadi.OP_OUTPUT:
+            nonzeros[writes[0]][writes[1]] = work[reads[0]]
+        elif op == casadi.OP_CONST:
+            work[writes[0]] = algebra.constant(function.instruction_constant(k))
+        elif op in algebra.operations:
+            work[writes[0]] = algebra.operations[op](*(work[i] for i in reads))
+        else:
+            raise InputError(
+                f"{function.name()}: the operation {_op_name(op)} cannot be written in "
+                f"{algebra.name}; use operations that it has, or DELTAC_EVALUATOR=casadi"
+            )
+    return [
+        _densify(function.sparsity_out(i), values, algebra.constant(0.0))
+        for i, values in enumerate(nonzeros)
+    ]
+
+
+def _check_arguments(function: Function, arguments: Sequence[Sequence[Scalar]]) -> None:
+    expected = [function.nnz_in(i) for i in range(function.n_in())]
+    found = [len(argument) for argument in arguments]
+    if found != expected:
+        raise InputError(
+            f"{function.name()}: arguments of sizes {found}, its inputs have sizes {expected}"
+        )
+
+
+def _densify(sparsity: Any, values: Mapping[int, Scalar], zero: Scalar) -> list[Scalar]:
+    dense = [zero] * sparsity.numel()
+    for k, place in enumerate(sparsity.find()):
+        dense[place] = values[k]
+    return dense
+
+
+def _op_name(op: int) -> str:
+    names = (n for n in dir(casadi) if n.startswith("OP_") and getattr(casadi, n) == op)
+    return next(names, f"number {op}").removeprefix("OP_")
+
+
+def _arithmetic() -> dict[int, Operation]:
+    """The operations that Python's own operators express, in whatever algebra."""
+    return {
+        casadi.OP_ASSIGN: lambda a: a,
+        casadi.OP_ADD: lambda a, b: a + b,
+        casadi.OP_SUB: lambda a, b: a - b,
+        casadi.OP_MUL: lambda a, b: a * b,
+        casadi.OP_DIV: lambda a, b: a / b,
+        casadi.OP_NEG: lambda a: -a,
+        casadi.OP_TWICE: lambda a: a + a,
+        casadi.OP_SQ: lambda a: a * a,
+        casadi.OP_INV: lambda a: 1.0 / a,
+        casadi.OP_POW: lambda a, b: a**b,
+        casadi.OP_CONSTPOW: lambda a, b: a**b,
+    }
+
+
+_FUNCTIONS = """
+    exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh atan2 erf
+""".split()
+
+
+def _named_functions(module: Any) -> dict[int, Operation]:
+    """The elementary functions that CasADi and `module` call by the same name."""
+    return {getattr(casadi, f"OP_{f.upper()}"): getattr(module, f) for f in _FUNCTIONS}
+
+
+@cache
+def _heyoka() -> Algebra:
+    import heyoka as hy
+
+    def fabs(a: Scalar) -> Scalar:
+        return hy.select(hy.lt(a, 0.0), -a, a)
+
+    def sign(a: Scalar) -> Scalar:  # the last branch keeps 0 and NaN
+        return hy.select(hy.gt(a, 0.0), 1.0, hy.select(hy.lt(a, 0.0), -1.0, a))
+
+    def fmin(a: Scalar, b: Scalar) -> Scalar:  # a + b is reached by a NaN only
+        return hy.select(hy.lt(a, b), a, hy.select(hy.lte(b, a), b, a + b))
+
+    def fmax(a: Scalar, b: Scalar) -> Scalar:
+        return hy.select(hy.gt(a, b), a, hy.select(hy.gte(b, a), b, a + b))
+
+    return Algebra(
+        "heyoka",
+        hy.expression,
+        _arithmetic()
+        | _named_functions(hy)
+        | {
+            casadi.OP_LOG1P: hy.log1p,
+            casadi.OP_EXPM1: hy.expm1,
+            casadi.OP_HYPOT: lambda a, b: hy.sqrt(a * a + b * b),
+            casadi.OP_FABS: fabs,
+            casadi.OP_SIGN: sign,
+            casadi.OP_FMIN: fmin,
+            casadi.OP_FMAX: fmax,
+            casadi.OP_LT: hy.lt,
+            casadi.OP_LE: hy.lte,
+            casadi.OP_EQ: hy.eq,
+            casadi.OP_NE: hy.neq,
+            casadi.OP_NOT: lambda a: hy.eq(a, 0.0),
+            casadi.OP_AND: lambda a, b: hy.logical_and([a, b]),
+            casadi.OP_OR: lambda a, b: hy.logical_or([a, b]),
+            casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
+        },
+    )
+
+
+@cache
+def _sympy() -> Algebra:
+    import sympy as sp
+
+    def constant(value: float) -> Scalar:
+        return sp.Integer(int(value)) if value == int(value) else sp.Float(value)
+
+    def truth(a: Scalar) -> Scalar:
+        """The relation behind a 0/1 number made by `indicator`, else `a ≠ 0`."""
+        if isinstance(a, sp.Piecewise) and [v for v, _ in a.args] == [1, 0]:
+            return a.args[0].cond
+        return sp.Ne(a, 0)
+
+    def indicator(relation: Scalar) -> Scalar:
+        return sp.Piecewise((sp.Integer(1), relation), (sp.Integer(0), True))
+
+    def relation(kind: Any) -> Operation:
+        return lambda a, b: indicator(kind(a, b))
+
+    return Algebra(
+        "SymPy",
+        constant,
+        _arithmetic()
+        | _named_functions(sp)
+        | {
+            casadi.OP_INV: lambda a: 1 / a,
+            casadi.OP_LOG1P: lambda a: sp.log(1 + a),
+            casadi.OP_EXPM1: lambda a: sp.exp(a) - 1,
+            casadi.OP_HYPOT: lambda a, b: sp.sqrt(a**2 + b**2),
+            casadi.OP_FABS: sp.Abs,
+            casadi.OP_SIGN: sp.sign,
+            casadi.OP_FMIN: sp.Min,
+            casadi.OP_FMAX: sp.Max,
+            casadi.OP_LT: relation(sp.Lt),
+            casadi.OP_LE: relation(sp.Le),
+            casadi.OP_EQ: relation(sp.Eq),
+            casadi.OP_NE: relation(sp.Ne),
+            casadi.OP_NOT: lambda a: indicator(sp.Not(truth(a))),
+            casadi.OP_AND: lambda a, b: indicator(sp.And(truth(a), truth(b))),
+            casadi.OP_OR: lambda a, b: indicator(sp.Or(truth(a), truth(b))),
+            casadi.OP_IF_ELSE_ZERO: lambda a, b: sp.Piecewise((b, truth(a)), (0, True)),
+        },
+    )

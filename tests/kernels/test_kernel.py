@@ -1,0 +1,279 @@
+"""Shapes, layouts, parameters, bitwise reproducibility, and what a user gets wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import casadi
+import numpy as np
+import pytest
+
+from deltac.errors import InputError
+from deltac.kernels import Kernel, evaluator_name
+
+
+def pendulum() -> Kernel:
+    """Double-pendulum-like expressions: a scalar, a column and a matrix of two inputs and time."""
+    t, q, u = casadi.SX.sym("t"), casadi.SX.sym("q", 2), casadi.SX.sym("u", 2)
+    s, c = casadi.sin(q), casadi.cos(q)
+    mass = casadi.blockcat([[3 + 2 * c[1], 1 + c[1]], [1 - c[1], 1]])
+    force = casadi.vertcat(s[0] * u[1] ** 2 - t, casadi.exp(-t) * u[0])
+    outputs = {
+        "energy": casadi.dot(u, mass @ u) / 2,
+        "force": force,
+        "jacobian": casadi.horzcat(mass, force),
+    }
+    return Kernel({"t": t, "q": q, "u": u}, outputs, name="pendulum")
+
+
+def by_hand(t: np.ndarray, q: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+    c = np.cos(q[:, 1])
+    mass = np.stack([np.stack([3 + 2 * c, 1 + c], -1), np.stack([1 - c, np.ones_like(c)], -1)], 1)
+    force = np.stack([np.sin(q[:, 0]) * u[:, 1] ** 2 - t, np.exp(-t) * u[:, 0]], -1)
+    energy = np.einsum("ti,tij,tj->t", u, mass, u) / 2
+    jacobian = np.concatenate([mass, force[:, :, None]], axis=2)
+    return {"energy": energy, "force": force, "jacobian": jacobian}
+
+
+@pytest.mark.parametrize("times", [1, 2, 257, 600])
+def test_named_arrays(evaluator: str, times: int) -> None:
+    rng = np.random.default_rng(times)
+    t, q, u = rng.normal(size=times), rng.normal(size=(times, 2)), rng.normal(size=(times, 2))
+    found, expected = pendulum()(t=t, q=q, u=u), by_hand(t, q, u)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert found[name].shape == value.shape
+        # A dozen operations on numbers of order 10: some tens of ulp.
+        np.testing.assert_allclose(found[name], value, rtol=1e-14, atol=1e-14)
+
+
+def test_constant_inputs_are_broadcast(evaluator: str) -> None:
+    kernel = pendulum()
+    t = np.linspace(0, 1, 5)
+    spread = kernel(t=t, q=np.tile([0.1, 0.2], (5, 1)), u=np.tile([1.0, 2.0], (5, 1)))
+    short = kernel(t=t, q=[0.1, 0.2], u=[[1.0, 2.0]])
+    np.testing.assert_array_equal(short["jacobian"], spread["jacobian"])
+    assert kernel(t=0.0, q=[0, 0], u=[0, 0])["force"].shape == (1, 2)
+    assert kernel(t=[], q=np.empty((0, 2)), u=[0, 0])["energy"].shape == (0,)
+
+
+def test_layout_is_as_declared(evaluator: str) -> None:
+    kernel = pendulum()
+    assert kernel.input_names == ("t", "q", "u")
+    assert kernel.output_names == ("energy", "force", "jacobian")
+    assert kernel.input_slices == {"t": slice(0, 1), "q": slice(1, 3), "u": slice(3, 5)}
+    assert (kernel.n_in, kernel.n_out, kernel.n_parameters) == (5, 9, 0)
+    x = np.random.default_rng(0).normal(size=(5, 12))
+    y = kernel.flat(x)
+    named = kernel(t=x[0], q=x[1:3].T, u=x[3:].T)
+    where = kernel.output_slices["jacobian"]
+    np.testing.assert_array_equal(y[where][2 * 2 + 1], named["jacobian"][:, 1, 2])
+
+
+def test_single_agrees_with_batch(evaluator: str) -> None:
+    kernel = pendulum()
+    x = np.random.default_rng(5).normal(size=(20, 5))
+    rows = np.stack([kernel.single(row, np.empty(9)) for row in x])
+    np.testing.assert_allclose(rows, kernel.flat(x.T).T, rtol=1e-14, atol=1e-14)
+    again = np.stack([kernel.single(row, np.empty(9)) for row in x])
+    np.testing.assert_array_equal(rows, again)
+
+
+def test_single_reads_new_values_in_the_same_arrays(evaluator: str) -> None:
+    x = casadi.SX.sym("x", 2)
+    kernel = Kernel({"x": x}, {"y": x[0] * x[1]})
+    state, out = np.array([2.0, 3.0]), np.empty(1)
+    assert kernel.single(state, out)[0] == 6.0
+    state[:] = 5.0, 7.0
+    assert kernel.single(state, out)[0] == 35.0
+    assert kernel.single(np.array([1.0, 4.0]), out)[0] == 4.0
+
+
+@pytest.mark.parametrize("shape", [(3,), (1,)])
+def test_single_refuses_arrays_that_do_not_fit(evaluator: str, shape: tuple[int, ...]) -> None:
+    x = casadi.SX.sym("x", 2)
+    kernel = Kernel({"x": x}, {"y": x[0] * x[1]})
+    with pytest.raises(ValueError, match=r"2|shape"):
+        kernel.single(np.ones(shape), np.empty(1))
+    with pytest.raises((ValueError, TypeError)):
+        kernel.single(np.ones(2, dtype=np.float32), np.empty(1))
+
+
+@pytest.fixture
+def two_thread_counts() -> Iterator[object]:
+    hy = pytest.importorskip("heyoka")
+    before = hy.get_nthreads()
+    yield hy.set_nthreads
+    hy.set_nthreads(before)
+
+
+def rough() -> Kernel:
+    """Functions whose scalar and vector code differ in the last bits."""
+    x, p = casadi.SX.sym("x", 3), casadi.SX.sym("p")
+    y = x
+    for _ in range(6):
+        y = casadi.sin(p * y) + casadi.exp(casadi.cos(y[[1, 2, 0]])) / (1 + y**2)
+    return Kernel({"x": x}, {"y": y}, p)
+
+
+def test_bits_do_not_depend_on_where_a_batch_is_cut(evaluator: str) -> None:
+    kernel = rough()
+    x = np.random.default_rng(1).normal(size=(3, 5003))
+    p = np.random.default_rng(2).normal(size=(1, 5003))
+    whole = kernel.flat(x, p)
+    for size in (1, 2, 3, 5, 7, 8, 63, 1000, 2501):
+        starts = range(0, 5003, size) if size > 60 else range(0, 100, size)
+        for start in starts:
+            cut = slice(start, start + size)
+            np.testing.assert_array_equal(kernel.flat(x[:, cut], p[:, cut]), whole[:, cut])
+    shuffled = np.random.default_rng(3).permutation(5003)
+    np.testing.assert_array_equal(kernel.flat(x[:, shuffled], p[:, shuffled]), whole[:, shuffled])
+
+
+@pytest.mark.heyoka
+def test_scalar_code_has_other_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the test above could not fail, and the last columns need not be done as a vector."""
+    pytest.importorskip("heyoka")
+    monkeypatch.setenv("DELTAC_EVALUATOR", "heyoka")
+    kernel = rough()
+    x = np.random.default_rng(1).normal(size=(3, 400))
+    scalar = np.stack([kernel.single(c.copy(), np.empty(3), np.ones(1)) for c in x.T], axis=1)
+    assert not np.array_equal(scalar, kernel.flat(x, [1.0]))
+
+
+@pytest.mark.heyoka
+def test_bits_do_not_depend_on_threads(
+    two_thread_counts: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DELTAC_EVALUATOR", "heyoka")
+    kernel = rough()
+    x = np.random.default_rng(1).normal(size=(3, 100_003))
+    results = []
+    for threads in (1, 2, 3):
+        two_thread_counts(threads)  # type: ignore[operator]
+        results.append(kernel.flat(x, [0.7]))
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
+
+
+def test_out_is_used(evaluator: str) -> None:
+    kernel = pendulum()
+    x = np.random.default_rng(0).normal(size=(5, 7))
+    out = np.empty((9, 7))
+    assert kernel.flat(x, out=out) is out
+    np.testing.assert_array_equal(out, kernel.flat(np.asfortranarray(x)))
+    with pytest.raises(InputError, match=r"out has shape \(9, 6\)"):
+        kernel.flat(x, out=np.empty((9, 6)))
+
+
+def with_parameters() -> Kernel:
+    x, p = casadi.SX.sym("x"), casadi.SX.sym("p", 3)
+    return Kernel({"x": x}, {"y": p[0] * x + p[1]}, p)  # the last one does not occur
+
+
+def test_parameters(evaluator: str) -> None:
+    kernel = with_parameters()
+    x = np.arange(6.0)
+    np.testing.assert_array_equal(kernel([2.0, 1.0, 9.0], x=x)["y"], 2 * x + 1)
+    each = np.stack([x, 10 * x, x], axis=1)
+    np.testing.assert_array_equal(kernel(each, x=x)["y"], x * x + 10 * x)
+    np.testing.assert_array_equal(kernel.flat(x[None], each.T)[0], x * x + 10 * x)
+    assert kernel.single(np.array([3.0]), np.empty(1), np.array([2.0, 1.0, 0.0]))[0] == 7.0
+
+
+def test_parameters_that_never_occur(evaluator: str) -> None:
+    x, p = casadi.SX.sym("x"), casadi.SX.sym("p", 2)
+    kernel = Kernel({"x": x}, {"y": x + 1}, p)
+    assert kernel([0.0, 0.0], x=1.0)["y"] == [2.0]
+    assert kernel.single(np.ones(1), np.empty(1), np.ones(2))[0] == 2.0
+
+
+def test_missing_or_misshapen_parameters(evaluator: str) -> None:
+    kernel = with_parameters()
+    with pytest.raises(InputError, match=r"parameters have shape \(0,\), expected \(3,\)"):
+        kernel(x=1.0)
+    with pytest.raises(InputError, match=r"parameters have shape \(2,\)"):
+        kernel([1.0, 2.0], x=1.0)
+    with pytest.raises(InputError, match="parameters expected"):
+        kernel.single(np.ones(1), np.empty(1))
+    with pytest.raises(InputError, match=r"parameters have shape \(1,\), expected \(0,\)"):
+        pendulum()([1.0], t=0, q=[0, 0], u=[0, 0])
+
+
+def test_outputs_may_be_empty(evaluator: str) -> None:
+    x = casadi.SX.sym("x", 2)
+    found = Kernel({"x": x}, {"none": casadi.SX(0, 1), "x": x})(x=np.ones((4, 2)))
+    assert found["none"].shape == (4, 0)
+    assert Kernel({"x": x}, {})(x=[1, 2]) == {}
+
+
+def test_compact_mode_gives_the_same_values(evaluator: str) -> None:
+    x = casadi.SX.sym("x", 2)
+    y = casadi.sin(x) * casadi.cos(x[0])
+    values = np.random.default_rng(0).normal(size=(2, 9))
+    plain, compact = Kernel({"x": x}, {"y": y}), Kernel({"x": x}, {"y": y}, compact=True)
+    np.testing.assert_allclose(compact.flat(values), plain.flat(values), rtol=4e-16, atol=1e-16)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"t": 0, "q": [0, 0]}, "input 'u' is missing"),
+        ({"t": 0, "q": [0, 0], "u": [0, 0], "qq": 1}, "unknown input 'qq'"),
+        ({"t": 0, "q": [0, 0, 0], "u": [0, 0]}, r"input 'q' has shape \(3,\), expected \(T, 2\)"),
+        ({"t": [[0, 1]], "q": [0, 0], "u": [0, 0]}, r"input 't' has shape \(1, 2\)"),
+        ({"t": [0, 1, 2], "q": np.zeros((4, 2)), "u": [0, 0]}, "'t': 3, 'q': 4"),
+    ],
+)
+def test_wrong_arrays_are_named(arrays: dict, message: str) -> None:
+    with pytest.raises(InputError, match=f"pendulum: .*{message}"):
+        pendulum()(**arrays)
+
+
+def test_wrong_expressions_are_named() -> None:
+    x, y = casadi.SX.sym("x"), casadi.SX.sym("y")
+    with pytest.raises(InputError, match="output 'z' depends on y, which is in neither"):
+        Kernel({"x": x}, {"z": x + y})
+    with pytest.raises(InputError, match="input 'x' is .*expected a column of symbols"):
+        Kernel({"x": x + 1}, {"z": x})
+    with pytest.raises(InputError, match="symbol x occurs twice"):
+        Kernel({"x": x, "again": x}, {"z": x})
+    with pytest.raises(InputError, match="no inputs"):
+        Kernel({}, {"z": casadi.SX(1)})
+
+
+def test_common_subexpressions_are_computed_once() -> None:
+    x = casadi.SX.sym("x")
+    outputs = {f"y{k}": casadi.sin(x * x) + k for k in range(10)}
+    # One input, one square, one sine; ten constants, sums and outputs, but for y0 without a sum.
+    assert Kernel({"x": x}, outputs).instructions <= 1 + 2 + 30
+
+
+def in_new_process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    import os
+
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_environment_forces_the_evaluator() -> None:
+    code = (
+        "import sys, casadi; from deltac.kernels import Kernel, evaluator_name;"
+        "x = casadi.SX.sym('x'); print(Kernel({'x': x}, {'y': 2 * x})(x=21.0)['y'][0]);"
+        "print(evaluator_name(), 'heyoka' in sys.modules)"
+    )
+    run = in_new_process(code, DELTAC_EVALUATOR="casadi")
+    assert run.stdout.split() == ["42.0", "casadi", "False"], run.stderr
+
+
+def test_unknown_evaluator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTAC_EVALUATOR", "heioka")
+    with pytest.raises(InputError, match="'heioka'; did you mean 'heyoka'"):
+        evaluator_name()

@@ -1,0 +1,314 @@
+"""The log schema: a trajectory as named columns and a JSON header, and back.
+
+    time                        s
+    q.<coordinate>              m, rad; quaternion components 1
+    u.<speed>                   m/s, rad/s
+    udot.<speed>                m/s², rad/s²
+    force.<channel>.<speed>     generalized force, N or N·m
+    integral.<testing function> J
+
+Names may hold dots and spaces. The header lists them, so that its columns are known before any
+name is taken apart; without it (a log by another program) the lists are derived from the columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.channels import split
+from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
+
+SCHEMA_VERSION = 1
+"""Raised whenever a reader of the old version would misread or refuse the new one."""
+
+UNITS: Mapping[str, str] = {
+    "time": "s",
+    "length": "m",
+    "angle": "rad",
+    "force": "N",
+    "torque": "N·m",
+    "energy": "J",
+}
+"""The units of every log; a log that declares others is refused."""
+
+_PREFIXES = ("q.", "u.", "udot.", "force.", "integral.")
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Which columns a log has."""
+
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+    accelerations: bool
+    channels: tuple[str, ...]
+    integrals: tuple[str, ...]
+
+    def columns(self) -> Iterator[str]:
+        """The columns in the order of the schema."""
+        yield "time"
+        yield from (f"q.{name}" for name in self.coordinates)
+        yield from (f"u.{name}" for name in self.speeds)
+        if self.accelerations:
+            yield from (f"udot.{name}" for name in self.speeds)
+        yield from (f"force.{c}.{name}" for c in self.channels for name in self.speeds)
+        yield from (f"integral.{name}" for name in self.integrals)
+
+
+def to_columns(run: Trajectory) -> dict[str, FloatArray]:
+    """The columns (T,) of a trajectory, in the order of the schema.
+
+    Raises InputError in the rare case that two forces would share one column, as channel
+    ``applied a`` on speed ``b.c`` and channel ``applied a.b`` on speed ``c`` do.
+    """
+    columns: dict[str, FloatArray] = {"time": run.t}
+    groups = [("q", run.coordinates, run.q), ("u", run.speeds, run.u)]
+    if run.udot is not None:
+        groups.append(("udot", run.speeds, run.udot))
+    groups += [(f"force.{channel}", run.speeds, f) for channel, f in run.forces.items()]
+    for prefix, names, values in groups:
+        for name, column in zip(names, values.T, strict=True):
+            _add(columns, f"{prefix}.{name}", column)
+    for name, column in run.integrals.items():
+        _add(columns, f"integral.{name}", column)
+    return columns
+
+
+def to_metadata(run: Trajectory) -> dict[str, Any]:
+    """The JSON header of a trajectory: plain dicts, lists, numbers and text."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "rows": len(run),
+        "units": dict(UNITS),
+        "coordinates": list(run.coordinates),
+        "speeds": list(run.speeds),
+        "accelerations": run.udot is not None,
+        "channels": list(run.forces),
+        "integrals": list(run.integrals),
+        "provenance": _provenance_fields(run.provenance),
+    }
+
+
+def from_columns(
+    columns: Mapping[str, npt.ArrayLike], metadata: Mapping[str, Any] | None = None
+) -> Trajectory:
+    """The trajectory of named columns (T,), the inverse of `to_columns` and `to_metadata`.
+
+    Without metadata the names decide: coordinates, speeds and channels stand in the order of
+    their columns, a force that a logged channel does not list for a speed is zero, and the
+    simulator is "unknown". With metadata every column must be there, and as many rows as it says.
+
+    Raises InputError, naming the column, for what is missing, unknown, ambiguous or unusable.
+    """
+    if metadata is None:
+        layout, provenance, sparse = _derive_layout(columns), Provenance("unknown"), True
+    else:
+        layout, provenance, sparse = _read_layout(metadata), _read_provenance(metadata), False
+    expected = _distinct(layout.columns())
+    _require(expected, columns, sparse)
+
+    arrays = {name: as_numbers(f"column {name!r}", columns[name]) for name in columns}
+    rows = arrays["time"].shape
+    for name, array in arrays.items():
+        if array.ndim != 1 or array.shape != rows:
+            raise InputError(f"column {name!r}: found shape {array.shape}, time has {rows}")
+    if metadata is not None and metadata.get("rows", rows[0]) != rows[0]:
+        raise InputError(
+            f"found {rows[0]} rows, the metadata say {metadata['rows']}: the log is cut off or was "
+            "edited. Take the complete one, or remove its deltac metadata to use it as it is."
+        )
+
+    def table(prefix: str, names: tuple[str, ...]) -> FloatArray:
+        result = np.zeros((*rows, len(names)))
+        for index, name in enumerate(names):
+            if (column := arrays.get(f"{prefix}.{name}")) is not None:
+                result[:, index] = column
+        return result
+
+    return Trajectory(
+        t=arrays["time"],
+        q=table("q", layout.coordinates),
+        u=table("u", layout.speeds),
+        udot=table("udot", layout.speeds) if layout.accelerations else None,
+        forces={channel: table(f"force.{channel}", layout.speeds) for channel in layout.channels},
+        integrals={name: arrays[f"integral.{name}"] for name in layout.integrals},
+        coordinates=layout.coordinates,
+        speeds=layout.speeds,
+        provenance=provenance,
+    )
+
+
+def _add(columns: dict[str, FloatArray], name: str, values: FloatArray) -> None:
+    if name in columns:
+        raise _collision(name)
+    columns[name] = values
+
+
+def _distinct(names: Iterable[str]) -> list[str]:
+    seen: dict[str, None] = {}
+    for name in names:
+        if name in seen:
+            raise _collision(name)
+        seen[name] = None
+    return list(seen)
+
+
+def _collision(name: str) -> InputError:
+    return InputError(
+        f"two columns would be named {name!r}; rename an element or a joint so that "
+        "'<channel>.<speed>' tells the forces apart"
+    )
+
+
+def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> None:
+    """Every expected column is there (but for zero forces, if sparse), and no other."""
+    known = set(expected)
+    extra = [name for name in columns if name not in known]
+    for name in expected:
+        if name not in columns and not (sparse and name.startswith("force.")):
+            hint = closest(name, extra) if extra else ""
+            raise InputError(f"no column {name!r}{hint} (add or rename the column)")
+    if extra:
+        raise InputError(
+            f"column {extra[0]!r} is not among those that the metadata list"
+            f"{closest(extra[0], expected)} (remove or rename the column)"
+        )
+
+
+# -- without metadata: the names decide ----------------------------------------------------------
+
+
+def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
+    if "time" not in columns:
+        raise InputError(
+            f"no column 'time'{closest('time', columns)} (the column of times, in seconds, "
+            "is named 'time')"
+        )
+    for name in columns:
+        if name != "time" and not name.startswith(_PREFIXES):
+            raise _unknown(name, columns)
+    coordinates = _strip("q.", columns)
+    speeds = _strip("u.", columns)
+    for prefix, found, what in (("q", coordinates, "coordinate"), ("u", speeds, "speed")):
+        if not found:
+            raise InputError(
+                f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
+                f"for example '{prefix}.elbow'. Columns: {', '.join(columns)}"
+            )
+    accelerations = _strip("udot.", columns)
+    for name in accelerations:
+        if name not in speeds:
+            raise InputError(
+                f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
+            )
+    channels = dict.fromkeys(_channel(name, speeds) for name in _strip("force.", columns))
+    return _Layout(
+        coordinates, speeds, bool(accelerations), tuple(channels), _strip("integral.", columns)
+    )
+
+
+def _strip(prefix: str, columns: Iterable[str]) -> tuple[str, ...]:
+    return tuple(name.removeprefix(prefix) for name in columns if name.startswith(prefix))
+
+
+def _unknown(name: str, columns: Iterable[str]) -> InputError:
+    """What a column with no prefix of the schema may have been meant to be."""
+    rest = name.partition(".")[2]
+    meant = ["time", *(prefix + rest for prefix in _PREFIXES)] if rest else ["time"]
+    hint = closest(name, meant)
+    if "did you mean" not in hint:
+        hint = "; known: time, q.<coordinate>, u.<speed>, udot.<speed>, force.<channel>.<speed>, "
+        hint += "integral.<testing function>"
+    return InputError(f"unknown column {name!r}{hint} (rename or remove the column)")
+
+
+def _channel(name: str, speeds: tuple[str, ...]) -> str:
+    """The channel of ``<channel>.<speed>``; exactly one way to take it apart must make sense."""
+    column = f"column {f'force.{name}'!r}"
+    endings = [speed for speed in speeds if name.endswith(f".{speed}")]
+    if not endings:
+        raise InputError(
+            f"{column}: expected 'force.<channel>.<speed>' and the name of a speed at its end"
+            f"{closest(name.rpartition('.')[2], speeds)}"
+        )
+    channels = []
+    problem: InputError | None = None
+    for speed in sorted(endings, key=len):
+        channel = name.removesuffix(f".{speed}")
+        try:
+            split(channel)
+        except InputError as error:
+            problem = problem or error
+        else:
+            channels.append(channel)
+    if not channels:
+        raise InputError(f"{column}: {problem}")
+    if len(channels) > 1:
+        raise InputError(
+            f"{column} is ambiguous: its channel may be {' or '.join(map(repr, channels))}. "
+            "Rename the element or the joint, or add deltac metadata to the log."
+        )
+    return channels[0]
+
+
+# -- with metadata -------------------------------------------------------------------------------
+
+
+def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
+    version = _entry(metadata, "schema_version", int)
+    if version > SCHEMA_VERSION:
+        raise InputError(
+            f"the log has schema version {version}, this deltac reads up to {SCHEMA_VERSION}. "
+            "Update deltac."
+        )
+    if version < 1:
+        raise InputError(f"metadata: schema_version is {version}, expected 1 or more")
+    for quantity, unit in _entry(metadata, "units", dict).items():
+        if unit != UNITS.get(quantity, unit):
+            raise InputError(
+                f"the log has {quantity} in {unit!r}, expected {UNITS[quantity]!r}. "
+                "Convert its columns."
+            )
+    return _Layout(
+        _texts(metadata, "coordinates"),
+        _texts(metadata, "speeds"),
+        _entry(metadata, "accelerations", bool),
+        _texts(metadata, "channels"),
+        _texts(metadata, "integrals"),
+    )
+
+
+def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
+    entries = _entry(metadata, "provenance", dict)
+    known = [f.name for f in fields(Provenance)]
+    for name in entries:
+        if name not in known:
+            raise InputError(f"metadata: unknown provenance {name!r}{closest(name, known)}")
+    return Provenance(**{"simulator": "unknown", **entries})
+
+
+def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
+    values = {f.name: getattr(provenance, f.name) for f in fields(provenance)}
+    return values | {"notes": dict(provenance.notes)}
+
+
+def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:
+    if key not in metadata:
+        raise InputError(f"metadata: no entry {key!r}{closest(key, metadata)}")
+    value = metadata[key]
+    if type(value) is not kind:  # bool is no int here
+        raise InputError(f"metadata: {key} is {value!r}, expected {kind.__name__}")
+    return value
+
+
+def _texts(metadata: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    values = _entry(metadata, key, list)
+    if not all(isinstance(value, str) for value in values):
+        raise InputError(f"metadata: {key} is {values!r}, expected a list of names")
+    return tuple(values)

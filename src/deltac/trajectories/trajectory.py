@@ -1,0 +1,345 @@
+"""What happened: the samples of a motion, of whoever's simulator, and where they come from."""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.channels import split
+
+if TYPE_CHECKING:
+    import polars
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Who made a trajectory, and how.
+
+    simulator  "deltac", or the name of the program that wrote the log
+    solver     the solver's name, if known
+    step       fixed step of the solver, s (not the spacing of the samples, which may be wider)
+    tolerance  relative tolerance of an adaptive solver
+    model      name of the model
+    model_hash fingerprint of the model, to tell whether a ledger uses the same one
+    completed  False when the run stopped before its end; `message` then says why
+    notes      anything else worth keeping, text by text
+
+    Raises InputError for a value of the wrong type or an impossible step or tolerance.
+    """
+
+    simulator: str
+    solver: str | None = None
+    step: float | None = None
+    tolerance: float | None = None
+    model: str | None = None
+    model_hash: str | None = None
+    completed: bool = True
+    message: str = ""
+    notes: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.simulator, str) or not self.simulator:
+            raise _unfit("simulator", self.simulator, "a name")
+        for name in ("solver", "model", "model_hash"):
+            value = getattr(self, name)
+            if not isinstance(value, str | None):
+                raise _unfit(name, value, "text or None")
+        if not isinstance(self.message, str):
+            raise _unfit("message", self.message, "text")
+        if not isinstance(self.completed, bool | np.bool_):
+            raise _unfit("completed", self.completed, "True or False")
+        if not isinstance(self.notes, Mapping) or not all(
+            isinstance(text, str) for item in self.notes.items() for text in item
+        ):
+            raise _unfit("notes", self.notes, "a mapping of text to text")
+        _set(self, "completed", bool(self.completed))
+        _set(self, "step", _positive("step", self.step, zero=False))
+        _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
+        _set(self, "notes", MappingProxyType(dict(self.notes)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild(self, notes=dict(self.notes))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Trajectory:
+    """Samples of a motion; immutable, validated, rows in time order.
+
+    t           (T,) time, s, strictly increasing
+    q           (T, nq) coordinates of all joints, prescribed ones too (m, rad; quaternions 1)
+    u           (T, nu) speeds of all joints (m/s, rad/s)
+    coordinates nq names, `<joint>` or `<joint>.<part>`
+    speeds      nu names, likewise
+    udot        (T, nu) time derivatives of the speeds, or None when not known
+    forces      channel -> (T, nu) generalized force (N, N·m); its power, the product with u, is
+                positive when it adds energy to the system
+    integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
+                by the solver, from the first row on
+    provenance  who made it
+
+    The arrays are copied to float64 and made read-only. Raises InputError for a wrong shape or
+    type, no rows, time that does not increase, a value that is not finite, an unusable name.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    u: FloatArray
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+    udot: FloatArray | None = None
+    forces: Mapping[str, FloatArray] = field(default_factory=dict)
+    integrals: Mapping[str, FloatArray] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
+
+    def __post_init__(self) -> None:
+        _set(self, "coordinates", _names("coordinates", self.coordinates))
+        _set(self, "speeds", _names("speeds", self.speeds))
+        for channel in _names("forces", self.forces):
+            split(channel)
+        _names("integrals", self.integrals)
+        if not isinstance(self.provenance, Provenance):
+            raise _unfit("provenance", self.provenance, "a Provenance")
+
+        _set(self, "t", _times(self.t))
+        _set(self, "q", self._samples("q", self.q, self.coordinates))
+        _set(self, "u", self._samples("u", self.u, self.speeds))
+        if self.udot is not None:
+            _set(self, "udot", self._samples("udot", self.udot, self.speeds))
+        forces = {
+            channel: self._samples(f"force.{channel}", values, self.speeds)
+            for channel, values in self.forces.items()
+        }
+        _set(self, "forces", MappingProxyType(forces))
+        integrals = {
+            name: self._samples(f"integral.{name}", values, None)
+            for name, values in self.integrals.items()
+        }
+        _set(self, "integrals", MappingProxyType(integrals))
+
+    def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
+        """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
+        array = as_numbers(label, values)
+        shape = (len(self.t),) if names is None else (len(self.t), len(names))
+        if array.shape != shape:
+            turned = array.ndim == 2 and array.shape[::-1] == shape
+            remedy = "Time comes first: transpose it." if turned else _shape_meaning(names)
+            raise InputError(f"{label}: found shape {array.shape}, expected {shape}. {remedy}")
+        finite = np.isfinite(array)
+        if not finite.all():
+            row, *column = np.argwhere(~finite)[0]
+            name = label if names is None else f"{label}.{names[column[0]]}"
+            raise InputError(
+                f"column {name!r}, {row_name(row, len(array))}, t = {self.t[row]} s: found "
+                f"{array[(row, *column)]}, expected a finite number. Keep only the rows before "
+                "it, or repair the source."
+            )
+        return array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        p = self.provenance
+        what = [p.simulator if p.solver is None else f"{p.simulator} {p.solver}"]
+        if p.model:
+            what.append(p.model)
+        what.append(f"{len(self)} rows, {self.t[0]:g} … {self.t[-1]:g} s")
+        what.append(f"{len(self.coordinates)} coordinates, {len(self.speeds)} speeds")
+        if self.udot is not None:
+            what.append("udot")
+        if self.forces:
+            what.append(f"{len(self.forces)} channels")
+        if self.integrals:
+            what.append("integrals of " + ", ".join(self.integrals))
+        if not p.completed:
+            what.append("stopped early" + (f": {p.message}" if p.message else ""))
+        return f"Trajectory({'; '.join(what)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild(self, forces=dict(self.forces), integrals=dict(self.integrals))
+
+    @property
+    def duration(self) -> float:
+        """Time between the first and the last row, s."""
+        return float(self.t[-1] - self.t[0])
+
+    def coordinate(self, name: str) -> FloatArray:
+        """Samples (T,) of one coordinate; InputError for an unknown name."""
+        return _pick(self.q, "coordinate", name, self.coordinates)
+
+    def speed(self, name: str) -> FloatArray:
+        """Samples (T,) of one speed; InputError for an unknown name."""
+        return _pick(self.u, "speed", name, self.speeds)
+
+    def every(self, n: int) -> Trajectory:
+        """The rows 0, n, 2n, …; integrals keep their values, for the solver took them in between.
+
+        The last row stays only when n divides `len(run) - 1`.
+        """
+        try:
+            stride = operator.index(n)
+        except TypeError:
+            stride = 0
+        if stride < 1:
+            raise InputError(f"every({n!r}): expected a whole number of rows, 1 or more")
+        return self._rows(slice(None, None, stride))
+
+    def between(self, t0: float, t1: float) -> Trajectory:
+        """The rows with t0 <= t <= t1 (s); integrals start anew, from zero at the first of them.
+
+        Raises InputError when no row lies there.
+        """
+        rows = slice(
+            int(np.searchsorted(self.t, t0, "left")), int(np.searchsorted(self.t, t1, "right"))
+        )
+        if math.isnan(t0) or math.isnan(t1) or rows.start >= rows.stop:
+            raise InputError(
+                f"between({t0!r}, {t1!r}): no row lies there; "
+                f"the rows go from {self.t[0]} to {self.t[-1]} s"
+            )
+        part = self._rows(rows)
+        restarted = {name: values - values[0] for name, values in part.integrals.items()}
+        return replace(part, integrals=restarted)
+
+    def _rows(self, rows: slice) -> Trajectory:
+        return replace(
+            self,
+            t=self.t[rows],
+            q=self.q[rows],
+            u=self.u[rows],
+            udot=None if self.udot is None else self.udot[rows],
+            forces={channel: values[rows] for channel, values in self.forces.items()},
+            integrals={name: values[rows] for name, values in self.integrals.items()},
+        )
+
+    def to_frame(self) -> polars.DataFrame:
+        """A polars DataFrame with the columns of the log schema (see `schema`)."""
+        import polars
+
+        from deltac.trajectories.schema import to_columns
+
+        return polars.DataFrame(to_columns(self))
+
+    def write(self, path: str | Path) -> None:
+        """Write a `.parquet` or `.csv` log; see `files.write_trajectory`."""
+        from deltac.trajectories.files import write_trajectory
+
+        write_trajectory(self, path)
+
+
+def as_numbers(label: str, values: Any) -> FloatArray:
+    """A read-only float64 copy of `values`; InputError when they are not real numbers."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # ragged rows
+        raise InputError(f"{label}: expected an array of numbers; {error}") from None
+    if array.dtype.kind not in "iuf":
+        raise InputError(
+            f"{label}: found values of type {array.dtype}, expected real numbers (SI units)"
+        )
+    with np.errstate(over="ignore"):  # a long double beyond float64 is caught as infinite
+        copy = np.array(array, dtype=np.float64, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def row_name(row: int, rows: int) -> str:
+    """How messages name a row, so that it is clear from where rows are counted."""
+    return f"row {row} (of 0 to {rows - 1})"
+
+
+def _times(values: Any) -> FloatArray:
+    t = as_numbers("time", values)
+    if t.ndim != 1:
+        raise InputError(f"time: found shape {t.shape}, expected (T,): one time for each row")
+    if not len(t):
+        raise InputError("time: found no rows, expected at least one")
+    bad = np.flatnonzero(~np.isfinite(t))
+    if bad.size:
+        raise InputError(
+            f"column 'time', {row_name(bad[0], len(t))}: found {t[bad[0]]}, "
+            "expected a finite time in seconds. Drop the row, or repair the source."
+        )
+    back = np.flatnonzero(t[1:] <= t[:-1])
+    if back.size:
+        row = back[0] + 1
+        raise InputError(
+            f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
+            "expected times that strictly increase. Sort the rows, or drop the repeated ones."
+        )
+    return t
+
+
+def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
+    """`names` as a tuple of distinct names that every log format can hold."""
+    if isinstance(names, str):
+        raise InputError(f"{what}: found the text {names!r}, expected several names; use a tuple")
+    names = tuple(names)
+    seen: set[str] = set()
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"{what}: found {name!r}, expected a name that is not blank")
+        # Control characters, lone surrogates and line separators do not survive a text file.
+        if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in name):
+            raise InputError(f"{what}: {name!r} has a control character or a line break; rename it")
+        if name in seen:
+            raise InputError(f"{what}: {name!r} appears twice; names must be distinct")
+        seen.add(name)
+    return names
+
+
+def _pick(values: FloatArray, what: str, name: str, names: Sequence[str]) -> FloatArray:
+    if name not in names:
+        raise InputError(f"unknown {what} {name!r}{closest(name, names)}")
+    column: FloatArray = values[:, names.index(name)]
+    return column
+
+
+def _shape_meaning(names: tuple[str, ...] | None) -> str:
+    if names is None:
+        return "One value for each time."
+    return f"One row for each time, one column for each of {', '.join(names) or 'no names'}."
+
+
+def _positive(name: str, value: Any, *, zero: bool) -> float | None:
+    """`value` as a finite float above zero (or at zero, where allowed); None passes."""
+    if value is None:
+        return None
+    expected = "a finite number, " + ("0 or more" if zero else "above 0")
+    if isinstance(value, bool | str):
+        raise _unfit(name, value, expected)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise _unfit(name, value, expected) from None
+    if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
+        raise _unfit(name, value, expected)
+    return number
+
+
+def _unfit(name: str, value: Any, expected: str) -> InputError:
+    return InputError(f"provenance: {name} is {value!r}, expected {expected}")
+
+
+def _set(instance: Any, name: str, value: Any) -> None:
+    object.__setattr__(instance, name, value)
+
+
+def _rebuild(instance: Provenance | Trajectory, **changes: Any) -> tuple[Any, ...]:
+    """For `__reduce__`: read-only mappings do not pickle, and arrays come back writeable."""
+    values = {f.name: getattr(instance, f.name) for f in fields(instance)} | changes
+    make: Callable[..., Any] = type(instance)
+    return functools.partial(make, **values), ()

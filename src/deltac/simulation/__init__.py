@@ -1,0 +1,9 @@
+"""From a mechanism and a state to a trajectory."""
+
+from __future__ import annotations
+
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.simulate import SimulationStopped, simulate
+from deltac.simulation.solvers import solver_names
+
+__all__ = ["Controller", "Equations", "SimulationStopped", "simulate", "solver_names"]

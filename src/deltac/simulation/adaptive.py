@@ -1,0 +1,179 @@
+"""Adaptive solvers: SciPy's, on the compiled ẋ, and heyoka's Taylor method in double and quad."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.mechanism.laws import is_smooth
+from deltac.simulation.equations import Controller
+from deltac.simulation.fixed import Motion, Progress, StageRate
+from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.solvers.solver import Solver
+
+Array = NDArray[np.float64]
+IMPLICIT = ("Radau", "BDF", "LSODA")
+KINKED = (
+    "FABS",
+    "SIGN",
+    "FMIN",
+    "FMAX",
+    "LT",
+    "LE",
+    "EQ",
+    "NE",
+    "NOT",
+    "AND",
+    "OR",
+    "FLOOR",
+    "CEIL",
+    "FMOD",
+    "COPYSIGN",
+    "IF_ELSE_ZERO",
+)
+
+
+def run_scipy(
+    flow: Flow,
+    solver: Solver,
+    controller: Controller | None,
+    p: Array,
+    x0: Array,
+    times: Array | None,
+    span: tuple[float, float],
+    tolerance: float,
+    progress: Progress | None,
+) -> Motion:
+    """Integrate over `span`; samples at `times` by dense output, or at the solver's own steps."""
+    from scipy import integrate
+
+    rate = StageRate(flow, controller, p)
+
+    def f(t: float, x: Array) -> Array:
+        return rate(t, x)
+
+    options: dict[str, Any] = {"rtol": max(tolerance, 1e-13), "atol": 1e-3 * tolerance}
+    if solver.name in IMPLICIT and flow.traced and controller is None:
+        options["jac"] = _jacobian(flow, p)
+    method = getattr(integrate, solver.name)(f, span[0], x0, span[1], **options)
+    kept_t, kept_x, message = [span[0]], [x0.copy()], ""
+    following = 1
+    while method.status == "running":
+        with np.errstate(all="ignore"):
+            problem = method.step()
+        if method.status == "failed" or not np.isfinite(method.y).all():
+            message = (
+                f"stopped at t = {kept_t[-1]:.9g} s: {problem or 'the state is not finite'}; "
+                "what was computed so far is kept"
+            )
+            break
+        if times is None:
+            kept_t.append(method.t)
+            kept_x.append(method.y.copy())
+        elif following < len(times) and times[following] <= method.t:
+            dense = method.dense_output()
+            while following < len(times) and times[following] <= method.t:
+                kept_t.append(times[following])
+                kept_x.append(dense(times[following]))
+                following += 1
+        if progress is not None:
+            progress((method.t - span[0]) / (span[1] - span[0]))
+    x = np.array(kept_x)
+    if flow.own is None:
+        for place in quaternions(flow.system.mechanism):
+            x[:, place] /= np.linalg.norm(x[:, place], axis=1, keepdims=True)
+    inputs = np.array([rate.hold(t, state) for t, state in zip(kept_t, x)])
+    return Motion(np.array(kept_t), x, inputs, message)
+
+
+def _jacobian(flow: Flow, p: Array) -> Any:
+    """∂ẋ/∂x, exact and compiled, for implicit methods."""
+    kernel = Kernel(
+        {"t": flow.t, "x": flow.x}, {"J": ca.jacobian(flow.xdot, flow.x)}, flow.p, name="jacobian"
+    )
+    return lambda t, x: kernel(t=t, x=x, parameters=p)["J"][0]
+
+
+def run_taylor(
+    flow: Flow,
+    p: Array,
+    x0: Array,
+    times: Array,
+    tolerance: float | None,
+    progress: Progress | None,
+    *,
+    quad: bool,
+) -> Motion:
+    """Heyoka's adaptive Taylor method, of an order that follows from the tolerance (default: the
+    precision of the numbers, double or quadruple). Refuses laws that are not smooth.
+    """
+    _require_smooth(flow)
+    try:
+        import heyoka as hy
+    except ImportError:
+        raise InputError(
+            "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
+        ) from None
+    from deltac.kernels import prepare_cache, to_heyoka
+
+    prepare_cache()
+    real = hy.real128 if quad else float
+    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [ca.cse(ca.densify(flow.xdot))])
+    names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
+    constants = [hy.expression(float(value)) for value in p]
+    (rates,) = to_heyoka(function, [[hy.time], names, constants])
+    options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
+    method = hy.taylor_adaptive(
+        list(zip(names, rates)),
+        x0.astype(real),
+        time=real(times[0]),
+        fp_type=real,
+        compact_mode=True,
+        **options,
+    )
+    states: list[Array] = [x0[None, :]]
+    message = ""
+    places = [] if flow.own is not None else quaternions(flow.system.mechanism)
+    for start in range(0, len(times) - 1, 256):
+        grid = times[start : start + 257]
+        outcome = method.propagate_grid(grid.astype(real))
+        found = np.asarray(outcome[-1]).astype(np.float64)
+        good = np.isfinite(found).all(axis=1)
+        count = len(grid) if good.all() and len(found) == len(grid) else int(np.argmin(good))
+        states.append(found[1:count])
+        if count < len(grid):
+            last = times[sum(len(s) for s in states) - 1]
+            message = f"stopped: the state is not finite after t = {last:.9g} s"
+            break
+        if progress is not None:
+            progress((start + len(grid) - 1) / (len(times) - 1))
+    x = np.concatenate(states)
+    for place in places:
+        x[:, place] /= np.linalg.norm(x[:, place], axis=1, keepdims=True)
+    return Motion(times[: len(x)], x, np.empty((len(x), 0)), message)
+
+
+def _require_smooth(flow: Flow) -> None:
+    """InputError if ẋ has a kink anywhere, naming the law where one is to blame."""
+    kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
+    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [flow.xdot])
+    if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
+        return
+    where = "the equations"
+    for element in flow.system.mechanism.elements:
+        for value in vars(element).values():
+            laws = value if isinstance(value, tuple) else (value,)
+            if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in laws):
+                where = f"a law of {type(element).__name__} {element.name!r}"
+    for joint in flow.system.mechanism.joints:
+        if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in joint.motion):
+            where = f"the motion of joint {joint.name!r}"
+    raise InputError(
+        f"the Taylor solver needs smooth equations, and {where} has a kink or jump (abs, sign, min, max, "
+        "where, a comparison); use 'ode5' or 'DOP853'"
+    )

@@ -1,0 +1,117 @@
+"""Equations of motion written by hand, and controllers: Python functions in place of the model's own."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.spatial import SX
+from deltac.errors import InputError
+from deltac.mechanism.coordinates import CoordinateMap
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Equations of motion u̇ = rhs(t, q, u), in place of the mechanism's own.
+
+    `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
+    likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
+    ones (the prescribed joints follow their laws). A function of arithmetic and NumPy's elementary
+    functions is traced and compiled; any other (with branches, look-up tables, memory) is called from
+    Python at every stage, more slowly. `compiled` = True insists on the former, False on the latter.
+    """
+
+    rhs: Callable[..., Any]
+    coordinates: CoordinateMap | None = None
+    name: str = "equations by hand"
+    compiled: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.rhs):
+            raise InputError(f"{self.name}: rhs is {self.rhs!r}, expected a function of (t, q, u)")
+
+    def __call__(self, t: float, q: Array, u: Array) -> Array:
+        """u̇ as a float array; InputError for a result of another shape."""
+        value = np.asarray(self.rhs(t, q, u), dtype=np.float64)
+        if value.shape != u.shape:
+            raise InputError(
+                f"{self.name}: rhs returned an array of shape {value.shape} for u of shape {u.shape}; "
+                "expected u̇ in the shape of u"
+            )
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """A Python function that sets motors: `function(t, q, u)` -> {name of joint torque: value}.
+
+    q, u are the full vectors of the mechanism. The value (N·m or N; a sequence for a joint with several
+    speeds) is held over a step of the solver if `hold`, else asked for at every stage.
+    """
+
+    function: Callable[[float, Array, Array], Mapping[str, Any]]
+    hold: bool = True
+
+
+def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:
+    """The equations in symbols, or None when they cannot be (or do not want to be) traced.
+
+    The traced expression is compared with the function itself at random states, so that a function
+    that hides a branch or a memory is not mistaken for what it did once.
+    """
+    if equations.compiled is False:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # CasADi announces changes to come
+            traced = equations.rhs(t, _objects(q), _objects(u))
+        entries = [ca.SX(entry) for entry in np.asarray(traced, dtype=object).ravel()]
+    except Exception as error:  # whatever a user's function raises on symbols
+        if equations.compiled:
+            raise InputError(
+                f"{equations.name}: rhs cannot be traced ({type(error).__name__}: {error}); use only "
+                "arithmetic and NumPy's elementary functions, or leave compiled=None"
+            ) from error
+        return None
+    if len(entries) != u.shape[0]:
+        raise InputError(
+            f"{equations.name}: rhs returned {len(entries)} accelerations, expected {u.shape[0]}"
+        )
+    expression = ca.vertcat(*entries)
+    if _agrees(equations, ca.Function("rhs", [t, q, u], [expression]), q.shape[0], u.shape[0]):
+        return expression
+    if equations.compiled:
+        raise InputError(
+            f"{equations.name}: rhs gives other values when traced than when called; it has a branch, "
+            "a memory or a random element. Leave compiled=None"
+        )
+    return None
+
+
+def _objects(column: SX) -> NDArray[Any]:
+    """A column of symbols as a NumPy array of scalars, so that NumPy's functions act on each."""
+    array = np.empty(column.shape[0], dtype=object)
+    for k in range(column.shape[0]):
+        array[k] = column[k]
+    return array
+
+
+def _agrees(equations: Equations, traced: Any, nq: int, nu: int) -> bool:
+    rng = np.random.default_rng(20080614)
+    for scale in (0.1, 1.0, 3.0):
+        t, q, u = scale, scale * rng.standard_normal(nq), scale * rng.standard_normal(nu)
+        with np.errstate(all="ignore"):
+            called = equations(t, q.copy(), u.copy())
+        symbolic = np.array(traced(t, q, u)).ravel()
+        size = np.abs(called).max(initial=1.0)
+        if not np.allclose(called, symbolic, rtol=1e-9, atol=1e-9 * size, equal_nan=True):
+            return False
+    return True

@@ -1,0 +1,224 @@
+"""Fixed steps: compiled, several to a call; or from Python, where a function cannot be compiled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.kernels import Kernel
+from deltac.simulation.equations import Controller
+from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.solvers.solver import Parts, Solver
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+"""Told the fraction of a run that is done."""
+
+MOST_STEPS_PER_CALL = 8
+INSTRUCTIONS_PER_CALL = 9000
+"""Compile time grows with the code: beyond this, fewer steps are unrolled into one call."""
+
+ROWS_PER_BLOCK = 8192
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Samples of a run: times (T,), states x (T, n), motors' values (T, m), and where it stopped."""
+
+    t: Array
+    x: Array
+    inputs: Array
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class FixedStepper:
+    """The compiled step of a solver for a flow: x and a step counter in, the next m of them out."""
+
+    flow: Flow
+    solver: Solver
+
+    @cached_property
+    def _single_step(self) -> Any:
+        """(x, k; p, t0, h) -> x one step later, as a CasADi function."""
+        flow, step = self.flow, self.solver.step
+        assert step is not None
+        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
+        k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
+        after = step(lambda t, x: f(t, x, flow.p), t0 + k * h, flow.x, h, _masks(flow))
+        return ca.Function("step", [flow.x, k, flow.p, t0, h], [flow.normalised(after)])
+
+    @cached_property
+    def steps_per_call(self) -> int:
+        """How many steps are fused into one call."""
+        room = INSTRUCTIONS_PER_CALL // max(1, int(self._single_step.n_instructions()))
+        return max(1, min(MOST_STEPS_PER_CALL, room))
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The fused step: (x, k; p, t0, h) -> `steps_per_call` rows, each (x, k).
+
+        Parameters go in as inputs: heyoka's calls with parameters cost a microsecond more.
+        """
+        flow = self.flow
+        k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
+        rows, x = [], flow.x
+        for i in range(self.steps_per_call):
+            x = self._single_step(x, k + i, flow.p, t0, h)
+            rows.append(ca.vertcat(x, k + (i + 1)))
+        return Kernel(
+            {"row": ca.vertcat(flow.x, k), "constants": ca.vertcat(flow.p, t0, h)},
+            {"rows": ca.vertcat(*rows)},
+            name=f"{self.solver.name} step",
+        )
+
+    def run(
+        self,
+        p: Array,
+        x0: Array,
+        t0: float,
+        h: float,
+        steps: int,
+        every: int,
+        progress: Progress | None,
+    ) -> Motion:
+        """Take `steps` steps, keep every `every`-th; stop at the first state that is not finite."""
+        width, fused = len(x0) + 1, self.steps_per_call
+        single, kernel_out = self.kernel.compile().single, np.empty(fused * width)
+        kernel_in = np.concatenate([x0, [0.0], p, [t0, h]])
+        row = kernel_in[:width]
+        calls_per_block = max(1, ROWS_PER_BLOCK // fused)
+        block = np.empty((calls_per_block, fused * width))
+        kept, done, message = [row[None, :].copy()], 0, ""
+        while done < steps:
+            calls = min(calls_per_block, math.ceil((steps - done) / fused))
+            for i in range(calls):
+                single(kernel_in, kernel_out)
+                block[i] = kernel_out
+                row[:] = kernel_out[-width:]
+            rows = block[:calls].reshape(-1, width)[: steps - done]
+            bad = ~np.isfinite(rows).all(axis=1)
+            if bad.any():
+                rows = rows[: int(np.argmax(bad))]
+                message = _stopped(t0 + (done + len(rows) + 1) * h, t0 + (done + len(rows)) * h)
+            numbers = done + 1 + np.arange(len(rows))
+            kept.append(rows[numbers % every == 0].copy())
+            if message and len(rows) and numbers[-1] % every:
+                kept.append(rows[-1:].copy())  # the last state it had, though between samples
+            done += len(rows)
+            if progress is not None:
+                progress(done / steps)
+            if message:
+                break
+        table = np.concatenate(kept)
+        return Motion(t0 + table[:, -1] * h, table[:, :-1], np.empty((len(table), 0)), message)
+
+
+def run_in_python(
+    flow: Flow,
+    solver: Solver,
+    controller: Controller | None,
+    p: Array,
+    x0: Array,
+    t0: float,
+    h: float,
+    steps: int,
+    every: int,
+    progress: Progress | None,
+) -> Motion:
+    """Fixed steps with ẋ evaluated stage by stage, calling the user's functions in between."""
+    step = solver.step
+    assert step is not None
+    rate = StageRate(flow, controller, p)
+    masks = _masks(flow)
+    parts = Parts(*(np.array(mask).ravel() for mask in (masks.q, masks.u, masks.z)))
+    places = [] if flow.own is not None else quaternions(flow.system.mechanism)
+    x, message = x0.copy(), ""
+    kept = [(t0, x0.copy(), rate.hold(t0, x0))]
+    for k in range(steps):
+        t = t0 + k * h
+        with np.errstate(all="ignore"):
+            x_next = step(rate, t, x, h, parts)
+        if not np.isfinite(x_next).all():
+            message = _stopped(t0 + (k + 1) * h, t)
+            if k % every:
+                kept.append((t, x.copy(), rate.held.copy()))
+            break
+        x = x_next
+        for place in places:
+            x[place] /= np.linalg.norm(x[place])
+        held = rate.hold(t0 + (k + 1) * h, x)
+        if (k + 1) % every == 0:
+            kept.append((t0 + (k + 1) * h, x.copy(), held))
+        if progress is not None and k % 64 == 63:
+            progress((k + 1) / steps)
+    times, states, inputs = (np.array(column) for column in zip(*kept))
+    return Motion(times, states, inputs, message)
+
+
+class StageRate:
+    """ẋ(t, x) with a controller, or with equations that are called from Python."""
+
+    def __init__(self, flow: Flow, controller: Controller | None, p: Array) -> None:
+        """Compile ẋ; `p` are the values of the parameters."""
+        self._flow, self._controller = flow, controller
+        values = {"t": flow.t, "x": flow.x}
+        extra = {"inputs": flow.inputs, "given": flow.given}
+        inputs = {**values, **{name: e for name, e in extra.items() if e.shape[0]}}
+        self._rate = Kernel(inputs, {"xdot": flow.xdot}, flow.p, name="rate")
+        self._state = Kernel(values, {"q": flow.q_all, "u": flow.u_all}, flow.p, name="state")
+        self._p = p if len(p) else None
+        self._in, self._out = np.empty(self._rate.n_in), np.empty(self._rate.n_out)
+        self.held = np.zeros(flow.inputs.shape[0])
+
+    def hold(self, t: float, x: Array) -> Array:
+        """Ask the controller at the start of a step (and at samples); returns the motors' values."""
+        if self._controller is not None:
+            self.held = self._asked(t, x)
+        return self.held.copy()
+
+    def __call__(self, t: float, x: Array) -> Array:
+        """ẋ."""
+        flow = self._flow
+        values = self.held
+        if self._controller is not None and not self._controller.hold:
+            values = self._asked(t, x)
+        given: Array = np.empty(0)
+        if flow.equations is not None and not flow.traced:
+            q, u, _ = flow.parts
+            given = flow.equations(t, x[q].copy(), x[u].copy())
+        self._in[:] = np.concatenate([[t], x, values, given])
+        return self._rate.single(self._in, self._out, self._p).copy()
+
+    def _asked(self, t: float, x: Array) -> Array:
+        """The controller's answer, checked, in the order of `System.inputs`."""
+        from deltac.simulation.control import motor_values
+
+        assert self._controller is not None
+        state = self._state(t=t, x=x, parameters=self._p)
+        return motor_values(
+            self._controller, self._flow.system, t, state["q"].ravel(), state["u"].ravel()
+        )
+
+
+def _masks(flow: Flow) -> Parts:
+    masks = []
+    for place in flow.parts:
+        mask = ca.DM.zeros(flow.x.shape[0])
+        mask[place] = 1
+        masks.append(mask)
+    return Parts(*masks)
+
+
+def _stopped(bad: float, last: float) -> str:
+    return (
+        f"stopped: the state is not finite at t = {bad:.9g} s; the last finite state, at "
+        f"t = {last:.9g} s, is kept. A smaller step may help"
+    )

@@ -1,0 +1,354 @@
+"""One verb: `simulate` a mechanism, with testing functions integrated in the loop."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import DeltacError, InputError
+from deltac.kernels import Kernel
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.forces import JointTorque
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.adaptive import run_scipy, run_taylor
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.fixed import FixedStepper, Motion, StageRate, run_in_python
+from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.solvers import Solver, find_solver
+from deltac.trajectories import Provenance, Trajectory
+
+Array = NDArray[np.float64]
+DEFAULT_TOLERANCE = 1e-9
+
+
+class SimulationStopped(UserWarning):
+    """A run ended before its time; the trajectory holds what was computed."""
+
+
+def simulate(
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
+    step: float | None = None,
+    solver: str = "ode5",
+    testing: Sequence[str] = ("wang", "liu-huston"),
+    equations: Equations | None = None,
+    *,
+    controller: Controller | None = None,
+    tolerance: float | None = None,
+    record_every: int = 1,
+    speeds: CoordinateMap | None = None,
+    vary: Sequence[str] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
+
+    Args:
+        mechanism: what moves.
+        state: where it starts (`mechanism.state(...)`).
+        duration: how long, s.
+        step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
+            samples; without it they are sampled at their own steps (Taylor: 200 samples).
+        solver: a name or alias of `solver_names()`.
+        testing: names of the testing functions whose power is integrated by the same solver and step;
+            the integrals (J) are in the trajectory's `integrals`.
+        equations: hand-written equations of motion in place of the mechanism's own.
+        controller: sets the motors that have no law (`joint_torque` without torque).
+        tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
+        record_every: keep every so many steps of a fixed-step solver.
+        speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+        vary: parameters that stay parameters of the compiled code, so that other values of them need no
+            new compilation.
+        progress: called with the fraction done.
+
+    Returns:
+        Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
+        drove it, and the integrals. A run whose state ceases to be finite stops there with a warning
+        `SimulationStopped`; the trajectory keeps what there is and its provenance says when and why.
+
+    Raises:
+        InputError: before anything is computed, for what cannot be simulated as it is.
+    """
+    found = find_solver(solver)
+    duration = _positive(duration, "duration")
+    every = _count(record_every)
+    _check(mechanism, state, found, equations, controller, step, tolerance)
+    steps = _steps(duration, step, every) if found.family == "fixed" else 0
+    flow, stepper, observe = _compiled(mechanism, found, testing, equations, speeds, vary)
+    if found.family == "taylor" and not (flow.traced and controller is None):
+        raise InputError(
+            f"solver {found.name!r} needs equations in symbols; a function called from Python, or a "
+            "controller, cannot be differentiated. Use 'ode5' or 'DOP853'"
+        )
+    p = np.array([mechanism.parameters[name] for name in vary])
+    x0 = flow.start(state, p)
+    _check_start(flow, mechanism, controller, state, x0, p)
+    match found.family:
+        case "fixed":
+            h = duration / steps
+            if stepper is None or controller is not None or not flow.traced:
+                motion = run_in_python(
+                    flow, found, controller, p, x0, state.t, h, steps, every, progress
+                )
+            else:
+                motion = stepper.run(p, x0, state.t, h, steps, every, progress)
+        case "adaptive":
+            times = None if step is None else _grid(state.t, duration, step)
+            tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
+            span = (state.t, state.t + duration)
+            motion = run_scipy(flow, found, controller, p, x0, times, span, tol, progress)
+        case _:
+            times = _grid(state.t, duration, duration / 200 if step is None else step)
+            quad = found.name == "taylor-quad"
+            motion = run_taylor(flow, p, x0, times, tolerance, progress, quad=quad)
+    if motion.message:
+        warnings.warn(motion.message, SimulationStopped, stacklevel=2)
+    provenance = Provenance(
+        simulator="deltac",
+        solver=found.name,
+        step=step if found.family == "fixed" else None,
+        tolerance=tolerance,
+        model=mechanism.name,
+        model_hash=mechanism.hash,
+        completed=not motion.message,
+        message=motion.message,
+        notes=_notes(mechanism, equations, controller),
+    )
+    return _trajectory(mechanism, flow, observe, motion, p, provenance)
+
+
+# --- compiled parts, kept between calls ----------------------------------------------------------
+
+_KEPT: OrderedDict[Any, tuple[Flow, FixedStepper | None, Kernel]] = OrderedDict()
+_MOST_KEPT = 32
+
+
+def _compiled(
+    mechanism: Mechanism,
+    solver: Solver,
+    testing: Sequence[str],
+    equations: Equations | None,
+    speeds: CoordinateMap | None,
+    vary: Sequence[str],
+) -> tuple[Flow, FixedStepper | None, Kernel]:
+    """The flow, its compiled step and its observer; made once for all that differs in code."""
+    key = (mechanism.digest(vary), solver.name, tuple(testing), equations, speeds, tuple(vary))
+    if key not in _KEPT:
+        flow = build_flow(mechanism, testing, equations, speeds, vary)
+        stepper = FixedStepper(flow, solver) if solver.family == "fixed" else None
+        _KEPT[key] = (flow, stepper, _observer(flow))
+        while len(_KEPT) > _MOST_KEPT:
+            _KEPT.popitem(last=False)
+    _KEPT.move_to_end(key)
+    return _KEPT[key]
+
+
+def _observer(flow: Flow) -> Kernel:
+    """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
+    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
+    return Kernel(
+        {name: column for name, column in inputs.items() if column.shape[0]},
+        {"q": flow.q_all, "u": flow.u_all, "udot": flow.udot_all, "driving": flow.driving},
+        flow.p,
+        name="observation",
+    )
+
+
+def _trajectory(
+    mechanism: Mechanism,
+    flow: Flow,
+    observe: Kernel,
+    motion: Motion,
+    p: Array,
+    provenance: Provenance,
+) -> Trajectory:
+    """The samples of a motion as a trajectory of the mechanism."""
+    q_part, u_part, integrals = flow.parts
+    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
+    if flow.inputs.shape[0]:
+        arrays["inputs"] = motion.inputs
+    if flow.given.shape[0]:
+        assert flow.equations is not None
+        arrays["given"] = np.array(
+            [
+                flow.equations(t, x[q_part].copy(), x[u_part].copy())
+                for t, x in zip(motion.t, motion.x)
+            ]
+        )
+    seen = observe(parameters=p, **arrays)
+    rows, nu = len(motion.t), len(mechanism.speeds)
+    q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
+    good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
+    if not good.all():  # the last state before a run broke down may have no acceleration
+        stop = int(np.argmin(good))
+        if stop == 0:
+            raise DeltacError(
+                f"the accelerations are not finite at the start; {provenance.message}"
+            )
+        rows = stop
+    forces: dict[str, Array] = {}
+    for joint in mechanism.joints:
+        if joint.prescribed:
+            place = mechanism.speeds.of(joint.name)
+            force = np.zeros((rows, nu))
+            force[:, place] = driving[:rows, place]
+            forces[f"prescribed {joint.name}"] = force
+    for name, place_in in flow.system.input_places.items():
+        element = next(e for e in _motors(mechanism) if e.name == name)
+        force = np.zeros((rows, nu))
+        force[:, mechanism.speeds.of(element.joint)] = motion.inputs[:rows, place_in]
+        forces[f"actuator {name}"] = force
+    table = motion.x[:rows, integrals]
+    return Trajectory(
+        t=motion.t[:rows],
+        q=q[:rows],
+        u=u[:rows],
+        udot=udot[:rows],
+        forces=forces,
+        integrals={name: table[:, k] for k, name in enumerate(flow.testing)},
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        provenance=provenance,
+    )
+
+
+# --- checks, before anything is computed ---------------------------------------------------------
+
+
+def _check(
+    mechanism: Mechanism,
+    state: State,
+    solver: Solver,
+    equations: Equations | None,
+    controller: Controller | None,
+    step: float | None,
+    tolerance: float | None,
+) -> None:
+    if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
+        raise InputError(
+            f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
+            f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
+            "Make it by mechanism.state(...)"
+        )
+    if not len(mechanism.free.u):
+        raise InputError(
+            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
+        )
+    if step is not None:
+        _positive(step, "step")
+    if solver.family == "fixed":
+        if step is None:
+            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
+        if tolerance is not None:
+            raise InputError(
+                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
+                "an adaptive solver such as 'DOP853'"
+            )
+    elif tolerance is not None:
+        _positive(tolerance, "tolerance")
+    motors = [motor.name for motor in _motors(mechanism)]
+    if motors and controller is None:
+        raise InputError(
+            f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
+            "joint torque a law"
+        )
+    if controller is not None and not motors:
+        raise InputError(
+            "a controller was given, but no joint torque waits for its value; leave out the law of the "
+            "joint torques that it shall set"
+        )
+    if controller is not None and equations is not None:
+        raise InputError(
+            "equations by hand and a controller were both given; let the equations take the controller "
+            "in, or use the mechanism's own dynamics"
+        )
+
+
+def _check_start(
+    flow: Flow,
+    mechanism: Mechanism,
+    controller: Controller | None,
+    state: State,
+    x0: Array,
+    p: Array,
+) -> None:
+    """The accelerations at the start must be finite: else the mass matrix is singular."""
+    if not np.isfinite(x0).all():
+        raise InputError("the coordinate map has no finite own coordinates for the initial state")
+    if flow.traced and controller is None:
+        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
+        xdot = np.array(f(state.t, x0, p)).ravel()
+    else:
+        rate = StageRate(flow, controller, p)
+        rate.hold(state.t, x0)
+        xdot = rate(state.t, x0)
+    _, u_part, _ = flow.parts
+    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
+    if bad.size:
+        names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+        which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
+        raise InputError(
+            f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
+            ": either a law is not defined there, or a joint turns something without inertia (a point "
+            "mass about itself, say), so that the mass matrix is singular"
+        )
+
+
+def _notes(
+    mechanism: Mechanism, equations: Equations | None, controller: Controller | None
+) -> dict[str, str]:
+    notes: dict[str, str] = {}
+    if equations is not None:
+        notes["equations"] = equations.name
+    if controller is not None and controller.hold:
+        notes["held"] = ";".join(f"actuator {motor.name}" for motor in _motors(mechanism))
+    return notes
+
+
+def _motors(mechanism: Mechanism) -> list[JointTorque]:
+    """The joint torques without a law."""
+    return [e for e in mechanism.elements if isinstance(e, JointTorque) and e.torque is None]
+
+
+def _positive(value: float, what: str) -> float:
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise InputError(f"{what} is {value}; expected a positive, finite number")
+    return number
+
+
+def _count(value: int) -> int:
+    if int(value) != value or value < 1:
+        raise InputError(f"record_every is {value}; expected a whole number, 1 or more")
+    return int(value)
+
+
+def _steps(duration: float, step: float | None, every: int) -> int:
+    """How many steps make up the duration."""
+    assert step is not None
+    steps = round(duration / step)
+    if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
+        near = duration / max(1, math.ceil(duration / step))
+        raise InputError(
+            f"step {step:g} does not divide the duration {duration:g} (it goes {duration / step:.6g} "
+            f"times); the next smaller one that does is {near:.12g}"
+        )
+    if steps % every:
+        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+    return steps
+
+
+def _grid(start: float, duration: float, step: float) -> Array:
+    """Sample times `step` apart, the end included."""
+    count = math.ceil(duration / step * (1 - 1e-12))
+    times: Array = start + step * np.arange(count + 1, dtype=np.float64)
+    times[-1] = start + duration
+    return times

@@ -1,0 +1,57 @@
+"""Solvers by name: fixed-step ones after Simulink, adaptive ones of SciPy, Taylor of heyoka."""
+
+from __future__ import annotations
+
+from deltac.errors import InputError
+from deltac.simulation.solvers.explicit import TABLEAUS, explicit_step
+from deltac.simulation.solvers.solver import Solver
+from deltac.simulation.solvers.symplectic import semi_implicit_euler_step
+
+_FIXED = (
+    Solver("ode1", "fixed", 1, explicit_step(TABLEAUS["ode1"]), 1, ("euler",)),
+    Solver("ode2", "fixed", 2, explicit_step(TABLEAUS["ode2"]), 2, ("heun",)),
+    Solver("ode3", "fixed", 3, explicit_step(TABLEAUS["ode3"]), 3, ("bs3", "bogacki-shampine")),
+    Solver("ode4", "fixed", 4, explicit_step(TABLEAUS["ode4"]), 4, ("rk4",)),
+    Solver("ode5", "fixed", 5, explicit_step(TABLEAUS["ode5"]), 6, ("dopri5", "dormand-prince")),
+    Solver("ode8", "fixed", 8, explicit_step(TABLEAUS["ode8"]), 12, ("dop853",)),
+    Solver("semi-implicit-euler", "fixed", 1, semi_implicit_euler_step, 2, ("symplectic-euler",)),
+)
+_ADAPTIVE = tuple(
+    Solver(name, "adaptive", order, None, 0, ())
+    for name, order in (
+        ("RK23", 3),
+        ("RK45", 5),
+        ("DOP853", 8),
+        ("Radau", 5),
+        ("BDF", None),
+        ("LSODA", None),
+    )
+)
+_TAYLOR = (
+    Solver("taylor", "taylor", None, None, 0, ()),
+    Solver("taylor-quad", "taylor", None, None, 0, ()),
+)
+
+SOLVERS: dict[str, Solver] = {s.name: s for s in (*_FIXED, *_ADAPTIVE, *_TAYLOR)}
+"""Every solver by its own name."""
+
+_BY_ALIAS = {alias: solver for solver in SOLVERS.values() for alias in solver.aliases}
+
+
+def solver_names() -> tuple[str, ...]:
+    """The names of all solvers, without aliases."""
+    return tuple(SOLVERS)
+
+
+def find_solver(name: str) -> Solver:
+    """The solver of that name or alias; InputError lists all of them for an unknown one."""
+    solver = SOLVERS.get(name) or _BY_ALIAS.get(name)
+    if solver is None:
+        listed = ", ".join(
+            s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()
+        )
+        raise InputError(f"unknown solver {name!r}; known: {listed}")
+    return solver
+
+
+__all__ = ["SOLVERS", "Solver", "find_solver", "solver_names"]

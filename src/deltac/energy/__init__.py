@@ -1,0 +1,9 @@
+"""From a trajectory to a ledger: where the energy went. Knows nothing of how a run was made."""
+
+from __future__ import annotations
+
+from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
+from deltac.energy.balance import balance, residuals
+from deltac.energy.ledger import Ledger
+
+__all__ = ["TESTING_FUNCTIONS", "Ledger", "balance", "residuals"]

@@ -1,0 +1,241 @@
+"""`balance`: from a mechanism and a trajectory, of whatever origin, to a ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.terms import Energies
+from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, testing_functions
+from deltac.energy.discrete import discrete_work
+from deltac.energy.ledger import Ledger
+from deltac.energy.quadrature import Between, Integral, Samples, integrate
+from deltac.energy.samples import checked_samples, violations
+from deltac.energy.terms import (
+    LoggedForces,
+    energy_kernel,
+    ledger_symbols,
+    power_kernel,
+    residual_kernel,
+    variants,
+)
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+WORK = ("in-loop", "samples", "discrete")
+EPS = float(np.finfo(np.float64).eps)
+
+
+def balance(
+    mechanism: Mechanism,
+    run: Trajectory,
+    work: str | None = None,
+    testing: Sequence[str] | None = None,
+    *,
+    speeds: CoordinateMap | None = None,
+) -> Ledger:
+    """Evaluate the energy testing functions on a trajectory.
+
+    Args:
+        mechanism: the model that the motion is tested against.
+        run: the motion. Forces that it holds are used in place of the model's own, and channels that the
+            model does not have are added.
+        work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
+            where the run has them). "samples": by quadrature along the samples. "discrete": forces held
+            over a step do the work h fᵀ(u_k + u_{k+1})/2, for engines that step so.
+        testing: names of testing functions; by default those integrated in the loop, or all.
+        speeds: generalized speeds in which the kinetic energy is divided (Kane–Levinson).
+
+    Returns:
+        The ledger; works and turnover are always taken along the samples.
+
+    Raises:
+        InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
+            lacks the integrals asked for.
+    """
+    method = _method(run, work)
+    functions = testing_functions(_chosen(run, method, testing))
+    log = LoggedForces.of(run)
+    symbols = ledger_symbols(mechanism, log, speeds)
+    samples, basis = checked_samples(mechanism, run, log)
+    energies = _at_samples(energy_kernel(symbols), samples, log)
+    kernel = power_kernel(symbols, functions)
+    powers = _at_samples(kernel, samples, log)
+    names = list(kernel.output_names)
+
+    def power_between(t: Array, between: Between) -> Array:
+        given: dict[str, Array] = {"t": t, **between.values, "udot": between.rates["u"]}
+        return _stacked(kernel, names, given, log)
+
+    integral = integrate(samples, power_between)
+    delta_c: dict[str, Array] = {}
+    bars: dict[str, Array] = {}
+    channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
+    potential = {n.removeprefix("V "): e for n, e in energies.items() if n.startswith("V ")}
+    V = sum(potential.values(), start=np.zeros(len(run)))
+    turnover = _turnover(run, energies, V, [powers[f"power {n}"] for n in channel_names])
+    parts = Energies(energies["K2"], energies["K1"], energies["K0"], V)
+    scale = np.abs(parts.K).max() + np.abs(V).max() + turnover
+    rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
+    discrete = discrete_work(symbols, run, samples, log) if method == "discrete" else None
+    for function in functions:
+        E = function.E(parts)
+        for name in variants(symbols, function.name):
+            if method == "in-loop":
+                if name not in run.integrals:
+                    continue
+                flowed, bar = run.integrals[name], np.zeros(len(run))
+            elif discrete is not None:
+                flowed, bar = discrete.of(function.name), np.zeros(len(run))
+            else:
+                flowed, bar = _column(integral, names, f"P {name}")
+            delta_c[name] = E - E[0] - (flowed - flowed[0])
+            bars[name] = bar + rounding
+    works = {
+        n: _column(integral, names, f"power {n}")[0] if discrete is None else discrete.work[n]
+        for n in channel_names
+    }
+    momentum, momentum_bar = _momenta(energies, integral, names)
+    return Ledger(
+        t=run.t,
+        method=method,
+        K2=parts.K2,
+        K1=parts.K1,
+        K0=parts.K0,
+        potential=potential,
+        power={n: powers[f"power {n}"] for n in channel_names},
+        work=works,
+        delta_c=delta_c,
+        error_bar=bars,
+        turnover=turnover,
+        momentum=momentum,
+        momentum_bar=momentum_bar,
+        violation=violations(mechanism, run),
+        basis={
+            **{n: "measured" if n in run.forces else "computed" for n in channel_names},
+            **basis,
+        },
+    )
+
+
+def residuals(
+    mechanism: Mechanism,
+    run: Trajectory,
+    testing: Sequence[str] = tuple(TESTING_FUNCTIONS),
+    *,
+    speeds: CoordinateMap | None = None,
+) -> dict[str, Array]:
+    """The testing functions in rate form, ε = Ė − P (W), at every sample: no integration at all.
+
+    Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
+    Kane's equations for the free speeds (N·m or N). Needs the run's accelerations.
+
+    Raises InputError as `balance`, and for a run without u̇.
+    """
+    if run.udot is None:
+        raise InputError("residuals need the accelerations u̇ of the run; it has none")
+    log = LoggedForces.of(run)
+    symbols = ledger_symbols(mechanism, log, speeds)
+    samples, _ = checked_samples(mechanism, run, log)
+    found = _at_samples(residual_kernel(symbols, testing_functions(testing)), samples, log)
+    shaped = {n.removeprefix("rate "): value for n, value in found.items()}
+    shaped["coordinates"] = shaped["coordinates"].reshape(len(run), -1)
+    return shaped
+
+
+def _method(run: Trajectory, work: str | None) -> str:
+    if work is None:
+        return "in-loop" if run.integrals else "samples"
+    if work not in WORK:
+        raise InputError(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
+    if work == "in-loop" and not run.integrals:
+        raise InputError(
+            "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
+        )
+    return work
+
+
+def _chosen(run: Trajectory, method: str, testing: Sequence[str] | None) -> Sequence[str]:
+    if isinstance(testing, str):
+        testing = (testing,)
+    if method == "in-loop":
+        chosen = (
+            [n for n in TESTING_FUNCTIONS if n in run.integrals] if testing is None else testing
+        )
+        for name in chosen:
+            if name in TESTING_FUNCTIONS and name not in run.integrals:
+                raise InputError(
+                    f"the power of {name!r} was not integrated in the loop (there are: "
+                    f"{', '.join(run.integrals)}); simulate with testing=, or use work='samples'"
+                )
+        return list(chosen)
+    if method == "discrete":
+        chosen = ("liu-huston", "wang") if testing is None else testing
+        for name in chosen:
+            if name in TESTING_FUNCTIONS and name not in ("liu-huston", "wang"):
+                raise InputError(
+                    f"{name!r} has no discrete work: its power is no force times speed; use "
+                    "'liu-huston', 'wang', or work='samples'"
+                )
+        return chosen
+    return tuple(TESTING_FUNCTIONS) if testing is None else testing
+
+
+def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str, Array]:
+    given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
+    for name, (values, rates) in samples.smooth.items():
+        given[name] = values
+        if name == "u":
+            given["udot"] = rates
+    return _evaluated(kernel, given, log)
+
+
+def _evaluated(kernel: Kernel, given: Mapping[str, Array], log: LoggedForces) -> dict[str, Array]:
+    arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
+    if "logged" in kernel.input_names:
+        arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)
+    return kernel(**arrays)
+
+
+def _stacked(
+    kernel: Kernel, names: Sequence[str], given: Mapping[str, Array], log: LoggedForces
+) -> Array:
+    found = _evaluated(kernel, given, log)
+    return np.stack([np.broadcast_to(found[n], given["t"].shape) for n in names], axis=1)
+
+
+def _column(integral: Integral, names: Sequence[str], name: str) -> tuple[Array, Array]:
+    k = names.index(name)
+    return integral.value[:, k], integral.bar[:, k]
+
+
+def _turnover(
+    run: Trajectory, energies: Mapping[str, Array], V: Array, powers: Sequence[Array]
+) -> float:
+    """∫Σ|P| dt (trapezoids: a scale, not a balance) + range(K) + range(V)."""
+    K = energies["K2"] + energies["K1"] + energies["K0"]
+    flow = sum((np.abs(p) for p in powers), start=np.zeros(len(run)))
+    return float(np.trapezoid(flow, run.t) + np.ptp(K) + np.ptp(V))
+
+
+def _momenta(
+    energies: Mapping[str, Array], integral: Integral, names: Sequence[str]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """h(t) − h(0) − ∫ force dt of every momentum balance, with its bar."""
+    departures: dict[str, Array] = {}
+    bars: dict[str, Array] = {}
+    for key in names:
+        if key.startswith("momentum "):
+            impulse, bar = _column(integral, names, key)
+            h = energies[key]
+            name = key.removeprefix("momentum ")
+            departures[name] = h - h[0] - impulse
+            bars[name] = bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())
+    return departures, bars

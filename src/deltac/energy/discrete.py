@@ -1,0 +1,85 @@
+"""The discrete work of engines that hold a force over a step: h fᵀ(u_k + u_{k+1})/2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.recursions import rnea
+from deltac.dynamics.terms import driving_forces
+from deltac.energy.quadrature import Samples
+from deltac.energy.terms import LedgerSymbols, LoggedForces
+from deltac.kernels import Kernel
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DiscreteWork:
+    """Cumulated discrete work of each channel, and of the bias forces −h(q, u), (T,)."""
+
+    work: Mapping[str, Array]
+    bias: Array
+    potential: frozenset[str]
+
+    def of(self, function: str) -> Array:
+        """What flows into E of a testing function: all forces into K, or the nonpotential into K + V.
+
+        With the bias forces, K − work closes over a step but for the change of M(q): an identity of the
+        scheme, which checks the bookkeeping and says nothing about accuracy.
+        """
+        chosen = [
+            w
+            for name, w in self.work.items()
+            if function == "liu-huston" or name not in self.potential
+        ]
+        total = sum(chosen, start=np.zeros_like(self.bias))
+        return total + self.bias if function == "liu-huston" else total
+
+
+def discrete_work(
+    symbols: LedgerSymbols, run: Trajectory, samples: Samples, log: LoggedForces
+) -> DiscreteWork:
+    """Forces at the start of each step, times the mean of the speeds at its ends."""
+    s = symbols.system
+    outputs = {part.name: ca.densify(part.force) for part in symbols.parts}
+    driving = driving_forces(s, symbols.udot, symbols.parts)
+    for joint in s.mechanism.joints:
+        name = f"prescribed {joint.name}"
+        if joint.prescribed:
+            place = s.mechanism.speeds.of(joint.name)
+            force = ca.SX.zeros(len(s.mechanism.speeds))
+            force[place] = driving[place]
+            outputs[name] = symbols.measured.get(name, force)
+    outputs["bias"] = ca.densify(-rnea(s, ca.SX.zeros(len(s.mechanism.speeds))))
+    kernel = Kernel(symbols.inputs, outputs, name="forces")
+    given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
+    given["q"], given["u"] = samples.smooth["q"][0], samples.smooth["u"][0]
+    given["udot"] = samples.smooth["u"][1]
+    arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
+    if "logged" in kernel.input_names:
+        arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)
+    forces = kernel(**arrays)
+    h = np.diff(run.t)
+    mean = 0.5 * (run.u[1:] + run.u[:-1])
+
+    def cumulated(force: Array) -> Array:
+        steps = h * np.einsum("ij,ij->i", force.reshape(len(run), -1)[:-1], mean)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    work = {name: cumulated(force) for name, force in forces.items() if name != "bias"}
+    # ∂V/∂t does work though no force acts: a left-end sum, of the scheme's own order.
+    for part in symbols.parts:
+        if part.explicit is not None:
+            explicit = Kernel(symbols.inputs, {"P": part.explicit}, name="explicit")(
+                **{name: arrays[name] for name in symbols.inputs}
+            )["P"]
+            work[part.name] += np.concatenate([[0.0], np.cumsum(h * explicit[:-1])])
+    potential = frozenset(part.name for part in symbols.parts if part.potential is not None)
+    return DiscreteWork(work, cumulated(forces["bias"]), potential)

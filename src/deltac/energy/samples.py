@@ -1,0 +1,111 @@
+"""A trajectory made ready for interpolation: checked, derived where something is missing."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.laws import to_casadi
+from deltac.dynamics.system import trace
+from deltac.energy.quadrature import Samples
+from deltac.energy.terms import LoggedForces
+from deltac.errors import InputError, closest
+from deltac.kernels import Kernel
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def checked_samples(
+    mechanism: Mechanism, run: Trajectory, log: LoggedForces
+) -> tuple[Samples, dict[str, str]]:
+    """The free coordinates and speeds with their rates, and the logged forces.
+
+    Where the run has no accelerations they are derived by a spline through the speeds; the second value
+    says so. Raises InputError for a run that does not fit the mechanism.
+    """
+    _check_names(mechanism, run)
+    if len(run) < 2:
+        raise InputError("the run has a single sample; a balance needs at least two")
+    free = mechanism.free
+    q, u = run.q[:, free.q], run.u[:, free.u]
+    basis = {"u̇": "measured"}
+    if run.udot is not None:
+        udot = run.udot[:, free.u]
+    else:
+        basis["u̇"] = "derived"
+        udot = _spline_rate(run.t, u)
+    qdot = _coordinate_rates(mechanism, run.t, q, u)
+    held = set(filter(None, run.provenance.notes.get("held", "").split(";")))
+    forces = {f"force {name}": values for name, values in log.values(run).items()}
+    return Samples(
+        t=run.t,
+        smooth={"q": (q, qdot), "u": (u, udot)},
+        plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
+        held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
+    ), basis
+
+
+def _check_names(mechanism: Mechanism, run: Trajectory) -> None:
+    for what, ours, theirs in (
+        ("coordinate", mechanism.coordinates.names, run.coordinates),
+        ("speed", mechanism.speeds.names, run.speeds),
+    ):
+        for name in theirs:
+            if name not in ours:
+                raise InputError(
+                    f"the run has a {what} {name!r} that mechanism {mechanism.name!r} does not"
+                    f"{closest(name, ours)}"
+                )
+        missing = [name for name in ours if name not in theirs]
+        if missing:
+            raise InputError(f"the run lacks the {what}(s) {', '.join(map(repr, missing))}")
+        if tuple(theirs) != tuple(ours):
+            raise InputError(
+                f"the {what}s of the run are in another order than the mechanism's: {', '.join(theirs)}; "
+                f"expected {', '.join(ours)}"
+            )
+
+
+def _spline_rate(t: Array, u: Array) -> Array:
+    from scipy.interpolate import make_interp_spline
+
+    degree = min(5, len(t) - 1)
+    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
+    return np.asarray(make_interp_spline(t, u, k=max(1, degree)).derivative()(t))
+
+
+def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Array:
+    system = trace(mechanism)
+    if not q.shape[1]:
+        return q
+    kernel = Kernel(
+        {"t": system.t, "q": system.q, "u": system.u}, {"qdot": system.qdot}, name="rates"
+    )
+    return kernel(t=t, q=q, u=u)["qdot"].reshape(q.shape)
+
+
+def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+    """How far prescribed joints are from their laws, and quaternions from unit length, (T,)."""
+    found: dict[str, Array] = {}
+    t = ca.SX.sym("t")
+    values = {**{n: ca.SX(v) for n, v in mechanism.parameters.items()}, "t": t}
+    for joint in mechanism.joints:
+        q_place, u_place = mechanism.coordinates.of(joint.name), mechanism.speeds.of(joint.name)
+        if joint.prescribed:
+            law = ca.vertcat(*(to_casadi(entry, values) for entry in joint.motion))
+            f = ca.Function("law", [t], [law, ca.jacobian(law, t)])
+            q, u = (np.array(part).T for part in f.map(len(run))(run.t[None, :]))
+            found[f"coordinate {joint.name}"] = np.abs(run.q[:, q_place] - q).max(axis=1)
+            found[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = q_place.start + offset
+            norm = np.linalg.norm(run.q[:, start : start + 4], axis=1)
+            found[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
+    return found

@@ -1,0 +1,176 @@
+"""Kernels of a ledger: energies, powers, momenta and residuals of sampled states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.recursions import rnea
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.system import System, trace
+from deltac.dynamics.terms import (
+    Energies,
+    Terms,
+    channel_powers,
+    driving_forces,
+    prescribed_channels,
+    terms,
+)
+from deltac.dynamics.testing_functions import TestingFunction
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+
+@dataclass(frozen=True)
+class LoggedForces:
+    """The generalized forces of a log, reduced to the speeds on which they ever act.
+
+    `places` maps a channel to its speeds; `columns` to where they lie among the kernel's inputs.
+    """
+
+    places: Mapping[str, list[int]]
+    columns: Mapping[str, slice]
+    size: int
+
+    @staticmethod
+    def of(run: Trajectory) -> LoggedForces:
+        """What the forces of a trajectory act on."""
+        places: dict[str, list[int]] = {}
+        columns: dict[str, slice] = {}
+        start = 0
+        for name, force in run.forces.items():
+            acting = [int(k) for k in np.flatnonzero(np.any(force != 0.0, axis=0))]
+            places[name] = acting
+            columns[name] = slice(start, start + len(acting))
+            start += len(acting)
+        return LoggedForces(places, columns, start)
+
+    def values(self, run: Trajectory) -> dict[str, np.ndarray]:
+        """The columns of each channel (T, n)."""
+        return {name: run.forces[name][:, places] for name, places in self.places.items()}
+
+
+@dataclass(frozen=True)
+class LedgerSymbols:
+    """A mechanism and the channels that a log's energy flows through, in symbols.
+
+    `parts` are the model's channels, with those that the log holds in place of the model's own, and
+    the log's further ones. `measured` are driving forces of prescribed joints that were logged.
+    """
+
+    system: System
+    parts: tuple[Channel, ...]
+    logged: SX
+    measured: Mapping[str, SX]
+    computed: Terms
+    with_measured: Terms | None
+    udot: SX
+
+    @property
+    def inputs(self) -> dict[str, SX]:
+        """Inputs of kernels that need accelerations and logged forces."""
+        s = self.system
+        columns = {"t": s.t, "q": s.q, "u": s.u, "udot": s.udot, "logged": self.logged}
+        return {name: column for name, column in columns.items() if column.shape[0]}
+
+
+def ledger_symbols(
+    mechanism: Mechanism, log: LoggedForces, speeds: CoordinateMap | None
+) -> LedgerSymbols:
+    """Write out all that a ledger needs; InputError where a motor's force is neither law nor log."""
+    system = trace(mechanism)
+    own = trace_map(system, speeds) if speeds is not None else None
+    logged = ca.SX.sym("logged", log.size)
+    nu = len(mechanism.speeds)
+    driven = {f"prescribed {joint.name}" for joint in mechanism.joints if joint.prescribed}
+    forces: dict[str, SX] = {}
+    for name, places in log.places.items():
+        force = ca.SX.zeros(nu)
+        for k, place in enumerate(places):
+            force[place] = logged[log.columns[name].start + k]
+        forces[name] = force
+    parts: list[Channel] = []
+    for part in channels(system):
+        if part.name in forces:
+            parts.append(Channel(part.name, forces.pop(part.name), part.potential, part.explicit))
+        elif part.logged:
+            raise InputError(
+                f"the run holds no force of channel {part.name!r}, and the joint torque has no law; add "
+                f"columns force.{part.name}.<speed> to the log"
+            )
+        else:
+            parts.append(part)
+    measured = {name: force for name, force in forces.items() if name in driven}
+    parts.extend(Channel(n, f) for n, f in forces.items() if n not in driven)
+    given = tuple(parts)
+    udot = ca.SX(system.udot_all)
+    with_measured = None
+    if driven and set(measured) == driven:
+        power = sum((ca.dot(f, system.u_all) for f in measured.values()), start=ca.SX(0))
+        with_measured = terms(system, udot, given, own, power)
+    return LedgerSymbols(
+        system, given, logged, measured, terms(system, udot, given, own), with_measured, udot
+    )
+
+
+def energy_kernel(symbols: LedgerSymbols) -> Kernel:
+    """K2, K1, K0 and the potential of every source, of (t, q, u)."""
+    s, k = symbols.system, symbols.computed
+    outputs = {"K2": k.K2, "K1": k.K1, "K0": k.K0}
+    for part in symbols.parts:
+        if part.potential is not None:
+            outputs[f"V {part.name}"] = part.potential
+    for balance in momentum_balances(s):
+        outputs[f"momentum {balance.name}"] = balance.momentum
+    inputs = {n: c for n, c in (("t", s.t), ("q", s.q), ("u", s.u)) if c.shape[0]}
+    return Kernel(inputs, outputs, name="energies")
+
+
+def power_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:
+    """Power of every channel and of every testing function, and the rate of every momentum."""
+    s = symbols.system
+    outputs = {f"power {n}": p for n, p in channel_powers(s, symbols.parts).items()}
+    inertial = prescribed_channels(s, driving_forces(s, symbols.udot, symbols.parts))
+    for name, power in inertial.items():
+        force = symbols.measured.get(name)
+        outputs[f"power {name}"] = power if force is None else ca.dot(force, s.u_all)
+    for function in functions:
+        outputs.update(
+            {f"P {name}": function.P(k) for name, k in variants(symbols, function.name).items()}
+        )
+    for balance in momentum_balances(s):
+        outputs[f"momentum {balance.name}"] = balance.force(symbols.parts)
+    return Kernel(symbols.inputs, outputs, name="powers")
+
+
+def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:
+    """ε = Ė − P of every function, and F_r + F*_r of every free speed."""
+    s, k = symbols.system, symbols.computed
+    along = ca.vertcat(s.q, s.u, s.t)
+    motion = ca.vertcat(s.qdot, s.udot, 1)
+    energies = ca.vertcat(k.K2, k.K1, k.K0, k.V)
+    # E is linear in the energies, so E of their rates is Ė.
+    rates = Energies(*ca.vertsplit(ca.jtimes(energies, along, motion)))
+    outputs: dict[str, SX] = {}
+    for function in functions:
+        for name, known in variants(symbols, function.name).items():
+            outputs[f"rate {name}"] = function.E(rates) - function.P(known)
+    residual = total_force(s, symbols.parts) - rnea(s, symbols.udot)
+    outputs["coordinates"] = residual[s.free_u]
+    return Kernel(symbols.inputs, outputs, name="residuals")
+
+
+def variants(symbols: LedgerSymbols, function: str) -> dict[str, Terms]:
+    """The terms that a function is evaluated with; Wang's both ways if the drive was measured."""
+    if function == "wang" and symbols.with_measured is not None:
+        return {"wang": symbols.with_measured, "wang-inertial": symbols.computed}
+    return {function: symbols.computed}

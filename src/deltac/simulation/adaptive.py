@@ -109,8 +109,10 @@ def run_taylor(
     *,
     quad: bool,
 ) -> Motion:
-    """Heyoka's adaptive Taylor method, of an order that follows from the tolerance (default: the
-    precision of the numbers, double or quadruple). Refuses laws that are not smooth.
+    """Integrate by heyoka's adaptive Taylor method; its order follows from the tolerance.
+
+    The default tolerance is the precision of the numbers, double or quadruple. Refuses laws that are
+    not smooth.
     """
     _require_smooth(flow)
     try:

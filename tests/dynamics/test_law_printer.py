@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import InputError
-from deltac.mechanism.laws import FUNCTIONS, parse, q, time, u
+from deltac.mechanism.grammar import parse
+from deltac.mechanism.laws import FUNCTIONS, q, time, u
 
 SYMBOLS = [time(), q("elbow"), u("base.wx"), sp.Symbol("k", real=True)]
 t, angle, speed, k = SYMBOLS

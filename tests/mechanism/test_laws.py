@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 
 from deltac.errors import InputError
 from deltac.mechanism import laws
+from deltac.mechanism.grammar import parse
 from deltac.mechanism.laws import (
     as_law,
     check_symbols,
     evaluate,
     is_smooth,
-    parse,
     q,
     rate,
     symbol_names,

@@ -15,9 +15,9 @@ from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.forces import Element, JointDamper, JointSpring
 from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.laws import evaluate, rate
 from deltac.mechanism.quantities import Quantity, Vector, vector
 from deltac.mechanism.state import State
-from deltac.mechanism.values import evaluate, rate
 
 if TYPE_CHECKING:
     import numpy as np

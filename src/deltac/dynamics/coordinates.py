@@ -39,7 +39,7 @@ class OwnCoordinates:
                 "give inverse= with each own coordinate as a law of the mechanism's q.<coordinate>"
             )
         Y, Z = ca.substitute([self.Y, self.Z], [self.own_q], [self.inverse])
-        return self.inverse, ca.solve(Y, system.u - Z, "symbolicqr") if Y.shape[0] else Z
+        return self.inverse, ca.solve(Y, system.u - Z) if Y.shape[0] else Z
 
     def udot(self, system: System, own_udot: SX) -> SX:
         """The mechanism's free accelerations from u̇′, in (t, q′, u′, u̇′)."""
@@ -81,7 +81,7 @@ def trace_map(system: System, given: CoordinateMap) -> OwnCoordinates:
     if not given.u:
         own_qdot = own_u
     elif given.q:
-        own_qdot = ca.solve(Jq, ca.mtimes(W, u) - q_t, "symbolicqr")
+        own_qdot = ca.solve(Jq, ca.mtimes(W, u) - q_t)
     else:
         own_qdot = ca.mtimes(W, u)
     return OwnCoordinates(
@@ -112,4 +112,4 @@ def _inverse(
     if ca.depends_on(Jq, own_q) or Jq.shape[0] != Jq.shape[1]:
         return None
     offset = ca.substitute(q, own_q, ca.SX.zeros(own_q.shape[0]))
-    return ca.solve(Jq, system.q - offset, "symbolicqr")
+    return ca.solve(Jq, system.q - offset)

@@ -108,7 +108,7 @@ class System:
     @cached_property
     def qdot(self) -> SX:
         """Rates of the free coordinates."""
-        return self.qdot_all[self.free_q]
+        return self.qdot_all[self.free_q, :]
 
     @cached_property
     def index(self) -> Mapping[str, int]:

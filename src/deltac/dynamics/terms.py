@@ -188,7 +188,7 @@ def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
     u = ca.mtimes(drift.Y, held) + drift.Z
     u_rate = ca.jtimes(u, along, direction)
     if u_rate.nnz() and ca.depends_on(u_rate, held):
-        own_u = ca.solve(drift.Y, system.u - drift.Z, "symbolicqr")
+        own_u = ca.solve(drift.Y, system.u - drift.Z)
         u_rate = ca.substitute(u_rate, held, own_u)
     return ca.jtimes(K, along, direction) + ca.jtimes(K, system.u, u_rate)
 

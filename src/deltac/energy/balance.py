@@ -82,7 +82,7 @@ def balance(
     V = sum(potential.values(), start=np.zeros(len(run)))
     turnover = _turnover(run, energies, V, [powers[f"power {n}"] for n in channel_names])
     parts = Energies(energies["K2"], energies["K1"], energies["K0"], V)
-    scale = np.abs(parts.K).max() + np.abs(V).max() + turnover
+    scale = sum(float(np.abs(e).max()) for e in (parts.K2, parts.K1, parts.K0, V)) + turnover
     rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
     discrete = discrete_work(symbols, run, samples, log) if method == "discrete" else None
     for function in functions:

@@ -62,7 +62,7 @@ def body(
     the principal moments obey I1 + I2 >= I3 in every order.
     """
     where = f"inertia of body {name!r}"
-    rows = list(inertia)
+    rows = list(inertia) if hasattr(inertia, "__len__") else []
     if len(rows) == 3 and not any(
         hasattr(row, "__len__") and not isinstance(row, str) for row in rows
     ):
@@ -72,7 +72,9 @@ def body(
         first, second, third = (vector(row, where) for row in rows)
         tensor = (first, second, third)
     else:
-        raise InputError(f"{where}: expected three principal moments or a 3 by 3 matrix")
+        raise InputError(
+            f"{where}: expected three principal moments or a 3 by 3 matrix, found {inertia!r}"
+        )
     made = Body(
         _name(name),
         positive(mass, f"mass of body {name!r}"),

@@ -75,7 +75,7 @@ class Free:
     u: NDArray[np.intp]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CoordinateMap:
     """A user's own coordinates q′ and generalized speeds u′, and how the mechanism's follow.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from deltac.errors import InputError, closest
 from deltac.mechanism import validation
 from deltac.mechanism.bodies import GROUND, Body
+from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.forces import Element, JointDamper, JointSpring
 from deltac.mechanism.joints import KINDS, Joint
@@ -28,7 +29,7 @@ NO_GRAVITY = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Bodies, the tree of joints that connects them to the ground, and the forces between them.
+    """Bodies, the tree of joints that connects them to the ground, forces and constraints.
 
     `joints` may come in any order; they are kept with parents before children, which is also the
     order of q and u. `gravity` is the acceleration of free fall in world components (m/s²).
@@ -42,6 +43,7 @@ class Mechanism:
     bodies: Sequence[Body]
     joints: Sequence[Joint]
     forces: Sequence[Element] = ()
+    constraints: Sequence[Constraint] = ()
     gravity: Vector = NO_GRAVITY
     parameters: Mapping[str, float] = field(default_factory=dict)
     name: str = "mechanism"
@@ -53,6 +55,7 @@ class Mechanism:
         store("bodies", tuple(self.bodies))
         store("joints", validation.tree_order(self.bodies, self.joints))
         store("forces", tuple(self.forces))
+        store("constraints", tuple(self.constraints))
         store("gravity", vector(self.gravity, "gravity"))
         store("parameters", validation.parameters(self.parameters))
         validation.check(self)
@@ -125,7 +128,8 @@ class Mechanism:
         """A digest of the description, the values of some parameters left out."""
         left_out = set(without)
         values = sorted((k, v) for k, v in self.parameters.items() if k not in left_out)
-        parts = (self.bodies, self.joints, self.forces, self.gravity, values, sorted(left_out))
+        description = (self.bodies, self.joints, self.forces, self.constraints, self.gravity)
+        parts = (*description, values, sorted(left_out))
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
     @cached_property
@@ -149,7 +153,7 @@ class Mechanism:
         Raises InputError for unknown names, wrong sizes, values that are not finite, a quaternion
         far from unit length, and a value of a prescribed joint that departs from its law.
         """
-        t = float(t)
+        t = _scalar(t, "t", "time")
         if not math.isfinite(t):
             raise InputError(f"time of the state is {t}; expected a finite number of seconds")
         q, named_q = _fill(self.coordinates, coordinates, "coordinate")
@@ -204,7 +208,7 @@ def _fill(
     if given is None:
         return _checked_finite(values, entries, what), set()
     if not isinstance(given, Mapping):
-        array = np.array(list(given), dtype=float)
+        array = _array(given, f"{what}s of the state")
         if array.shape != values.shape:
             raise InputError(
                 f"{what}s of the state: expected {len(entries)} values "
@@ -219,7 +223,7 @@ def _fill(
             named.add(name)
         elif name in joints:
             place = entries.of(name)
-            array = np.array(value, dtype=float)
+            array = _array(value, f"{what}s of joint {name!r}")
             if array.shape != (place.stop - place.start,):
                 raise InputError(
                     f"{what}s of joint {name!r}: expected {place.stop - place.start} values "
@@ -231,6 +235,15 @@ def _fill(
             options = [*entries.names, *sorted(joints)]
             raise InputError(f"unknown {what} {name!r} of the state{closest(name, options)}")
     return _checked_finite(values, entries, what), named
+
+
+def _array(value: Any, where: str) -> NDArray[np.float64]:
+    import numpy as np
+
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: expected numbers, found {value!r}") from None
 
 
 def _scalar(value: Any, name: str, what: str) -> float:

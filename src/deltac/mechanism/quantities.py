@@ -33,8 +33,8 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 def vector(value: Sequence[Any], where: str) -> Vector:
     """Three quantities; InputError names `where` when there are not three."""
-    entries = None if isinstance(value, str) else tuple(value)
-    if entries is None or len(entries) != 3:
+    entries = () if isinstance(value, str) or not hasattr(value, "__len__") else tuple(value)
+    if len(entries) != 3:
         raise InputError(f"{where}: expected three components, found {value!r}")
     x, y, z = (as_law(entry, f"{where}, component {c}") for entry, c in zip(entries, "xyz"))
     return (x, y, z)
@@ -63,7 +63,8 @@ def rotation_matrix(value: Any, where: str) -> Matrix:
     """
     if value is None:
         return IDENTITY
-    rows = [list(row) if hasattr(row, "__len__") else row for row in value]
+    given = value if hasattr(value, "__len__") else ()
+    rows = [list(row) if hasattr(row, "__len__") else row for row in given]
     if len(rows) == 4 and not any(isinstance(row, list) for row in rows):
         return _from_quaternion([float(entry) for entry in value], where)
     if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
@@ -73,8 +74,8 @@ def rotation_matrix(value: Any, where: str) -> Matrix:
     off = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
     if not (off < 1e-6 and _determinant(r) > 0.0):
         raise InputError(
-            f"{where}: the matrix is not a rotation (columns depart from orthonormal, right-handed "
-            f"by {off:.3g}); give an orthonormal matrix, a quaternion, or deltac.rotation(axis, angle)"
+            f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {off:.3g}, "
+            f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or deltac.rotation(axis, angle)"
         )
     a, b, c = ((row[0], row[1], row[2]) for row in r)
     return (a, b, c)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac.errors import InputError, closest
 from deltac.mechanism.bodies import GROUND, Body
+from deltac.mechanism.constraint_checks import check_constraint
 from deltac.mechanism.forces import (
     Element,
     JointDamper,
@@ -17,7 +18,7 @@ from deltac.mechanism.forces import (
     SpringDamper,
 )
 from deltac.mechanism.joints import KINDS, Joint
-from deltac.mechanism.laws import check_symbols
+from deltac.mechanism.laws import check_symbols, symbol_names
 from deltac.mechanism.quantities import require_positive
 
 if TYPE_CHECKING:
@@ -28,14 +29,17 @@ def parameters(given: Mapping[str, float]) -> dict[str, float]:
     """The parameters as floats; their names must be usable in laws."""
     values: dict[str, float] = {}
     for name, value in given.items():
-        if not name.isidentifier() or name in ("t", "q", "u", "pi"):
+        if not isinstance(name, str) or not name.isidentifier() or name in ("t", "q", "u", "pi"):
             raise InputError(
                 f"parameter {name!r}: a name of letters, digits and underscores is expected, "
                 "other than t, q, u and pi"
             )
-        number = float(value)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"parameter {name!r} is {number}; expected a finite number")
+            raise InputError(f"parameter {name!r} is {value!r}; expected a finite number")
         values[name] = number
     return values
 
@@ -51,6 +55,8 @@ def unique(parts: Iterable[Any], what: str) -> None:
 
 def tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint, ...]:
     """The joints with parents before children; InputError unless they make a tree on the ground."""
+    _of_type(bodies, Body, "bodies", "deltac.body(...)")
+    _of_type(joints, Joint, "joints", "deltac.revolute(...)")
     unique(bodies, "bodies")
     unique(joints, "joints")
     names = [body.name for body in bodies]
@@ -97,15 +103,23 @@ def tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint, 
 
 def check(mechanism: Mechanism) -> None:
     """All checks that need the whole mechanism."""
+    if not isinstance(mechanism.name, str) or not mechanism.name:
+        raise InputError(f"name of the mechanism: expected a text, found {mechanism.name!r}")
+    _of_type(mechanism.forces, Element, "forces", "deltac.joint_torque(...)")
+    _check_names_of_coordinates(mechanism)
+    _check_symbols_of_quantities(mechanism)
     for body in mechanism.bodies:
         body.check(mechanism.number)
-    _check_symbols_of_quantities(mechanism)
     unique((e for e in mechanism.elements if isinstance(e, JointSpring | SpringDamper)), "springs")
     unique((e for e in mechanism.elements if isinstance(e, JointDamper | SpringDamper)), "dampers")
     for kind, what in ((JointTorque, "joint torques"), (PointForce, "point forces")):
         unique((e for e in mechanism.elements if isinstance(e, kind)), what)
     for element in mechanism.elements:
         _check_element(mechanism, element)
+    _check_driven_springs(mechanism)
+    unique(mechanism.constraints, "constraints")
+    for constraint in mechanism.constraints:
+        check_constraint(mechanism, constraint)
     for joint in mechanism.joints:
         for a in joint.armature:
             require_positive(
@@ -114,6 +128,47 @@ def check(mechanism: Mechanism) -> None:
         for law in joint.motion:
             check_symbols(law, ["t", *mechanism.parameters], f"motion of joint {joint.name!r}")
     _check_mass_carried(mechanism)
+
+
+def _of_type(parts: Iterable[Any], kind: Any, what: str, example: str) -> None:
+    for part in parts:
+        if not isinstance(part, kind):
+            raise InputError(
+                f"{what} of the mechanism: found {part!r}, expected what {example} returns"
+            )
+
+
+def _check_names_of_coordinates(mechanism: Mechanism) -> None:
+    """A joint 'hip.x' beside a planar joint 'hip' would name two coordinates alike."""
+    for entries in (mechanism.coordinates, mechanism.speeds):
+        owner: dict[str, str] = {}
+        for entry in entries:
+            if entry.name in owner:
+                raise InputError(
+                    f"joints {owner[entry.name]!r} and {entry.joint!r} both have a coordinate or speed "
+                    f"{entry.name!r}; rename one of the joints"
+                )
+            owner[entry.name] = entry.joint
+
+
+def _check_driven_springs(mechanism: Mechanism) -> None:
+    """Both would flow through the channel 'prescribed <name>', which a log could not tell apart."""
+    prescribed = {joint.name for joint in mechanism.joints if joint.prescribed}
+    for element in mechanism.elements:
+        match element:
+            case JointSpring():
+                laws: tuple[Any, ...] = (*element.stiffness, *element.rest, element.potential)
+            case SpringDamper():
+                laws = (element.stiffness, element.length)
+            case _:
+                continue
+        in_time = any("t" in symbol_names(law) for law in laws if law is not None)
+        if in_time and element.name in prescribed:
+            raise InputError(
+                f"spring {element.name!r} depends on time and has the name of a joint whose motion is "
+                f"prescribed, so that both would use the channel 'prescribed {element.name}'; make it by "
+                "joint_spring or spring_damper with another name"
+            )
 
 
 def _check_symbols_of_quantities(mechanism: Mechanism) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as ca
@@ -141,9 +142,11 @@ def run_taylor(
     states: list[Array] = [x0[None, :]]
     message = ""
     places = [] if flow.own is not None else quaternions(flow.system.mechanism)
-    for start in range(0, len(times) - 1, 256):
-        grid = times[start : start + 257]
-        outcome = method.propagate_grid(grid.astype(real))
+    first = _first_step(method, x0, times, real)
+    for start in (0, *range(1, len(times) - 1, 256)):
+        grid = times[:2] if start == 0 else times[start : start + 257]
+        limit = {"max_delta_t": real(first)} if start == 0 else {}
+        outcome = method.propagate_grid(grid.astype(real), **limit)
         found = np.asarray(outcome[-1]).astype(np.float64)
         good = np.isfinite(found).all(axis=1)
         count = len(grid) if good.all() and len(found) == len(grid) else int(np.argmin(good))
@@ -158,6 +161,23 @@ def run_taylor(
     for place in places:
         x[:, place] /= np.linalg.norm(x[:, place], axis=1, keepdims=True)
     return Motion(times[: len(x)], x, np.empty((len(x), 0)), message)
+
+
+def _first_step(method: Any, x0: Array, times: Array, real: Any) -> float:
+    """A safe length of the first step, from all Taylor coefficients at the start.
+
+    The method goes by the last two orders only, and at a start from rest these may vanish by symmetry.
+    """
+    method.step(max_delta_t=real(0.0), write_tc=True)
+    coefficients = np.abs(np.asarray(method.tc).astype(np.float64))
+    method.state[:] = x0.astype(real)
+    method.time = real(times[0])
+    size = max(1.0, float(np.abs(x0).max()))
+    orders = np.arange(1, coefficients.shape[1])
+    largest = coefficients[:, 1:].max(axis=0)
+    with np.errstate(divide="ignore"):
+        radius = float(np.min((size / largest) ** (1.0 / orders)))
+    return min(times[1] - times[0], radius / math.e**2)
 
 
 def _require_smooth(flow: Flow) -> None:

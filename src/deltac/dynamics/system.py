@@ -172,33 +172,65 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
             s_dot = ca.jacobian(s, t)
             q_all[start_q + k], u_all[start_u + k] = s, s_dot
             udot_all[start_u + k] = ca.jacobian(s_dot, t)
-    values.update({f"q.{e.name}": q_all[e.index] for e in mechanism.coordinates})
-    values.update({f"u.{e.name}": u_all[e.index] for e in mechanism.speeds})
-
     count = sum(
         len(mechanism.joint(element.joint).speeds)
         for element in mechanism.elements
         if isinstance(element, JointTorque) and element.torque is None
     )
+    inputs = ca.SX.sym("inputs", count)
+    return _assembled(
+        mechanism, tuple(vary), t, q, u, udot, inputs, p, q_all, u_all, udot_all, values
+    )
+
+
+def released(system: System) -> System:
+    """The same mechanism with symbols in place of the prescribed joints' laws.
+
+    Its q, u, u̇ are full vectors; t and p are those of `system`. Constraints are written on it, so that
+    what depends on time explicitly is told from what moves with a prescribed joint.
+    """
+    mechanism = system.mechanism
+    q = ca.SX.sym("q", len(mechanism.coordinates))
+    u = ca.SX.sym("u", len(mechanism.speeds))
+    udot = ca.SX.sym("udot", len(mechanism.speeds))
+    return _assembled(
+        mechanism,
+        system.vary,
+        system.t,
+        q,
+        u,
+        udot,
+        system.inputs,
+        system.p,
+        q,
+        u,
+        udot,
+        dict(system.values),
+    )
+
+
+def _assembled(
+    mechanism: Mechanism,
+    vary: tuple[str, ...],
+    t: SX,
+    q: SX,
+    u: SX,
+    udot: SX,
+    inputs: SX,
+    p: SX,
+    q_all: SX,
+    u_all: SX,
+    udot_all: SX,
+    values: dict[str, SX],
+) -> System:
+    values.update({f"q.{e.name}": q_all[e.index] for e in mechanism.coordinates})
+    values.update({f"u.{e.name}": u_all[e.index] for e in mechanism.speeds})
     links = _links(mechanism, q_all, u_all, values)
     qdot_all = ca.vertcat(
         *(ca.mtimes(link.W, u_all[link.u]) for link in links if link.joint.speeds), ca.SX(0, 1)
     )
     return System(
-        mechanism,
-        tuple(vary),
-        t,
-        q,
-        u,
-        udot,
-        ca.SX.sym("inputs", count),
-        p,
-        q_all,
-        u_all,
-        udot_all,
-        qdot_all,
-        links,
-        values,
+        mechanism, vary, t, q, u, udot, inputs, p, q_all, u_all, udot_all, qdot_all, links, values
     )
 
 

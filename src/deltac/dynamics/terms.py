@@ -14,9 +14,11 @@ from typing import Any
 
 import casadi as ca
 
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.forces import Channel, channels, total_force
-from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
+from deltac.dynamics.kkt import Schur, schur
+from deltac.dynamics.recursions import aba, armature, crba, rates_of, rnea, velocities
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 
@@ -42,7 +44,8 @@ class Terms(Energies):
 
     Scalars: SX when traced, arrays (T,) when evaluated. `force_power` = vᵀF, `nonpotential_power` =
     vᵀF_D (with ∂V/∂t of potentials driven in time), `transport_power` = v_tᵀF, `inertia_transport` =
-    F_0 = −v_tᵀF*, `prescribed_power` = v_tᵀF′, `rate_1990` = vᵀM v̇_t − v_tᵀβ, `rate_1988` =
+    F_0 = −v_tᵀF*, `prescribed_power` = v_tᵀF′ = Σ over prescribed joints − bᵀλ,
+    `correction_power` = ψᵀλ of motion that violates its constraints, `rate_1990` = vᵀM v̇_t − v_tᵀβ, `rate_1988` =
     ∂K/∂t + Σ X_s ∂K/∂q_s.
     """
 
@@ -51,34 +54,96 @@ class Terms(Energies):
     transport_power: Any
     inertia_transport: Any
     prescribed_power: Any
+    correction_power: Any
     rate_1990: Any
     rate_1988: Any
 
 
 @dataclass(frozen=True)
 class Forward:
-    """Forward dynamics: all accelerations (nu,), and the driving forces of prescribed joints (nu,)."""
+    """Forward dynamics: accelerations (nu,), driving forces (nu,) and multipliers (nc,)."""
 
     udot: SX
     driving: SX
+    multipliers: SX
 
 
-def forward(system: System, parts: tuple[Channel, ...] | None = None) -> Forward:
-    """The mechanism's own equations of motion."""
+def forward(
+    system: System,
+    parts: tuple[Channel, ...] | None = None,
+    constrained: Constrained | None = None,
+    damping: tuple[float, float] = (0.0, 0.0),
+) -> Forward:
+    """The mechanism's own equations of motion.
+
+    A tree by articulated bodies; with constraints, M u̇ = r + Gᵀλ and G u̇ = −γ − 2α ψ − β² φ, where
+    `damping` is Baumgarte's (α, β), 1/s, which are zero in exact motion.
+    """
     parts = channels(system) if parts is None else parts
     others = tuple(part for part in parts if part.name != "gravity")
     base = ca.vertcat(ca.SX.zeros(3), -system.gravity)
-    udot, driving = aba(system, total_force(system, others), base)
-    return Forward(udot, driving)
+    tau = total_force(system, others)
+    if constrained is None:
+        udot, driving = aba(system, tau, base)
+        return Forward(udot, driving, ca.SX(0, 1))
+    rows, free = constrained.rows, system.free_u
+    udot = ca.SX(system.udot_all)
+    udot[free] = 0
+    r = (tau - rnea(system, udot, base))[free]
+    alpha, beta = damping
+    gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
+    multipliers = constrained.schur.multipliers(r, gamma)
+    udot[free] = constrained.schur.free_response(r) + constrained.schur.response(multipliers)
+    driving = driving_forces(system, udot, parts, constrained, multipliers)
+    return Forward(udot, driving, multipliers)
 
 
-def driving_forces(system: System, udot: SX, parts: tuple[Channel, ...]) -> SX:
-    """Forces (nu,) that drive the prescribed joints, from accelerations: −(F* + F) at their speeds."""
+@dataclass(frozen=True)
+class Constrained:
+    """Independent rows of a mechanism's constraints with their factorised system."""
+
+    rows: Rows
+    schur: Schur
+
+    def multipliers_from(self, force: SX) -> SX:
+        """λ whose Gᵀλ is nearest to a generalized force of the free speeds, in the metric M⁻¹."""
+        return self.schur.multipliers(-force, ca.SX.zeros(len(self.rows)))
+
+
+def constrained(system: System, rows: Rows) -> Constrained | None:
+    """Factorise the constraints of a system; None if it has none."""
+    if not len(rows):
+        return None
+    free = system.free_u
+    return Constrained(rows, schur(crba(system)[free, free], rows.G))
+
+
+def driving_forces(
+    system: System,
+    udot: SX,
+    parts: tuple[Channel, ...],
+    constrained: Constrained | None = None,
+    multipliers: SX | None = None,
+) -> SX:
+    """Forces (nu,) that drive the prescribed joints, from accelerations: −(F* + F + Gᵀλ) there."""
     driving = ca.SX.zeros(len(system.mechanism.speeds))
     places = system.driven_u
     if places:
-        driving[places] = (rnea(system, udot) - total_force(system, parts))[places]
+        needed = rnea(system, udot) - total_force(system, parts)
+        if constrained is not None:
+            needed = needed - ca.mtimes(constrained.rows.G_all.T, multipliers)
+        driving[places] = needed[places]
     return driving
+
+
+def multipliers(
+    system: System, udot: SX, parts: tuple[Channel, ...], constrained: Constrained | None
+) -> SX:
+    """The multipliers that accelerations ask for: what Gᵀλ can explain of −(F + F*)."""
+    if constrained is None:
+        return ca.SX(0, 1)
+    needed = (rnea(system, udot) - total_force(system, parts))[system.free_u]
+    return constrained.multipliers_from(needed)
 
 
 def prescribed_channels(system: System, driving: SX) -> dict[str, SX]:
@@ -102,8 +167,16 @@ class Acatastatic:
     Z: SX
 
 
-def acatastatic(system: System, own: OwnCoordinates | None = None) -> Acatastatic:
-    """The part of the motion that is there when the generalized speeds are zero."""
+def acatastatic(
+    system: System,
+    own: OwnCoordinates | None = None,
+    constrained: Constrained | None = None,
+) -> Acatastatic:
+    """The part of the motion that is there when the generalized speeds are zero.
+
+    With constraints that depend on time, or that prescribed joints take part in, it is the motion least
+    in the mass metric that satisfies them: smooth, and the same whatever the independent speeds.
+    """
     nu = len(system.mechanism.speeds)
     u_t, udot_t = ca.SX.zeros(nu), ca.SX.zeros(nu)
     for place in system.driven_u:
@@ -117,8 +190,32 @@ def acatastatic(system: System, own: OwnCoordinates | None = None) -> Acatastati
         Z_dot = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
         for k, place in enumerate(system.free_u):
             u_t[place], udot_t[place] = Z[k], Z_dot[k]
+    if constrained is not None:
+        rows = constrained.rows
+        moving = ca.simplify(rows.b + ca.mtimes(rows.G_all, u_t))
+        if ca.sparsify(moving).nnz():
+            Z = constrained.schur.least(moving)
+            along = ca.vertcat(system.q, system.t)
+            u_t[system.free_u] = Z
+            udot_t[system.free_u] = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
     X = ca.mtimes(ca.jacobian(system.qdot, system.u), Z)
     return Acatastatic(u_t, udot_t, X, Y, Z)
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """Forces F′ of prescribed motion and constraints: `driving` (nu,) and `multipliers` (nc,)."""
+
+    driving: SX
+    multipliers: SX
+
+
+def reactions_from(
+    system: System, udot: SX, parts: tuple[Channel, ...], constrained: Constrained | None
+) -> Reactions:
+    """The reactions that accelerations ask for."""
+    lam = multipliers(system, udot, parts, constrained)
+    return Reactions(driving_forces(system, udot, parts, constrained, lam), lam)
 
 
 def terms(
@@ -126,14 +223,17 @@ def terms(
     udot: SX,
     parts: tuple[Channel, ...],
     own: OwnCoordinates | None = None,
-    prescribed_power: SX | None = None,
+    constrained: Constrained | None = None,
+    reactions: Reactions | None = None,
 ) -> Terms:
     """All terms for accelerations `udot` (nu,), whoever made them.
 
-    `prescribed_power` is v_tᵀF′ when the driving forces are known on their own; by default it is
-    found from the accelerations, F′ = −(F + F*).
+    `reactions` are the driving forces and multipliers when they are known on their own; by default they
+    are found from the accelerations, F′ = −(F + F*).
     """
-    drift = acatastatic(system, own)
+    if reactions is None:
+        reactions = reactions_from(system, udot, parts, constrained)
+    drift = acatastatic(system, own, constrained)
     V_t = velocities(system, drift.u)
     V = velocities(system, system.u_all)
     V_r = [v - v_t for v, v_t in zip(V, V_t)]
@@ -151,9 +251,11 @@ def terms(
     force = total_force(system, parts)
     powers = channel_powers(system, parts)
     potential = {part.name for part in parts if part.potential is not None}
-    if prescribed_power is None:
-        driven = prescribed_channels(system, driving_forces(system, udot, parts))
-        prescribed_power = _sum(driven)
+    prescribed_power = ca.dot(reactions.driving, system.u_all)
+    correction_power = ca.SX(0)
+    if constrained is not None:
+        prescribed_power -= ca.dot(constrained.rows.b, reactions.multipliers)
+        correction_power = ca.dot(constrained.rows.psi, reactions.multipliers)
     return Terms(
         K2=K2,
         K1=K1,
@@ -164,6 +266,7 @@ def terms(
         transport_power=ca.dot(force, drift.u),
         inertia_transport=ca.dot(rnea(system, udot), drift.u),
         prescribed_power=prescribed_power,
+        correction_power=correction_power,
         rate_1990=form(V, A_t, system.u_all, drift.udot),
         rate_1988=_rate_1988(system, 0.5 * form(V, V, system.u_all, system.u_all), drift),
     )

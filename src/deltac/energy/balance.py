@@ -63,8 +63,8 @@ def balance(
     method = _method(run, work)
     functions = testing_functions(_chosen(run, method, testing))
     log = LoggedForces.of(run)
-    symbols = ledger_symbols(mechanism, log, speeds)
     samples, basis = checked_samples(mechanism, run, log)
+    symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
     energies = _at_samples(energy_kernel(symbols), samples, log)
     kernel = power_kernel(symbols, functions)
     powers = _at_samples(kernel, samples, log)
@@ -142,8 +142,8 @@ def residuals(
     if run.udot is None:
         raise InputError("residuals need the accelerations u̇ of the run; it has none")
     log = LoggedForces.of(run)
-    symbols = ledger_symbols(mechanism, log, speeds)
     samples, _ = checked_samples(mechanism, run, log)
+    symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
     found = _at_samples(residual_kernel(symbols, testing_functions(testing)), samples, log)
     shaped = {n.removeprefix("rate "): value for n, value in found.items()}
     shaped["coordinates"] = shaped["coordinates"].reshape(len(run), -1)
@@ -186,6 +186,11 @@ def _chosen(run: Trajectory, method: str, testing: Sequence[str] | None) -> Sequ
                 )
         return chosen
     return tuple(TESTING_FUNCTIONS) if testing is None else testing
+
+
+def _start(samples: Samples) -> tuple[float, Array]:
+    """Time and free coordinates of the first sample."""
+    return float(samples.t[0]), samples.smooth["q"][0][0]
 
 
 def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str, Array]:

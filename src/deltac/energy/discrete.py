@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.recursions import rnea
-from deltac.dynamics.terms import driving_forces
 from deltac.energy.quadrature import Samples
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
@@ -49,14 +48,20 @@ def discrete_work(
     """Forces at the start of each step, times the mean of the speeds at its ends."""
     s = symbols.system
     outputs = {part.name: ca.densify(part.force) for part in symbols.parts}
-    driving = driving_forces(s, symbols.udot, symbols.parts)
+    reactions = symbols.reactions
     for joint in s.mechanism.joints:
         name = f"prescribed {joint.name}"
         if joint.prescribed:
             place = s.mechanism.speeds.of(joint.name)
             force = ca.SX.zeros(len(s.mechanism.speeds))
-            force[place] = driving[place]
-            outputs[name] = symbols.measured.get(name, force)
+            force[place] = reactions.driving[place]
+            outputs[name] = force
+    if symbols.constrained is not None:
+        rows = symbols.constrained.rows
+        for owner in dict.fromkeys(rows.names):
+            k = rows.places(owner)
+            force = ca.mtimes(rows.G_all[k, :].T, reactions.multipliers[k])
+            outputs[f"constraint {owner}"] = ca.densify(force)
     outputs["bias"] = ca.densify(-rnea(s, ca.SX.zeros(len(s.mechanism.speeds))))
     kernel = Kernel(symbols.inputs, outputs, name="forces")
     given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}

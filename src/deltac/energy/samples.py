@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
-from deltac.energy.quadrature import Samples
+from deltac.energy.quadrature import Samples, spline_rate
 from deltac.energy.terms import LoggedForces
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
@@ -39,7 +39,7 @@ def checked_samples(
         udot = run.udot[:, free.u]
     else:
         basis["u̇"] = "derived"
-        udot = _spline_rate(run.t, u)
+        udot = spline_rate(run.t, u)
     qdot = _coordinate_rates(mechanism, run.t, q, u)
     held = set(filter(None, run.provenance.notes.get("held", "").split(";")))
     forces = {f"force {name}": values for name, values in log.values(run).items()}
@@ -48,6 +48,7 @@ def checked_samples(
         smooth={"q": (q, qdot), "u": (u, udot)},
         plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
         held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
+        derived=frozenset({"u"} if run.udot is None else ()),
     ), basis
 
 
@@ -70,14 +71,6 @@ def _check_names(mechanism: Mechanism, run: Trajectory) -> None:
                 f"the {what}s of the run are in another order than the mechanism's: {', '.join(theirs)}; "
                 f"expected {', '.join(ours)}"
             )
-
-
-def _spline_rate(t: Array, u: Array) -> Array:
-    from scipy.interpolate import make_interp_spline
-
-    degree = min(5, len(t) - 1)
-    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
-    return np.asarray(make_interp_spline(t, u, k=max(1, degree)).derivative()(t))
 
 
 def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Array:

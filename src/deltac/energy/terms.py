@@ -8,18 +8,23 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.independence import independence
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import (
+    Constrained,
     Energies,
+    Reactions,
     Terms,
     channel_powers,
-    driving_forces,
+    constrained,
     prescribed_channels,
+    reactions_from,
     terms,
 )
 from deltac.dynamics.testing_functions import TestingFunction
@@ -71,6 +76,8 @@ class LedgerSymbols:
     parts: tuple[Channel, ...]
     logged: SX
     measured: Mapping[str, SX]
+    constrained: Constrained | None
+    reactions: Reactions
     computed: Terms
     with_measured: Terms | None
     udot: SX
@@ -84,14 +91,29 @@ class LedgerSymbols:
 
 
 def ledger_symbols(
-    mechanism: Mechanism, log: LoggedForces, speeds: CoordinateMap | None
+    mechanism: Mechanism,
+    log: LoggedForces,
+    speeds: CoordinateMap | None,
+    start: tuple[float, np.ndarray],
 ) -> LedgerSymbols:
-    """Write out all that a ledger needs; InputError where a motor's force is neither law nor log."""
+    """Write out all that a ledger needs; InputError where a motor's force is neither law nor log.
+
+    `start` is the time and the free coordinates at which independent constraints are chosen.
+    """
     system = trace(mechanism)
+    if speeds is not None and mechanism.constraints:
+        raise InputError(
+            "own generalized speeds (speeds=) and constraints cannot be combined: the constraints already "
+            "choose how the motion is divided"
+        )
+    rows = constraint_rows(system)
+    chosen = independence(system, rows, *start, np.empty(0)).independent
+    bound = constrained(system, rows.select(chosen))
     own = trace_map(system, speeds) if speeds is not None else None
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)
     driven = {f"prescribed {joint.name}" for joint in mechanism.joints if joint.prescribed}
+    ties = {f"constraint {constraint.name}" for constraint in mechanism.constraints}
     forces: dict[str, SX] = {}
     for name, places in log.places.items():
         force = ca.SX.zeros(nu)
@@ -109,17 +131,34 @@ def ledger_symbols(
             )
         else:
             parts.append(part)
-    measured = {name: force for name, force in forces.items() if name in driven}
-    parts.extend(Channel(n, f) for n, f in forces.items() if n not in driven)
+    measured = {name: force for name, force in forces.items() if name in driven | ties}
+    parts.extend(Channel(n, f) for n, f in forces.items() if n not in driven | ties)
     given = tuple(parts)
     udot = ca.SX(system.udot_all)
+    reactions = reactions_from(system, udot, given, bound)
+    computed = terms(system, udot, given, own, bound, reactions)
     with_measured = None
-    if driven and set(measured) == driven:
-        power = sum((ca.dot(f, system.u_all) for f in measured.values()), start=ca.SX(0))
-        with_measured = terms(system, udot, given, own, power)
+    if measured and set(measured) == driven | ties:
+        reactions = _measured(measured, driven, nu, bound, system)
+        with_measured = terms(system, udot, given, own, bound, reactions)
     return LedgerSymbols(
-        system, given, logged, measured, terms(system, udot, given, own), with_measured, udot
+        system, given, logged, measured, bound, reactions, computed, with_measured, udot
     )
+
+
+def _measured(
+    measured: Mapping[str, SX],
+    driven: set[str],
+    nu: int,
+    bound: Constrained | None,
+    system: System,
+) -> Reactions:
+    """Reactions from a log: driving forces as they are, multipliers from the constraints' forces."""
+    nothing = ca.SX.zeros(nu)
+    driving = sum((f for name, f in measured.items() if name in driven), start=nothing)
+    ties = sum((f for name, f in measured.items() if name not in driven), start=nothing)
+    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u])
+    return Reactions(driving, multipliers)
 
 
 def energy_kernel(symbols: LedgerSymbols) -> Kernel:
@@ -139,10 +178,14 @@ def power_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -
     """Power of every channel and of every testing function, and the rate of every momentum."""
     s = symbols.system
     outputs = {f"power {n}": p for n, p in channel_powers(s, symbols.parts).items()}
-    inertial = prescribed_channels(s, driving_forces(s, symbols.udot, symbols.parts))
-    for name, power in inertial.items():
-        force = symbols.measured.get(name)
-        outputs[f"power {name}"] = power if force is None else ca.dot(force, s.u_all)
+    driven = prescribed_channels(s, symbols.reactions.driving)
+    outputs.update({f"power {name}": power for name, power in driven.items()})
+    if symbols.constrained is not None:
+        rows, multipliers = symbols.constrained.rows, symbols.reactions.multipliers
+        for name in dict.fromkeys(rows.names):
+            k = rows.places(name)
+            outputs[f"power constraint {name}"] = -ca.dot(rows.b[k], multipliers[k])
+        outputs["power correction drift"] = ca.dot(rows.psi, multipliers)
     for function in functions:
         outputs.update(
             {f"P {name}": function.P(k) for name, k in variants(symbols, function.name).items()}
@@ -164,8 +207,10 @@ def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]
     for function in functions:
         for name, known in variants(symbols, function.name).items():
             outputs[f"rate {name}"] = function.E(rates) - function.P(known)
-    residual = total_force(s, symbols.parts) - rnea(s, symbols.udot)
-    outputs["coordinates"] = residual[s.free_u]
+    residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
+    if symbols.constrained is not None:
+        residual = residual + ca.mtimes(symbols.constrained.rows.G.T, symbols.reactions.multipliers)
+    outputs["coordinates"] = residual
     return Kernel(symbols.inputs, outputs, name="residuals")
 
 

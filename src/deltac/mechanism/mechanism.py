@@ -208,7 +208,8 @@ def _fill(
     if given is None:
         return _checked_finite(values, entries, what), set()
     if not isinstance(given, Mapping):
-        array = _array(given, f"{what}s of the state")
+        entire = list(given) if isinstance(given, Iterable) else given
+        array = _array(entire, f"{what}s of the state")
         if array.shape != values.shape:
             raise InputError(
                 f"{what}s of the state: expected {len(entries)} values "

@@ -13,7 +13,7 @@ from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import Motion, Progress, StageRate
+from deltac.simulation.fixed import Motion, Progress, Settle, StageRate
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.solvers.solver import Solver
 
@@ -63,10 +63,13 @@ def run_scipy(
         options["jac"] = _jacobian(flow, p)
     method = getattr(integrate, solver.name)(f, span[0], x0, span[1], **options)
     kept_t, kept_x, message = [span[0]], [x0.copy()], ""
-    following = 1
+    following, settle = 1, Settle(flow, p)
     while method.status == "running":
         with np.errstate(all="ignore"):
             problem = method.step()
+        if flow.projecting and method.status != "failed":
+            method.y, _ = settle(method.t, method.y)
+            method.f = f(method.t, method.y)
         if method.status == "failed" or not np.isfinite(method.y).all():
             message = (
                 f"stopped at t = {kept_t[-1]:.9g} s: {problem or 'the state is not finite'}; "
@@ -80,7 +83,7 @@ def run_scipy(
             dense = method.dense_output()
             while following < len(times) and times[following] <= method.t:
                 kept_t.append(times[following])
-                kept_x.append(dense(times[following]))
+                kept_x.append(settle(times[following], dense(times[following]))[0])
                 following += 1
         if progress is not None:
             progress((method.t - span[0]) / (span[1] - span[0]))
@@ -186,7 +189,7 @@ def _require_smooth(flow: Flow) -> None:
     function = ca.Function("xdot", [flow.t, flow.x, flow.p], [flow.xdot])
     if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
         return
-    where = "the equations"
+    where = "the equations of motion"
     for element in flow.system.mechanism.elements:
         for value in vars(element).values():
             laws = value if isinstance(value, tuple) else (value,)
@@ -196,6 +199,6 @@ def _require_smooth(flow: Flow) -> None:
         if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in joint.motion):
             where = f"the motion of joint {joint.name!r}"
     raise InputError(
-        f"the Taylor solver needs smooth equations, and {where} has a kink or jump (abs, sign, min, max, "
-        "where, a comparison); use 'ode5' or 'DOP853'"
+        f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
+        "where, a comparison; the spring of a quaternion). Use 'ode5' or 'DOP853'"
     )

@@ -12,9 +12,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
+from deltac.simulation.careful import CarefulStep
 from deltac.simulation.equations import Controller
 from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.projection import SMALLEST_PIVOT, pivot, projection
 from deltac.simulation.solvers.solver import Parts, Solver
 
 Array = NDArray[np.float64]
@@ -24,6 +27,9 @@ Progress = Callable[[float], None]
 MOST_STEPS_PER_CALL = 8
 INSTRUCTIONS_PER_CALL = 9000
 """Compile time grows with the code: beyond this, fewer steps are unrolled into one call."""
+
+MOST_INSTRUCTIONS = 40_000
+"""A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
 
 ROWS_PER_BLOCK = 8192
 
@@ -47,13 +53,19 @@ class FixedStepper:
 
     @cached_property
     def _single_step(self) -> Any:
-        """(x, k; p, t0, h) -> x one step later, as a CasADi function."""
+        """(x, k; p, t0, h) -> x one step later and the smallest pivot met, as a CasADi function."""
         flow, step = self.flow, self.solver.step
         assert step is not None
         f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
         k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
         after = step(lambda t, x: f(t, x, flow.p), t0 + k * h, flow.x, h, _masks(flow))
-        return ca.Function("step", [flow.x, k, flow.p, t0, h], [flow.normalised(after)])
+        after, worst = _settled(flow, t0 + (k + 1) * h, flow.normalised(after))
+        return ca.Function("step", [flow.x, k, flow.p, t0, h], [after, worst])
+
+    @property
+    def fusible(self) -> bool:
+        """Whether a whole step is small enough to be compiled as one."""
+        return bool(self._single_step.n_instructions() <= MOST_INSTRUCTIONS)
 
     @cached_property
     def steps_per_call(self) -> int:
@@ -63,7 +75,7 @@ class FixedStepper:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The fused step: (x, k; p, t0, h) -> `steps_per_call` rows, each (x, k).
+        """The fused step: (x, k; p, t0, h) -> `steps_per_call` rows, each (x, k, smallest pivot).
 
         Parameters go in as inputs: heyoka's calls with parameters cost a microsecond more.
         """
@@ -71,8 +83,8 @@ class FixedStepper:
         k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
         rows, x = [], flow.x
         for i in range(self.steps_per_call):
-            x = self._single_step(x, k + i, flow.p, t0, h)
-            rows.append(ca.vertcat(x, k + (i + 1)))
+            x, worst = self._single_step(x, k + i, flow.p, t0, h)
+            rows.append(ca.vertcat(x, k + (i + 1), worst))
         return Kernel(
             {"row": ca.vertcat(flow.x, k), "constants": ca.vertcat(flow.p, t0, h)},
             {"rows": ca.vertcat(*rows)},
@@ -90,35 +102,67 @@ class FixedStepper:
         progress: Progress | None,
     ) -> Motion:
         """Take `steps` steps, keep every `every`-th; stop at the first state that is not finite."""
-        width, fused = len(x0) + 1, self.steps_per_call
+        width, fused = len(x0) + 2, self.steps_per_call
         single, kernel_out = self.kernel.compile().single, np.empty(fused * width)
         kernel_in = np.concatenate([x0, [0.0], p, [t0, h]])
-        row = kernel_in[:width]
+        row = kernel_in[: width - 1]
+        careful = self._careful(p)
         calls_per_block = max(1, ROWS_PER_BLOCK // fused)
         block = np.empty((calls_per_block, fused * width))
-        kept, done, message = [row[None, :].copy()], 0, ""
+        last = np.append(row, 1.0)[None, :]
+        kept, done, message = [last], 0, ""
         while done < steps:
             calls = min(calls_per_block, math.ceil((steps - done) / fused))
             for i in range(calls):
                 single(kernel_in, kernel_out)
+                if (
+                    careful is not None
+                    and not kernel_out[width - 1 :: width].min() > SMALLEST_PIVOT
+                ):
+                    _retake(careful, row, kernel_out.reshape(fused, width), t0, h)
                 block[i] = kernel_out
-                row[:] = kernel_out[-width:]
+                row[:] = kernel_out[-width:-1]
             rows = block[:calls].reshape(-1, width)[: steps - done]
-            bad = ~np.isfinite(rows).all(axis=1)
+            bad = ~np.isfinite(rows[:, :-1]).all(axis=1)
             if bad.any():
                 rows = rows[: int(np.argmax(bad))]
                 message = _stopped(t0 + (done + len(rows) + 1) * h, t0 + (done + len(rows)) * h)
             numbers = done + 1 + np.arange(len(rows))
             kept.append(rows[numbers % every == 0].copy())
-            if message and len(rows) and numbers[-1] % every:
-                kept.append(rows[-1:].copy())  # the last state it had, though between samples
+            last = rows[-1:].copy() if len(rows) else last
             done += len(rows)
+            if message and done % every:
+                kept.append(last)  # the last state it had, though between samples
             if progress is not None:
                 progress(done / steps)
             if message:
                 break
         table = np.concatenate(kept)
-        return Motion(t0 + table[:, -1] * h, table[:, :-1], np.empty((len(table), 0)), message)
+        return Motion(t0 + table[:, -2] * h, table[:, :-2], np.empty((len(table), 0)), message)
+
+    def _careful(self, p: Array) -> CarefulStep | None:
+        """The way over singular configurations, where there are constraints to be singular."""
+        if self.flow.bound is None or self.flow.equations is not None:
+            return None
+        return CarefulStep(self.flow, self.solver, numeric_masks(self.flow), p)
+
+
+def _settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
+    """The state back on its constraints, and the smallest pivot there (1 without constraints)."""
+    if flow.projecting:
+        projected, worst = projection(flow)(t, x, flow.p)
+        return projected, worst
+    if flow.bound is not None and flow.own is None:
+        return x, pivot(flow)(t, x, flow.p)
+    return x, ca.SX(1)
+
+
+def _retake(careful: CarefulStep, row: Array, rows: Array, t0: float, h: float) -> None:
+    """Take the steps of a call again, from `row` on, and write them into `rows`."""
+    x, k = row[:-1].copy(), row[-1]
+    for i in range(len(rows)):
+        x = careful(t0 + (k + i) * h, x, h)
+        rows[i] = np.concatenate([x, [k + i + 1, 1.0]])
 
 
 def run_in_python(
@@ -136,31 +180,54 @@ def run_in_python(
     """Fixed steps with ẋ evaluated stage by stage, calling the user's functions in between."""
     step = solver.step
     assert step is not None
-    rate = StageRate(flow, controller, p)
-    masks = _masks(flow)
-    parts = Parts(*(np.array(mask).ravel() for mask in (masks.q, masks.u, masks.z)))
-    places = [] if flow.own is not None else quaternions(flow.system.mechanism)
+    rate, settle = StageRate(flow, controller, p), Settle(flow, p)
+    parts = numeric_masks(flow)
+    careful = None
+    if flow.bound is not None and controller is None and flow.equations is None:
+        careful = CarefulStep(flow, solver, parts, p)
     x, message = x0.copy(), ""
     kept = [(t0, x0.copy(), rate.hold(t0, x0))]
     for k in range(steps):
-        t = t0 + k * h
+        t, following = t0 + k * h, t0 + (k + 1) * h
         with np.errstate(all="ignore"):
-            x_next = step(rate, t, x, h, parts)
+            x_next, worst = settle(following, step(rate, t, x, h, parts))
+        if careful is not None and not worst > SMALLEST_PIVOT:
+            x_next = careful(t, x, h)
         if not np.isfinite(x_next).all():
-            message = _stopped(t0 + (k + 1) * h, t)
+            message = _stopped(following, t)
             if k % every:
                 kept.append((t, x.copy(), rate.held.copy()))
             break
         x = x_next
-        for place in places:
-            x[place] /= np.linalg.norm(x[place])
-        held = rate.hold(t0 + (k + 1) * h, x)
+        held = rate.hold(following, x)
         if (k + 1) % every == 0:
-            kept.append((t0 + (k + 1) * h, x.copy(), held))
+            kept.append((following, x.copy(), held))
         if progress is not None and k % 64 == 63:
             progress((k + 1) / steps)
     times, states, inputs = (np.array(column) for column in zip(*kept))
     return Motion(times, states, inputs, message)
+
+
+class Settle:
+    """What is done to a state after each step: unit quaternions, and back on the constraints."""
+
+    def __init__(self, flow: Flow, p: Array) -> None:
+        """Compile it; `p` are the values of the parameters."""
+        x, worst = _settled(flow, flow.t, flow.normalised(flow.x))
+        self._idle = not flow.projecting and not quaternions(flow.system.mechanism)
+        self._kernel = Kernel(
+            {"t": flow.t, "x": flow.x}, {"x": x, "worst": worst}, flow.p, name="projection"
+        )
+        self._p = p if len(p) else None
+        self._in, self._out = np.empty(self._kernel.n_in), np.empty(self._kernel.n_out)
+
+    def __call__(self, t: float, x: Array) -> tuple[Array, float]:
+        """The settled state, and the smallest pivot of its constraints."""
+        if self._idle:
+            return x, 1.0
+        self._in[0], self._in[1:] = t, x
+        self._kernel.single(self._in, self._out, self._p)
+        return self._out[:-1].copy(), float(self._out[-1])
 
 
 class StageRate:
@@ -215,6 +282,12 @@ def _masks(flow: Flow) -> Parts:
         mask[place] = 1
         masks.append(mask)
     return Parts(*masks)
+
+
+def numeric_masks(flow: Flow) -> Parts:
+    """The masks of q, u and integrals as arrays."""
+    masks = _masks(flow)
+    return Parts(*(np.array(mask).ravel() for mask in (masks.q, masks.u, masks.z)))
 
 
 def _stopped(bad: float, last: float) -> str:

@@ -7,18 +7,27 @@ treat P as they treat the motion (theory: the integral "in the loop").
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
-from deltac.dynamics.terms import driving_forces, forward, terms
+from deltac.dynamics.terms import (
+    Constrained,
+    Reactions,
+    constrained,
+    forward,
+    reactions_from,
+    terms,
+)
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.joints import KINDS
@@ -26,21 +35,28 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Equations, trace_rhs
 
+Stabilisation: TypeAlias = str | tuple[float, float]
+"""How a run stays on its constraints: "projection", "none", or Baumgarte's (α, β) in 1/s."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Flow:
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
     accelerations of a hand-written function that could not be traced (else empty). `q_size`, `u_size`
-    divide x. The outputs `q_all`, `u_all`, `udot_all` and the `driving` forces are full vectors of the
-    mechanism.
+    divide x; `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the `driving`
+    forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
+    constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x).
     """
 
     system: System
     testing: tuple[str, ...]
+    integrals: tuple[str, ...]
     equations: Equations | None
     own: OwnCoordinates | None
+    bound: Constrained | None
+    projecting: bool
     t: SX
     x: SX
     inputs: SX
@@ -53,6 +69,8 @@ class Flow:
     u_all: SX
     udot_all: SX
     driving: SX
+    reactions: Mapping[str, SX]
+    energies: SX
 
     @property
     def traced(self) -> bool:
@@ -66,7 +84,7 @@ class Flow:
         return slice(0, self.q_size), slice(self.q_size, n), slice(n, self.x.shape[0])
 
     def normalised(self, x: SX) -> SX:
-        """X with its quaternions brought back to unit length."""
+        """The state with its quaternions brought back to unit length."""
         if self.own is not None:
             return x
         result = ca.SX(x)
@@ -75,7 +93,7 @@ class Flow:
         return result
 
     def start(self, state: State, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """X at the initial state, with integrals zero; `p` are the values of the parameters."""
+        """The solver's state at the start, integrals zero; `p` are the values of the parameters."""
         free = self.system.mechanism.free
         q, u = state.q[free.q], state.u[free.u]
         if self.own is not None:
@@ -85,7 +103,7 @@ class Flow:
             values = ca.Function("own", inputs, [own_q, own_u])
             found = values(state.t, q, u, p)
             q, u = (np.array(part).ravel() for part in found)
-        return np.concatenate([q, u, np.zeros(len(self.testing))])
+        return np.concatenate([q, u, np.zeros(len(self.integrals))])
 
 
 def quaternions(mechanism: Mechanism) -> list[slice]:
@@ -100,23 +118,35 @@ def quaternions(mechanism: Mechanism) -> list[slice]:
     return places
 
 
+CORRECTIONS = ("correction kinetic", "correction potential")
+"""Integrals of a projected run: what the projections did to K and to V, J."""
+
+
 def build_flow(
     mechanism: Mechanism,
     testing: Sequence[str] = (),
     equations: Equations | None = None,
     split: CoordinateMap | None = None,
     vary: Sequence[str] = (),
+    rows: Sequence[int] = (),
+    stabilisation: Stabilisation = "projection",
 ) -> Flow:
-    """Write out ẋ for a mechanism; `split` chooses the generalized speeds of the testing functions."""
+    """Write out ẋ for a mechanism.
+
+    `split` chooses the generalized speeds of the testing functions, `rows` the independent rows of the
+    constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β).
+    """
     system = trace(mechanism, vary)
     functions = testing_functions(testing)
     parts = channels(system)
     split_own = trace_map(system, split) if split is not None else None
+    bound = constrained(system, constraint_rows(system).select(rows))
     own: OwnCoordinates | None = None
     given = ca.SX(0, 1)
     if equations is None:
-        motion = forward(system, parts)
-        udot_all, driving = motion.udot, motion.driving
+        damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
+        motion = forward(system, parts, bound, damping)
+        udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
     else:
         if equations.coordinates is not None:
@@ -129,34 +159,66 @@ def build_flow(
             given = ca.SX.sym("given", u.shape[0])
         udot = given if traced is None else traced
         udot_all = ca.SX(system.udot_all)
-        driving = driving_forces(system, udot_all, parts)
+        reactions = reactions_from(system, udot_all, parts, bound)
 
-    known = terms(system, udot_all, parts, split_own)
-    powers = [function.P(known) for function in functions]
-    outputs = [ca.SX(system.q_all), ca.SX(system.u_all), udot_all, driving, *powers]
+    known = terms(system, udot_all, parts, split_own, bound, reactions)
+    outputs = {
+        "q": ca.SX(system.q_all),
+        "u": ca.SX(system.u_all),
+        "udot": udot_all,
+        "driving": reactions.driving,
+        "P": ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions)),
+        "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
+        **constraint_forces(bound, reactions.multipliers),
+    }
     if equations is not None:
         # The mechanism's symbols give way to what the hand-written equations say of them.
         free_udot = own.udot(system, udot) if own is not None else udot
-        outputs = ca.substitute(outputs, [system.udot], [free_udot])
+        outputs = _substituted(outputs, [system.udot], [free_udot])
         if own is not None:
-            outputs = ca.substitute(outputs, [system.q, system.u], [own.q, own.u])
-    q_all, u_all, udot_all, driving, *powers = outputs
-    x = ca.vertcat(q, u, ca.SX.sym("z", len(functions)))
+            outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
+    projecting = bound is not None and own is None and stabilisation == "projection"
+    integrals = (*(f.name for f in functions), *(CORRECTIONS if projecting else ()))
+    x = ca.vertcat(q, u, ca.SX.sym("z", len(integrals)))
+    still = ca.SX.zeros(len(integrals) - len(functions))
     return Flow(
         system=system,
         testing=tuple(function.name for function in functions),
+        integrals=integrals,
         equations=equations,
         own=own,
+        bound=bound,
+        projecting=projecting,
         t=system.t,
         x=x,
         inputs=system.inputs,
         given=given,
         p=system.p,
-        xdot=ca.vertcat(qdot, udot, *powers),
+        xdot=ca.vertcat(qdot, udot, outputs["P"], still),
         q_size=q.shape[0],
         u_size=u.shape[0],
-        q_all=q_all,
-        u_all=u_all,
-        udot_all=udot_all,
-        driving=driving,
+        q_all=outputs["q"],
+        u_all=outputs["u"],
+        udot_all=outputs["udot"],
+        driving=outputs["driving"],
+        reactions={n: f for n, f in outputs.items() if n.startswith("constraint ")},
+        energies=outputs["E"],
     )
+
+
+def constraint_forces(bound: Constrained | None, multipliers: SX) -> dict[str, SX]:
+    """Generalized force Gᵀλ (nu,) of every constraint, by channel."""
+    if bound is None:
+        return {}
+    rows = bound.rows
+    return {
+        f"constraint {name}": ca.mtimes(
+            rows.G_all[rows.places(name), :].T, multipliers[rows.places(name)]
+        )
+        for name in dict.fromkeys(rows.names)
+    }
+
+
+def _substituted(outputs: Mapping[str, SX], old: Sequence[SX], new: Sequence[SX]) -> dict[str, SX]:
+    values = ca.substitute(list(outputs.values()), list(old), list(new))
+    return dict(zip(outputs, values))

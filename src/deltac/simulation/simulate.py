@@ -20,8 +20,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import FixedStepper, Motion, StageRate, run_in_python
-from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory
 
@@ -46,6 +47,7 @@ def simulate(
     tolerance: float | None = None,
     record_every: int = 1,
     speeds: CoordinateMap | None = None,
+    stabilisation: Stabilisation = "projection",
     vary: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
@@ -65,6 +67,8 @@ def simulate(
         tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
         record_every: keep every so many steps of a fixed-step solver.
         speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+        stabilisation: how the run stays on its constraints: "projection" of q and u after each step (least
+            in the mass metric), Baumgarte's (α, β) in 1/s, or "none".
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         progress: called with the fraction done.
@@ -82,7 +86,10 @@ def simulate(
     every = _count(record_every)
     _check(mechanism, state, found, equations, controller, step, tolerance)
     steps = _steps(duration, step, every) if found.family == "fixed" else 0
-    flow, stepper, observe = _compiled(mechanism, found, testing, equations, speeds, vary)
+    rows = constraint_start(mechanism, state, found, equations, stabilisation)
+    flow, stepper, observe = _compiled(
+        mechanism, found, testing, equations, speeds, vary, rows, stabilisation
+    )
     if found.family == "taylor" and not (flow.traced and controller is None):
         raise InputError(
             f"solver {found.name!r} needs equations in symbols; a function called from Python, or a "
@@ -94,7 +101,8 @@ def simulate(
     match found.family:
         case "fixed":
             h = duration / steps
-            if stepper is None or controller is not None or not flow.traced:
+            compiled = controller is None and flow.traced
+            if stepper is None or not (compiled and stepper.fusible):
                 motion = run_in_python(
                     flow, found, controller, p, x0, state.t, h, steps, every, progress
                 )
@@ -138,11 +146,22 @@ def _compiled(
     equations: Equations | None,
     speeds: CoordinateMap | None,
     vary: Sequence[str],
+    rows: tuple[int, ...],
+    stabilisation: Stabilisation,
 ) -> tuple[Flow, FixedStepper | None, Kernel]:
     """The flow, its compiled step and its observer; made once for all that differs in code."""
-    key = (mechanism.digest(vary), solver.name, tuple(testing), equations, speeds, tuple(vary))
+    key = (
+        mechanism.digest(vary),
+        solver.name,
+        tuple(testing),
+        equations,
+        speeds,
+        tuple(vary),
+        rows,
+        stabilisation,
+    )
     if key not in _KEPT:
-        flow = build_flow(mechanism, testing, equations, speeds, vary)
+        flow = build_flow(mechanism, testing, equations, speeds, vary, rows, stabilisation)
         stepper = FixedStepper(flow, solver) if solver.family == "fixed" else None
         _KEPT[key] = (flow, stepper, _observer(flow))
         while len(_KEPT) > _MOST_KEPT:
@@ -156,7 +175,13 @@ def _observer(flow: Flow) -> Kernel:
     inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
     return Kernel(
         {name: column for name, column in inputs.items() if column.shape[0]},
-        {"q": flow.q_all, "u": flow.u_all, "udot": flow.udot_all, "driving": flow.driving},
+        {
+            "q": flow.q_all,
+            "u": flow.u_all,
+            "udot": flow.udot_all,
+            "driving": flow.driving,
+            **flow.reactions,
+        },
         flow.p,
         name="observation",
     )
@@ -201,6 +226,7 @@ def _trajectory(
             force = np.zeros((rows, nu))
             force[:, place] = driving[:rows, place]
             forces[f"prescribed {joint.name}"] = force
+    forces.update({name: seen[name].reshape(len(motion.t), -1)[:rows] for name in flow.reactions})
     for name, place_in in flow.system.input_places.items():
         element = next(e for e in _motors(mechanism) if e.name == name)
         force = np.zeros((rows, nu))
@@ -213,7 +239,7 @@ def _trajectory(
         u=u[:rows],
         udot=udot[:rows],
         forces=forces,
-        integrals={name: table[:, k] for k, name in enumerate(flow.testing)},
+        integrals={name: table[:, k] for k, name in enumerate(flow.integrals)},
         coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names,
         provenance=provenance,
@@ -264,6 +290,11 @@ def _check(
         raise InputError(
             "a controller was given, but no joint torque waits for its value; leave out the law of the "
             "joint torques that it shall set"
+        )
+    if controller is not None and controller.hold and solver.family == "adaptive":
+        raise InputError(
+            f"solver {solver.name!r} chooses its own steps, over which a controller cannot be held; use a "
+            "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
         )
     if controller is not None and equations is not None:
         raise InputError(
@@ -319,15 +350,18 @@ def _motors(mechanism: Mechanism) -> list[JointTorque]:
 
 
 def _positive(value: float, what: str) -> float:
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
     if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{what} is {value}; expected a positive, finite number")
+        raise InputError(f"{what} is {value!r}; expected a positive, finite number")
     return number
 
 
 def _count(value: int) -> int:
-    if int(value) != value or value < 1:
-        raise InputError(f"record_every is {value}; expected a whole number, 1 or more")
+    if not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"record_every is {value!r}; expected a whole number, 1 or more")
     return int(value)
 
 

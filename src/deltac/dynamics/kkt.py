@@ -1,0 +1,170 @@
+"""Sparse LDLᵀ without pivoting on CasADi matrices, and the constrained equations of motion by it.
+
+M u̇ − Gᵀλ = r, G u̇ = −γ: with M = L D Lᵀ and Y = L⁻¹Gᵀ the multipliers solve S λ = −γ − G M⁻¹r with the
+Schur complement S = Yᵀ D⁻¹ Y. Both matrices are symmetric positive definite when the constraints are
+independent, so no pivoting is needed; structural zeros cost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from deltac.dynamics.spatial import SX
+
+Entry = Any  # a scalar SX, or None where a structural zero is
+
+
+@dataclass(frozen=True)
+class Factor:
+    """L D Lᵀ of a symmetric positive definite matrix: rows of L below its unit diagonal, pivots d.
+
+    `diagonal` is that of the matrix: d/diagonal is near 0 where a row depends on those before it.
+    """
+
+    L: list[dict[int, SX]]
+    d: list[SX]
+    diagonal: list[SX]
+
+    def forward(self, column: Sequence[Entry]) -> list[Entry]:
+        """L⁻¹ b."""
+        x = list(column)
+        for i, row in enumerate(self.L):
+            for k, entry in row.items():
+                if x[k] is not None:
+                    x[i] = _minus(x[i], entry * x[k])
+        return x
+
+    def backward(self, column: Sequence[Entry]) -> list[Entry]:
+        """L⁻ᵀ b."""
+        x = list(column)
+        for i in reversed(range(len(self.L))):
+            if x[i] is None:
+                continue
+            for k, entry in self.L[i].items():
+                x[k] = _minus(x[k], entry * x[i])
+        return x
+
+    def solve(self, column: Sequence[Entry]) -> list[Entry]:
+        """A⁻¹ b."""
+        y = self.forward(column)
+        return self.backward([None if e is None else e / d for e, d in zip(y, self.d)])
+
+    @property
+    def smallest_pivot(self) -> SX:
+        """The least d/diagonal: near 0 where the matrix is nearly singular."""
+        ratio = ca.SX(1)
+        for d, a in zip(self.d, self.diagonal):
+            ratio = ca.fmin(ratio, d / a)
+        return ratio
+
+
+def factorise(A: SX) -> Factor:
+    """L D Lᵀ of a symmetric positive definite SX matrix, skipping structural zeros."""
+    n = A.shape[0]
+    rows: list[dict[int, SX]] = [{} for _ in range(n)]
+    d: list[SX] = []
+    for i in range(n):
+        row: dict[int, SX] = {}
+        for j in range(i):
+            value = _entry(A, i, j)
+            for k, entry in rows[j].items():
+                if k in row:
+                    value = _minus(value, row[k] * entry)
+            if value is not None:
+                row[j] = value  # L_ij d_j, divided below
+        pivot = A[i, i]
+        for j, scaled in row.items():
+            row[j] = scaled / d[j]
+            pivot = pivot - row[j] * scaled
+        rows[i] = row
+        d.append(pivot)
+    return Factor(rows, d, [A[i, i] for i in range(n)])
+
+
+@dataclass(frozen=True)
+class Schur:
+    """A constrained system, factorised: mass matrix, Y = L⁻¹ Gᵀ (by rows of G), and S."""
+
+    mass: Factor
+    Y: list[list[Entry]]
+    S: Factor
+
+    def multipliers(self, r: SX, gamma: SX) -> SX:
+        """λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ."""
+        y = self.mass.forward(_column(r))
+        right = []
+        for k, row in enumerate(self.Y):
+            flow = _dot(row, y, self.mass.d)
+            right.append(-gamma[k] if flow is None else -gamma[k] - flow)
+        return _vector(self.S.solve(right))
+
+    def free_response(self, r: SX) -> SX:
+        """M⁻¹ r."""
+        return _vector(self.mass.solve(_column(r)))
+
+    def response(self, lam: SX) -> SX:
+        """M⁻¹ Gᵀ λ."""
+        n = len(self.mass.d)
+        total: list[Entry] = [None] * n
+        for k, row in enumerate(self.Y):
+            for i, entry in enumerate(row):
+                if entry is not None:
+                    total[i] = _minus(total[i], -entry * lam[k])
+        scaled = [None if e is None else e / d for e, d in zip(total, self.mass.d)]
+        return _vector(self.mass.backward(scaled))
+
+    def least(self, violation: SX) -> SX:
+        """The change of speeds, least in the mass metric, that G maps to −violation."""
+        lam = _vector(self.S.solve([-violation[k] for k in range(violation.shape[0])]))
+        return self.response(lam)
+
+    @property
+    def smallest_pivot(self) -> SX:
+        """How near the constraints are to being dependent: 1 independent, 0 dependent."""
+        return self.S.smallest_pivot
+
+
+def schur(M: SX, G: SX) -> Schur:
+    """Factorise the constrained system of a mass matrix and a constraint Jacobian."""
+    mass = factorise(M)
+    Y = [mass.forward([_entry(G, k, i) for i in range(G.shape[1])]) for k in range(G.shape[0])]
+    n = G.shape[0]
+    S = ca.SX(n, n)
+    for i in range(n):
+        for j in range(i + 1):
+            value = _dot(Y[i], Y[j], mass.d)
+            if value is not None:
+                S[i, j] = value
+                S[j, i] = value
+    return Schur(mass, Y, factorise(S))
+
+
+def _dot(a: Sequence[Entry], b: Sequence[Entry], d: Sequence[SX]) -> Any:
+    """Σ a b / d over entries that are there; None if none are."""
+    total: Any = None
+    for x, y, pivot in zip(a, b, d):
+        if x is not None and y is not None:
+            total = _minus(total, -(x * y) / pivot)
+    return total
+
+
+def _minus(a: Entry, b: SX) -> SX:
+    return -b if a is None else a - b
+
+
+def _entry(A: SX, i: int, j: int) -> Entry:
+    """An entry, or None if it is zero by structure."""
+    value = A[i, j]
+    return None if value.nnz() == 0 or value.is_zero() else value
+
+
+def _column(v: SX) -> list[Entry]:
+    return [_entry(v, k, 0) for k in range(v.shape[0])]
+
+
+def _vector(entries: Sequence[Entry]) -> SX:
+    return ca.vertcat(ca.SX(0, 1), *(ca.SX(0) if e is None else e for e in entries))

@@ -1,0 +1,92 @@
+"""The slow, safe way over singular configurations: multipliers by numeric least squares.
+
+Where constraints become dependent (a four-bar stretched flat) the factorisation without pivoting fails,
+but the motion goes on. A step that meets such a place is taken again here, with the least multipliers
+that do what the constraints can ask for.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.forces import channels, total_force
+from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.terms import Reactions, driving_forces, terms
+from deltac.dynamics.testing_functions import testing_functions
+from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.solvers.solver import Parts, Solver
+
+Array: TypeAlias = NDArray[np.float64]
+CUT_OFF = 1e-8
+"""Singular values of the constraints below this fraction of the largest are taken as zero."""
+
+
+class CarefulStep:
+    """One step of a solver with multipliers by least squares, and a projection to match."""
+
+    def __init__(self, flow: Flow, solver: Solver, parts: Parts, p: Array) -> None:
+        """Prepare the pieces of the equations of motion; they are evaluated by CasADi."""
+        bound = flow.bound
+        assert bound is not None and solver.step is not None and flow.equations is None
+        system = flow.system
+        self._flow, self._step, self._parts, self._p = flow, solver.step, parts, p
+        free = system.free_u
+        forces = channels(system)
+        udot = ca.SX(system.udot_all)
+        udot[free] = 0
+        r = (total_force(system, forces) - rnea(system, udot))[free]
+        rows = bound.rows
+        outputs = [crba(system)[free, free], rows.G, r, rows.gamma, rows.phi, rows.psi]
+        outputs += [system.qdot, ca.jacobian(system.qdot, system.u)]
+        self._pieces = ca.Function("pieces", [flow.t, flow.x, flow.p], outputs)
+        self._energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
+        lam = ca.SX.sym("lambda", len(rows))
+        driving = driving_forces(system, system.udot_all, forces, bound, lam)
+        known = terms(system, system.udot_all, forces, None, bound, Reactions(driving, lam))
+        powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
+        self._powers = ca.Function(
+            "P", [flow.t, flow.x, flow.p, system.udot, lam], [ca.vertcat(ca.SX(0, 1), *powers)]
+        )
+
+    def __call__(self, t: float, x: Array, h: float) -> Array:
+        """The state one step later, on the constraints if the run is projected."""
+        after = self._step(self._rate, t, x, h, self._parts)
+        for place in quaternions(self._flow.system.mechanism):
+            after[place] /= np.linalg.norm(after[place])
+        return self._projected(t + h, after) if self._flow.projecting else after
+
+    def _evaluated(self, t: float, x: Array) -> list[Array]:
+        return [np.array(value) for value in self._pieces(t, x, self._p)]
+
+    def _rate(self, t: float, x: Array) -> Array:
+        M, G, r, gamma, _, _, qdot, _ = self._evaluated(t, x)
+        response = np.linalg.solve(M, np.hstack([r, G.T]))
+        S = G @ response[:, 1:]
+        lam = np.linalg.lstsq(S, -gamma - G @ response[:, :1], rcond=CUT_OFF)[0]
+        udot = response[:, :1] + response[:, 1:] @ lam
+        P = np.array(self._powers(t, x, self._p, udot, lam))
+        still = np.zeros((len(x) - len(qdot) - len(udot) - len(P), 1))
+        return np.concatenate([qdot, udot, P, still]).ravel()
+
+    def _projected(self, t: float, x: Array) -> Array:
+        q_part, u_part, z_part = self._flow.parts
+        before = np.array(self._energies(t, x, self._p)).ravel()
+        x = x.copy()
+        for _ in range(3):
+            M, G, _, _, phi, psi, _, W = self._evaluated(t, x)
+            x[q_part] += (W @ _least(M, G, phi)).ravel()
+        M, G, _, _, _, psi, _, _ = self._evaluated(t, x)
+        x[u_part] += _least(M, G, psi).ravel()
+        x[z_part] += np.array(self._energies(t, x, self._p)).ravel() - before
+        return x
+
+
+def _least(M: Array, G: Array, violation: Array) -> Array:
+    """The change of speeds, least in the mass metric, that removes a violation as far as G can."""
+    response = np.linalg.solve(M, G.T)
+    return -response @ np.linalg.lstsq(G @ response, violation, rcond=CUT_OFF)[0]

@@ -1,0 +1,92 @@
+"""Whether a run with constraints can start: consistent state, independent rows, degrees of freedom."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.independence import independence
+from deltac.dynamics.system import System, trace
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.equations import Equations
+from deltac.simulation.flow import Stabilisation
+from deltac.simulation.solvers import Solver
+
+Array: TypeAlias = NDArray[np.float64]
+START_TOLERANCE = 1e-6
+"""Largest violation of a constraint that a start may have (m or rad, and per s)."""
+
+
+def constraint_start(
+    mechanism: Mechanism,
+    state: State,
+    solver: Solver,
+    equations: Equations | None,
+    stabilisation: Stabilisation,
+) -> tuple[int, ...]:
+    """The independent rows to build the equations on.
+
+    Raises InputError for a state that violates a constraint, for constraints that leave no freedom, and
+    for a stabilisation that is unknown or does not go with the solver. Warns of a singular start.
+    """
+    _check_stabilisation(stabilisation)
+    if not mechanism.constraints:
+        return ()
+    if stabilisation == "projection" and solver.name in ("BDF", "LSODA"):
+        raise InputError(
+            f"solver {solver.name!r} remembers earlier steps, so its states cannot be projected; use "
+            "'Radau' or 'DOP853', or stabilisation=(α, β) after Baumgarte"
+        )
+    system = trace(mechanism)
+    rows = constraint_rows(system)
+    q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
+    phi, psi = violation(system, rows, state.t, q, u)
+    for level, values, unit in (("position", phi, "m or rad"), ("velocity", psi, "m/s or rad/s")):
+        worst = int(np.argmax(np.abs(values))) if len(values) else 0
+        if len(values) and not abs(values[worst]) <= START_TOLERANCE:
+            raise InputError(
+                f"the start violates constraint {rows.names[worst]!r} at {level} level by "
+                f"{abs(values[worst]):.3g} {unit}; deltac.assemble(mechanism, state) finds a consistent "
+                "state nearby"
+            )
+    found = independence(system, rows, state.t, q, np.empty(0))
+    if found.freedom == 0 and equations is None:
+        raise InputError(
+            f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
+        )
+    if found.singular:
+        warnings.warn(
+            f"the start of {mechanism.name!r} is a singular configuration: its constraints are dependent "
+            "there, and more than one motion may begin; give it a state nearby to choose",
+            stacklevel=3,
+        )
+    return found.independent
+
+
+def violation(system: System, rows: Rows, t: float, q: Array, u: Array) -> tuple[Array, Array]:
+    """φ and ψ (nc,) of free coordinates and speeds."""
+    f = ca.Function("violation", [system.t, system.q, system.u], [rows.phi, rows.psi])
+    phi, psi = (np.array(value).ravel() for value in f(t, q, u))
+    return phi, psi
+
+
+def _check_stabilisation(stabilisation: Stabilisation) -> None:
+    if isinstance(stabilisation, tuple):
+        if len(stabilisation) == 2 and all(
+            math.isfinite(value) and value >= 0.0 for value in stabilisation
+        ):
+            return
+    elif stabilisation in ("projection", "none"):
+        return
+    raise InputError(
+        f"unknown stabilisation {stabilisation!r}; expected 'projection', 'none', or Baumgarte's "
+        "(alpha, beta) in 1/s, for example (10.0, 10.0)"
+    )

@@ -51,9 +51,11 @@ from deltac.mechanism import universal as universal
 from deltac.mechanism.laws import q as q
 from deltac.mechanism.laws import time as time
 from deltac.mechanism.laws import u as u
+from deltac.simulation import Assembly as Assembly
 from deltac.simulation import Controller as Controller
 from deltac.simulation import Equations as Equations
 from deltac.simulation import SimulationStopped as SimulationStopped
+from deltac.simulation import assemble as assemble
 from deltac.simulation import simulate as simulate
 from deltac.simulation import solver_names as solver_names
 from deltac.trajectories import Trajectory as Trajectory

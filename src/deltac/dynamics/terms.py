@@ -45,8 +45,8 @@ class Terms(Energies):
     Scalars: SX when traced, arrays (T,) when evaluated. `force_power` = vᵀF, `nonpotential_power` =
     vᵀF_D (with ∂V/∂t of potentials driven in time), `transport_power` = v_tᵀF, `inertia_transport` =
     F_0 = −v_tᵀF*, `prescribed_power` = v_tᵀF′ = Σ over prescribed joints − bᵀλ,
-    `correction_power` = ψᵀλ of motion that violates its constraints, `rate_1990` = vᵀM v̇_t − v_tᵀβ, `rate_1988` =
-    ∂K/∂t + Σ X_s ∂K/∂q_s.
+    `correction_power` = ψᵀλ of motion that violates its constraints, `rate_1990` = vᵀM v̇_t − v_tᵀβ,
+    `rate_1988` = ∂K/∂t + Σ X_s ∂K/∂q_s.
     """
 
     force_power: Any

@@ -61,11 +61,27 @@ TESTING_FUNCTIONS: dict[str, TestingFunction] = {
 """Every testing function by name."""
 
 
-def testing_functions(names: Sequence[str]) -> tuple[TestingFunction, ...]:
-    """The functions of those names; InputError with the closest match for an unknown one."""
+def testing_functions(
+    names: Sequence[str], *, constrained: bool = False
+) -> tuple[TestingFunction, ...]:
+    """The functions of those names.
+
+    Raises InputError with the closest match for an unknown one, and for the 1988 form on a `constrained`
+    mechanism: it needs independent coordinates.
+    """
     if isinstance(names, str):
         names = (names,)
     for name in names:
         if name not in TESTING_FUNCTIONS:
             raise InputError(f"unknown testing function {name!r}{closest(name, TESTING_FUNCTIONS)}")
+    if constrained and "kane-levinson-1988" in names:
+        raise InputError(
+            "'kane-levinson-1988' differentiates the kinetic energy by independent coordinates, which a "
+            "mechanism with constraints does not have; use 'kane-levinson-1990'"
+        )
     return tuple(TESTING_FUNCTIONS[name] for name in names)
+
+
+def applicable(*, constrained: bool) -> tuple[str, ...]:
+    """Names of the functions that a mechanism with or without constraints can be tested by."""
+    return tuple(n for n in TESTING_FUNCTIONS if not (constrained and n == "kane-levinson-1988"))

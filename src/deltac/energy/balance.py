@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.terms import Energies
-from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, testing_functions
+from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable, testing_functions
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
 from deltac.energy.quadrature import Between, Integral, Samples, integrate
@@ -61,7 +61,8 @@ def balance(
             lacks the integrals asked for.
     """
     method = _method(run, work)
-    functions = testing_functions(_chosen(run, method, testing))
+    tied = bool(mechanism.constraints)
+    functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
     log = LoggedForces.of(run)
     samples, basis = checked_samples(mechanism, run, log)
     symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
@@ -96,12 +97,15 @@ def balance(
                 flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
                 flowed, bar = _column(integral, names, f"P {name}")
+                flowed = flowed + _projected(run, potential=function.name != "liu-huston")
             delta_c[name] = E - E[0] - (flowed - flowed[0])
             bars[name] = bar + rounding
     works = {
         n: _column(integral, names, f"power {n}")[0] if discrete is None else discrete.work[n]
         for n in channel_names
     }
+    if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
+        works["correction projection"] = _projected(run, potential=True)
     momentum, momentum_bar = _momenta(energies, integral, names)
     return Ledger(
         t=run.t,
@@ -128,7 +132,7 @@ def balance(
 def residuals(
     mechanism: Mechanism,
     run: Trajectory,
-    testing: Sequence[str] = tuple(TESTING_FUNCTIONS),
+    testing: Sequence[str] | None = None,
     *,
     speeds: CoordinateMap | None = None,
 ) -> dict[str, Array]:
@@ -144,7 +148,11 @@ def residuals(
     log = LoggedForces.of(run)
     samples, _ = checked_samples(mechanism, run, log)
     symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
-    found = _at_samples(residual_kernel(symbols, testing_functions(testing)), samples, log)
+    tied = bool(mechanism.constraints)
+    functions = testing_functions(
+        applicable(constrained=tied) if testing is None else testing, constrained=tied
+    )
+    found = _at_samples(residual_kernel(symbols, functions), samples, log)
     shaped = {n.removeprefix("rate "): value for n, value in found.items()}
     shaped["coordinates"] = shaped["coordinates"].reshape(len(run), -1)
     return shaped
@@ -152,7 +160,7 @@ def residuals(
 
 def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
-        return "in-loop" if run.integrals else "samples"
+        return "in-loop" if any(n in run.integrals for n in TESTING_FUNCTIONS) else "samples"
     if work not in WORK:
         raise InputError(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
     if work == "in-loop" and not run.integrals:
@@ -162,7 +170,9 @@ def _method(run: Trajectory, work: str | None) -> str:
     return work
 
 
-def _chosen(run: Trajectory, method: str, testing: Sequence[str] | None) -> Sequence[str]:
+def _chosen(
+    run: Trajectory, method: str, testing: Sequence[str] | None, *, tied: bool
+) -> Sequence[str]:
     if isinstance(testing, str):
         testing = (testing,)
     if method == "in-loop":
@@ -185,7 +195,22 @@ def _chosen(run: Trajectory, method: str, testing: Sequence[str] | None) -> Sequ
                     "'liu-huston', 'wang', or work='samples'"
                 )
         return chosen
-    return tuple(TESTING_FUNCTIONS) if testing is None else testing
+    if testing is not None:
+        return testing
+    return applicable(constrained=tied)
+
+
+CORRECTIONS = ("correction kinetic", "correction potential")
+"""Integrals in which a run books what projections onto its constraints did to K and V."""
+
+
+def _projected(run: Trajectory, *, potential: bool) -> Array:
+    """Energy that projections onto the constraints added since the first sample (T,)."""
+    total = np.zeros(len(run))
+    for name in CORRECTIONS if potential else CORRECTIONS[:1]:
+        if name in run.integrals:
+            total = total + run.integrals[name] - run.integrals[name][0]
+    return total
 
 
 def _start(samples: Samples) -> tuple[float, Array]:

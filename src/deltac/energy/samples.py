@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
 from deltac.energy.quadrature import Samples, spline_rate
@@ -101,4 +102,26 @@ def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
             start = q_place.start + offset
             norm = np.linalg.norm(run.q[:, start : start + 4], axis=1)
             found[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
+    found.update(_constraint_violations(mechanism, run))
+    return found
+
+
+def _constraint_violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+    """Largest |φ| and |ψ| of each constraint, (T,)."""
+    if not mechanism.constraints:
+        return {}
+    system = trace(mechanism)
+    rows = constraint_rows(system)
+    inputs = {n: c for n, c in (("t", system.t), ("q", system.q), ("u", system.u)) if c.shape[0]}
+    kernel = Kernel(inputs, {"phi": rows.phi, "psi": rows.psi}, name="violation")
+    free = mechanism.free
+    given = {"t": run.t, "q": run.q[:, free.q], "u": run.u[:, free.u]}
+    values = kernel(**{name: given[name] for name in inputs})
+    phi, psi = (np.abs(values[n].reshape(len(run), -1)) for n in ("phi", "psi"))
+    found: dict[str, Array] = {}
+    for name in dict.fromkeys(rows.names):
+        places = rows.places(name)
+        if any(rows.holonomic[k] for k in places):
+            found[f"position {name}"] = phi[:, places].max(axis=1)
+        found[f"velocity {name}"] = psi[:, places].max(axis=1)
     return found

@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from deltac.simulation.assembly import Assembly, assemble
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import SimulationStopped, simulate
 from deltac.simulation.solvers import solver_names
 
-__all__ = ["Controller", "Equations", "SimulationStopped", "simulate", "solver_names"]
+__all__ = [
+    "Assembly",
+    "Controller",
+    "Equations",
+    "SimulationStopped",
+    "assemble",
+    "simulate",
+    "solver_names",
+]

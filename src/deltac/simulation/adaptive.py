@@ -180,7 +180,7 @@ def _first_step(method: Any, x0: Array, times: Array, real: Any) -> float:
     largest = coefficients[:, 1:].max(axis=0)
     with np.errstate(divide="ignore"):
         radius = float(np.min((size / largest) ** (1.0 / orders)))
-    return min(times[1] - times[0], radius / math.e**2)
+    return min(float(times[1] - times[0]), radius / math.e**2)
 
 
 def _require_smooth(flow: Flow) -> None:

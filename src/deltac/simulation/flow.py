@@ -137,7 +137,7 @@ def build_flow(
     constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β).
     """
     system = trace(mechanism, vary)
-    functions = testing_functions(testing)
+    functions = testing_functions(testing, constrained=bool(mechanism.constraints))
     parts = channels(system)
     split_own = trace_map(system, split) if split is not None else None
     bound = constrained(system, constraint_rows(system).select(rows))

@@ -44,7 +44,8 @@ def channels(system: System) -> tuple[Channel, ...]:
     The driving forces of prescribed joints are not among them: they follow from the motion.
     """
     found: list[Channel] = []
-    if any(system.mechanism.number(g) != 0.0 for g in system.mechanism.gravity):
+    # An expression may be zero only by the present values of parameters that vary.
+    if any(g != 0.0 for g in system.mechanism.gravity):
         found.append(_gravity(system))
     for element in system.mechanism.elements:
         found.extend(_ELEMENTS[type(element)](system, element))

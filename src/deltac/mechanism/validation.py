@@ -93,7 +93,7 @@ def tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint, 
                 f"the joints {cycle} form a cycle that is not connected to the ground; the joints of a "
                 "mechanism must form a tree rooted at 'ground'"
             )
-        # Depth first in the order given, so that a chain keeps the user's order.
+        # The first in the order given: an order that already has parents first is kept as it is.
         first = ready[0]
         ordered.append(first)
         reached.add(first.child)

@@ -1,0 +1,237 @@
+"""Forces of the textbook: every channel as forces at mass centres and moments on bodies, in plain NumPy.
+
+A force element is a set of forces at points of bodies and of moments, in the world; each is moved to the
+mass centre (F; M = d × F), as Kane does before dotting it with partial velocities.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from deltac.dynamics.textbook_kinematics import Array, Tree, numbers
+from deltac.mechanism.bodies import GROUND
+from deltac.mechanism.forces import (
+    JointDamper,
+    JointSpring,
+    JointTorque,
+    PointForce,
+    SpringDamper,
+)
+from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.laws import evaluate, rate
+from deltac.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class ChannelForce:
+    """One channel: `F` (rows of the stacked F), and its potential energy (J) if it has one.
+
+    `explicit` (W) is the power ∂V/∂t of a potential whose law depends on time.
+    """
+
+    name: str
+    F: Array
+    potential: float | None = None
+    explicit: float = 0.0
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What forces depend on: the mechanism at (t, q, u), its bodies, and values of motors by name."""
+
+    mechanism: Mechanism
+    t: float
+    q: Array
+    u: Array
+    tree: Tree
+    inputs: Mapping[str, Sequence[float]]
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Values of the symbols that laws use."""
+        m = self.mechanism
+        q = {f"q.{e.name}": float(self.q[e.index]) for e in m.coordinates}
+        u = {f"u.{e.name}": float(self.u[e.index]) for e in m.speeds}
+        return {**m.parameters, "t": self.t, **q, **u}
+
+    def values(self, laws: Sequence[Any]) -> Array:
+        """The laws' values now."""
+        known = self.known
+        return np.array([evaluate(law, known) for law in laws])
+
+    def place(self, body: str, point: Sequence[Any]) -> Array:
+        """Where a point of a body is."""
+        return self.tree.frames[body].place(numbers(self.mechanism, point))
+
+    def velocity(self, body: str, place: Array) -> Array:
+        """Velocity of the body's point at `place`."""
+        velocity: Array = self.tree.frames[body].partial_velocity(place) @ self.u
+        return velocity
+
+    def stack(self, acting: Sequence[tuple[str, Array, Array, Array]]) -> Array:
+        """F of (body, place, force, moment), world components, all acting together.
+
+        Six rows a body: force at the mass centre (world), moment (body components); then a zero for
+        each speed, where a rotor's inertia torque stands in F*.
+        """
+        m = self.mechanism
+        F = np.zeros(6 * len(m.bodies) + len(m.speeds))
+        rows = {body.name: 6 * k for k, body in enumerate(m.bodies)}
+        for body, place, force, moment in acting:
+            if body == GROUND:
+                continue
+            centre = self.place(body, m.body(body).mass_centre)
+            about_centre = moment + np.cross(place - centre, force)
+            k = rows[body]
+            F[k : k + 3] += force
+            F[k + 3 : k + 6] += self.tree.frames[body].turned.T @ about_centre
+        return F
+
+
+def channel_forces(now: Situation) -> tuple[ChannelForce, ...]:
+    """All channels: gravity, then the elements in their order."""
+    found = [_gravity(now)] if any(g != 0.0 for g in now.mechanism.gravity) else []
+    for element in now.mechanism.elements:
+        found.extend(_ELEMENTS[type(element)](now, element))
+    return tuple(found)
+
+
+def _gravity(now: Situation) -> ChannelForce:
+    """V = −Σ m g·x_G."""
+    g, V = now.values(now.mechanism.gravity), 0.0
+    acting = []
+    for body in now.mechanism.bodies:
+        mass, centre = now.mechanism.number(body.mass), now.place(body.name, body.mass_centre)
+        acting.append((body.name, centre, mass * g, np.zeros(3)))
+        V -= mass * float(g @ centre)
+    return ChannelForce("gravity", now.stack(acting), V)
+
+
+def _between(now: Situation, joint: Joint, tau: Array) -> Array:
+    """F of a joint's generalized forces `tau` (n,): equal and opposite on child and parent.
+
+    Among the wrenches at the joint that do the power τ·u this is the smallest in the joint's own
+    directions; any other differs from it by an ideal reaction, which does no work.
+    """
+    hinge, G_v, G_w = now.tree.moved[joint.name]
+    G = np.vstack([G_v, G_w])
+    wrench = G @ np.linalg.solve(G.T @ G, tau)
+    force, moment = wrench[:3], wrench[3:]
+    return now.stack([(joint.child, hinge, force, moment), (joint.parent, hinge, -force, -moment)])
+
+
+def _joint_spring(now: Situation, element: JointSpring) -> list[ChannelForce]:
+    joint = now.mechanism.joint(element.joint)
+    q = now.q[now.mechanism.coordinates.of(joint.name)]
+    quaternion = KINDS[joint.kind].quaternion
+    if element.potential is not None:
+        if quaternion is not None:
+            raise NotImplementedError("potentials of quaternions are not in the textbook")
+        tau = np.array(
+            [-evaluate(_slope(element.potential, f"q.{c}"), now.known) for c in joint.coordinates]
+        )
+        V = evaluate(element.potential, now.known)
+        explicit = evaluate(rate(element.potential), now.known)
+    else:
+        stretch, gradient = _stretch(q, quaternion, now.values(element.rest))
+        k = now.values(element.stiffness)
+        k_rate = now.values([rate(law) for law in element.stiffness])
+        rest_rate = now.values([rate(law) for law in element.rest])
+        tau = -(k * stretch) @ gradient
+        V = float(0.5 * k @ stretch**2)
+        explicit = float(0.5 * k_rate @ stretch**2 - k @ (stretch * rest_rate))
+    return _potential(element.name, _between(now, joint, tau), V, explicit)
+
+
+def _stretch(q: Array, quaternion: int | None, rest: Array) -> tuple[Array, Array]:
+    """How far each spring of a joint is stretched, and the gradient along the speeds (springs by n)."""
+    if quaternion is None:
+        return q - rest, np.eye(len(q))
+    # The angle φ of a quaternion and its axis, by the shorter way round.
+    w, v = abs(q[quaternion]), q[quaternion + 1 :] * (1 if q[quaternion] >= 0 else -1)
+    sine = math.sqrt(v @ v)
+    axis = v / sine if sine > 0 else v
+    angle = 2 * math.atan2(sine, w)
+    gradient = np.zeros((quaternion + 1, quaternion + 3))
+    gradient[:quaternion, :quaternion] = np.eye(quaternion)
+    gradient[quaternion, quaternion:] = axis
+    return np.append(q[:quaternion] - rest[:quaternion], angle), gradient
+
+
+def _slope(law: Any, name: str) -> Any:
+    """The derivative of a law along the symbol of that name."""
+    if isinstance(law, float):
+        return 0.0
+    import sympy
+
+    symbol = next((s for s in law.free_symbols if s.name == name), None)
+    return 0.0 if symbol is None else sympy.diff(law, symbol)
+
+
+def _joint_damper(now: Situation, element: JointDamper) -> list[ChannelForce]:
+    joint = now.mechanism.joint(element.joint)
+    tau = -now.values(element.damping) * now.u[now.mechanism.speeds.of(joint.name)]
+    return [ChannelForce(f"damper {element.name}", _between(now, joint, tau))]
+
+
+def _joint_torque(now: Situation, element: JointTorque) -> list[ChannelForce]:
+    joint = now.mechanism.joint(element.joint)
+    if element.torque is not None:
+        tau = now.values(element.torque)
+    else:
+        tau = np.array(now.inputs[element.name], dtype=float)
+    return [ChannelForce(f"actuator {element.name}", _between(now, joint, tau))]
+
+
+def _point_force(now: Situation, element: PointForce) -> list[ChannelForce]:
+    turned = np.eye(3) if element.frame == "world" else now.tree.frames[element.body].turned
+    force, moment = turned @ now.values(element.force), turned @ now.values(element.moment)
+    place = now.place(element.body, element.point)
+    F = now.stack([(element.body, place, force, moment)])
+    return [ChannelForce(f"applied {element.name}", F)]
+
+
+def _spring_damper(now: Situation, element: SpringDamper) -> list[ChannelForce]:
+    one, other = element.body1, element.body2
+    p1, p2 = now.place(one, element.point1), now.place(other, element.point2)
+    k, c, rest = now.values([element.stiffness, element.damping, element.length])
+    k_rate, rest_rate = now.values([rate(element.stiffness), rate(element.length)])
+    distance = math.sqrt((p2 - p1) @ (p2 - p1))
+    # Coincident points have no direction; a spring without length pulls them with force zero.
+    direction = (p2 - p1) / distance if distance > 0 else np.zeros(3)
+    found: list[ChannelForce] = []
+
+    def pull(tension: float) -> Array:
+        force, nothing = tension * direction, np.zeros(3)
+        return now.stack([(one, p1, force, nothing), (other, p2, -force, nothing)])
+
+    if element.stiffness != 0.0:
+        stretch = distance - rest
+        explicit = 0.5 * k_rate * stretch**2 - k * stretch * rest_rate
+        F = pull(k * stretch)
+        found.extend(_potential(element.name, F, float(0.5 * k * stretch**2), explicit))
+    if element.damping != 0.0:
+        parting = direction @ (now.velocity(other, p2) - now.velocity(one, p1))
+        found.append(ChannelForce(f"damper {element.name}", pull(c * parting)))
+    return found
+
+
+def _potential(name: str, F: Array, V: float, explicit: float) -> list[ChannelForce]:
+    made = [ChannelForce(f"spring {name}", F, V)]
+    if explicit != 0.0:
+        made.append(ChannelForce(f"prescribed {name}", np.zeros_like(F), explicit=float(explicit)))
+    return made
+
+
+_ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
+    JointSpring: _joint_spring,
+    JointDamper: _joint_damper,
+    JointTorque: _joint_torque,
+    PointForce: _point_force,
+    SpringDamper: _spring_damper,
+}

@@ -28,7 +28,7 @@ MOST_STEPS_PER_CALL = 8
 INSTRUCTIONS_PER_CALL = 9000
 """Compile time grows with the code: beyond this, fewer steps are unrolled into one call."""
 
-MOST_INSTRUCTIONS = 40_000
+MOST_INSTRUCTIONS = 12_000
 """A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
 
 ROWS_PER_BLOCK = 8192

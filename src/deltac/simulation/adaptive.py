@@ -65,14 +65,18 @@ def run_scipy(
     kept_t, kept_x, message = [span[0]], [x0.copy()], ""
     following, settle = 1, Settle(flow, p)
     while method.status == "running":
+        before = method.t
         with np.errstate(all="ignore"):
             problem = method.step()
+        # LSODA goes on with steps of no length for ever where the others give up.
+        stuck = method.status == "running" and method.t - before < 10 * np.spacing(before)
         if flow.projecting and method.status != "failed":
             method.y, _ = settle(method.t, method.y)
             method.f = f(method.t, method.y)
-        if method.status == "failed" or not np.isfinite(method.y).all():
+        if method.status == "failed" or stuck or not np.isfinite(method.y).all():
+            reason = "the steps became too small" if stuck else "the state is not finite"
             message = (
-                f"stopped at t = {kept_t[-1]:.9g} s: {problem or 'the state is not finite'}; "
+                f"stopped at t = {kept_t[-1]:.9g} s: {problem or reason}; "
                 "what was computed so far is kept"
             )
             break

@@ -74,7 +74,7 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
         solver = _Newton(system, rows, t)
         # A pinned coordinate of a joint holds the speed that moves it; joints in quaternions as a whole.
         held_q = _held(mechanism, [n for n in pinned if n in q_free])
-        held_u = np.array([name in pinned for name in u_free])
+        held_u = np.array([name in pinned for name in u_free], dtype=bool)
         q = solver.coordinates(q, ~held_q)
         u = solver.speeds(q, u, ~held_u)
     found = independence(system, rows, t, q, np.empty(0))
@@ -135,7 +135,7 @@ class _Newton:
             psi = np.array(self.psi(self.t, q, u)).ravel()
             u = u + _least(M, G, -psi, movable)
         psi = np.array(self.psi(self.t, q, u)).ravel()
-        if float(np.abs(psi).max(initial=0.0)) > 1e-9 * max(1.0, float(np.abs(u).max())):
+        if float(np.abs(psi).max(initial=0.0)) > 1e-9 * max(1.0, float(np.abs(u).max(initial=0.0))):
             raise _unmet(self.rows, psi, "velocity", "m/s or rad/s")
         return u
 

@@ -25,8 +25,12 @@ Progress = Callable[[float], None]
 """Told the fraction of a run that is done."""
 
 MOST_STEPS_PER_CALL = 8
-INSTRUCTIONS_PER_CALL = 9000
-"""Compile time grows with the code: beyond this, fewer steps are unrolled into one call."""
+INSTRUCTIONS_PER_CALL = 4000
+INSTRUCTIONS_PER_CALL_OF_LONG_RUNS = 9000
+LONG_RUN = 50_000
+"""Compile time grows with the code, about a second for 10 000 instructions: beyond these, fewer steps
+are unrolled into one call. Runs of many steps pay for more.
+"""
 
 MOST_INSTRUCTIONS = 12_000
 """A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
@@ -46,10 +50,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class FixedStepper:
-    """The compiled step of a solver for a flow: x and a step counter in, the next m of them out."""
+    """The compiled step of a solver for a flow: x and a step counter in, the next m of them out.
+
+    `long` tells that the run has so many steps that unrolling more of them pays.
+    """
 
     flow: Flow
     solver: Solver
+    long: bool = False
 
     @cached_property
     def _single_step(self) -> Any:
@@ -70,7 +78,8 @@ class FixedStepper:
     @cached_property
     def steps_per_call(self) -> int:
         """How many steps are fused into one call."""
-        room = INSTRUCTIONS_PER_CALL // max(1, int(self._single_step.n_instructions()))
+        most = INSTRUCTIONS_PER_CALL_OF_LONG_RUNS if self.long else INSTRUCTIONS_PER_CALL
+        room = most // max(1, int(self._single_step.n_instructions()))
         return max(1, min(MOST_STEPS_PER_CALL, room))
 
     @cached_property
@@ -292,6 +301,6 @@ def numeric_masks(flow: Flow) -> Parts:
 
 def _stopped(bad: float, last: float) -> str:
     return (
-        f"stopped: the state is not finite at t = {bad:.9g} s; the last finite state, at "
-        f"t = {last:.9g} s, is kept. A smaller step may help"
+        f"stopped: the state is not finite at t = {bad:.9g} s; it was last finite at t = {last:.9g} s. "
+        "A smaller step may help"
     )

@@ -21,7 +21,7 @@ from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import FixedStepper, Motion, StageRate, run_in_python
+from deltac.simulation.fixed import LONG_RUN, FixedStepper, Motion, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory
@@ -88,7 +88,7 @@ def simulate(
     steps = _steps(duration, step, every) if found.family == "fixed" else 0
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
     flow, stepper, observe = _compiled(
-        mechanism, found, testing, equations, speeds, vary, rows, stabilisation
+        mechanism, found, testing, equations, speeds, vary, rows, stabilisation, steps
     )
     if found.family == "taylor" and not (flow.traced and controller is None):
         raise InputError(
@@ -148,6 +148,7 @@ def _compiled(
     vary: Sequence[str],
     rows: tuple[int, ...],
     stabilisation: Stabilisation,
+    steps: int,
 ) -> tuple[Flow, FixedStepper | None, Kernel]:
     """The flow, its compiled step and its observer; made once for all that differs in code."""
     key = (
@@ -159,10 +160,13 @@ def _compiled(
         tuple(vary),
         rows,
         stabilisation,
+        steps >= LONG_RUN,
     )
     if key not in _KEPT:
         flow = build_flow(mechanism, testing, equations, speeds, vary, rows, stabilisation)
-        stepper = FixedStepper(flow, solver) if solver.family == "fixed" else None
+        stepper = (
+            FixedStepper(flow, solver, steps >= LONG_RUN) if solver.family == "fixed" else None
+        )
         _KEPT[key] = (flow, stepper, _observer(flow))
         while len(_KEPT) > _MOST_KEPT:
             _KEPT.popitem(last=False)

@@ -1,0 +1,79 @@
+"""The command line: parse, call, print. Each command is a module that loads what it needs itself.
+
+Exit status: 0 all is well; 1 it is not (numbers disagree); 2 bad usage or bad input; 3 unresolved;
+70 an error of deltac itself (its traceback is shown with DELTAC_DEBUG=1); 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from deltac.cli import cache, problems, reproduce
+from deltac.errors import InputError
+
+BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
+
+app = typer.Typer(
+    name="deltac",
+    help="Energy testing functions: can this multibody simulation be trusted?",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("reproduce")(reproduce.command)
+app.command("problems")(problems.command)
+app.command("cache")(cache.command)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from deltac import __version__
+
+        typer.echo(f"deltac {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version.", is_eager=True, callback=_version),
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line (of this process, or `arguments`) and exit with its status."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
+    try:
+        app(arguments, prog_name="deltac")
+    except InputError as error:
+        _complain(str(error))
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    except Exception as error:
+        if os.environ.get("DELTAC_DEBUG", "") not in ("", "0"):
+            import traceback
+
+            traceback.print_exc()
+        _complain(
+            f"internal error: {type(error).__name__}: {error}\n"
+            "This should not happen. Please report it, with the command and the traceback that "
+            "DELTAC_DEBUG=1 shows."
+        )
+        sys.exit(INTERNAL_ERROR)
+
+
+def _complain(message: str) -> None:
+    print(f"deltac: {message}", file=sys.stderr)

@@ -1,0 +1,36 @@
+"""`deltac cache`: where the compiled kernels are kept, and how to be rid of them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from deltac.cli.output import Json, print_json
+
+
+def command(
+    clear: Annotated[bool, typer.Option("--clear", help="Empty it.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Show the cache of compiled kernels, or clear it."""
+    from deltac.kernels import cache_info, clear_cache
+
+    if clear:
+        clear_cache()
+    info = cache_info()
+    if as_json:
+        print_json(
+            {
+                "path": None if info.path is None else str(info.path),
+                "enabled": info.enabled,
+                "size_bytes": info.size_bytes,
+                "limit_bytes": info.limit_bytes,
+            }
+        )
+        return
+    where = "nowhere: there is no home folder" if info.path is None else str(info.path)
+    typer.echo(f"cache:   {where}{'' if info.enabled else ' (off)'}")
+    typer.echo(
+        f"size:    {info.size_bytes / 2**20:.1f} MB of at most {info.limit_bytes / 2**20:.0f} MB"
+    )

@@ -1,0 +1,108 @@
+"""`deltac problems`: what the library holds, and one of its problems against its references."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltac.cli.output import Json, new_table, number, print_json, print_table, print_text
+
+if TYPE_CHECKING:
+    from deltac.problems import Problem
+    from deltac.studies.references import Comparison
+
+
+def command(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", show_default=False)] = None,
+    as_json: Json = False,
+) -> None:
+    """List the problem library; or run the problem NAME and compare it with its references.
+
+    Exit status 1 if a reference number is not met.
+    """
+    from deltac import problems
+
+    if name is None:
+        _list([problems.load(known) for known in problems.names()], as_json)
+        return
+    from deltac.studies.references import compare
+
+    problem = problems.load(name)
+    compared = compare(problem)
+    (_print_json if as_json else _print)(problem, compared)
+    raise typer.Exit(0 if all(row.agrees for row in compared) else 1)
+
+
+def _list(library: list[Problem], as_json: bool) -> None:
+    if as_json:
+        print_json([_description(problem) for problem in library])
+        return
+    table = new_table()
+    for column in ("name", "title", "class", "dof", "conserved", "references"):
+        table.add_column(column, no_wrap=column == "name")  # a name is to be copied
+    for problem in library:
+        known = _description(problem)
+        table.add_row(
+            problem.name,
+            problem.title,
+            problem.classification,
+            str(known["dof"]),
+            ", ".join(problem.conserved) or "–",
+            str(len(problem.reference)),
+        )
+    print_table(table)
+
+
+def _description(problem: Problem) -> dict[str, Any]:
+    return {
+        "name": problem.name,
+        "title": problem.title,
+        "class": problem.classification,
+        "dof": len(problem.mechanism.free.u),
+        "conserved": list(problem.conserved),
+        "source": problem.source,
+        "reference": [
+            {
+                "quantity": reference.quantity,
+                "value": reference.value,
+                "unit": reference.unit,
+                "kind": reference.kind,
+                "accuracy": reference.accuracy,
+            }
+            for reference in problem.reference
+        ],
+    }
+
+
+def _print_json(problem: Problem, compared: tuple[Comparison, ...]) -> None:
+    description = _description(problem)
+    for entry, row in zip(description["reference"], compared, strict=True):
+        entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
+    print_json(description)
+
+
+def _print(problem: Problem, compared: tuple[Comparison, ...]) -> None:
+    print_text(f"{problem.title} ({problem.classification})")
+    print_text(f"source: {problem.source}")
+    print_text(f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s")
+    print()
+    table = new_table()
+    table.add_column("quantity")
+    for column in ("reference", "we measure"):
+        table.add_column(column, no_wrap=True, justify="right")
+    for column in ("unit", "|Δ|", "allowed", "kind", "agrees?"):
+        table.add_column(column, no_wrap=True)
+    for row in compared:
+        reference = row.reference
+        table.add_row(
+            reference.quantity,
+            f"{reference.value:.10g}",
+            f"{row.value:.10g}",
+            "" if reference.unit == "1" else reference.unit,
+            number(abs(row.value - reference.value), digits=2),
+            number(row.tolerance, digits=2),
+            reference.kind,
+            "yes" if row.agrees else "[bold red]NO[/]",
+        )
+    print_table(table)

@@ -1,0 +1,16 @@
+"""Pictures of runs and ledgers, and files that appear complete or not at all."""
+
+from __future__ import annotations
+
+from deltac.report.figures import Curve, angles_figure, testing_figure, torque_figure
+from deltac.report.files import output_folder, write_figure, write_json
+
+__all__ = [
+    "Curve",
+    "angles_figure",
+    "output_folder",
+    "testing_figure",
+    "torque_figure",
+    "write_figure",
+    "write_json",
+]

@@ -1,0 +1,19 @@
+"""The thesis's study, figs. 4.1-4.10: its experiments as a table, run again and judged by rule.
+
+K. Gugaratshan, "Investigative study on an energy theorem for developing testing functions for
+numerical simulations of multibody dynamic systems", M.S.E. thesis, Western Michigan University,
+2008, chapter 4.
+
+- `experiments`: the table: what is run, what the thesis says of it, by which rule it is judged;
+- `rules`, `measures`: the statements to check, and the numbers they are checked on;
+- `runs`: the triple pendulum's variants, simulated; `torque`: the driving torque told three ways;
+- `reproduction`: runs, ledgers and results of it all; `drawing`: the ten figures.
+"""
+
+from __future__ import annotations
+
+from deltac.studies.thesis.drawing import write
+from deltac.studies.thesis.experiments import EXPERIMENTS
+from deltac.studies.thesis.reproduction import Reproduction, Result, reproduce
+
+__all__ = ["EXPERIMENTS", "Reproduction", "Result", "reproduce", "write"]

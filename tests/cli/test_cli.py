@@ -1,0 +1,214 @@
+"""The command line: what it prints and where, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from deltac import __version__, cli, problems
+from deltac.errors import InputError
+
+
+def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    """(exit status, standard output, standard error) of `deltac arguments`, in this process."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+def test_version_and_help_by_typers_runner() -> None:
+    runner = CliRunner()
+    version = runner.invoke(cli.app, ["--version"])
+    assert (version.exit_code, version.output) == (0, f"deltac {__version__}\n")
+    shown = runner.invoke(cli.app, ["--help"])
+    assert shown.exit_code == 0
+    for name in ("reproduce", "problems", "cache"):
+        assert name in shown.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["bogus"], "bogus"),
+        (["reproduce", "--bogus"], "--bogus"),
+        (["reproduce", "--only", "5.1"], "4.1, 4.2, 4.3, 4.4, 4.5, 4.6, 4.7, 4.8, 4.9, 4.10"),
+        (["reproduce", "--only", ","], "known: 4.1"),
+        (["problems", "tripel-pendulum"], "triple-pendulum"),
+    ],
+)
+def test_bad_input_is_status_2_with_a_message_on_stderr(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if arguments[0] == "reproduce":
+        arguments = [*arguments, "--out", str(tmp_path)]
+    status, out, err = run(*arguments, capsys=capsys)
+    assert (status, out) == (2, "")
+    assert said in err
+    assert "Traceback" not in err
+
+
+def test_a_folder_that_is_a_file_is_refused_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("the study was run")
+
+    monkeypatch.setattr("deltac.studies.thesis.reproduce", never)
+    (tmp_path / "file").write_text("")
+    status, out, err = run("reproduce", "--out", str(tmp_path / "file"), capsys=capsys)
+    assert (status, out) == (2, "")
+    assert "file" in err
+
+
+def test_an_unexpected_error_is_status_70_and_asks_for_a_report(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("the impossible happened")
+
+    monkeypatch.setattr(problems, "names", broken)
+    monkeypatch.delenv("DELTAC_DEBUG", raising=False)
+    status, out, err = run("problems", capsys=capsys)
+    assert (status, out) == (70, "")
+    assert "the impossible happened" in err and "report" in err
+    assert "Traceback" not in err
+    monkeypatch.setenv("DELTAC_DEBUG", "1")
+    status, _, err = run("problems", capsys=capsys)
+    assert status == 70 and "Traceback" in err
+
+
+def test_interrupting_is_neither_success_nor_an_internal_error(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(problems, "names", interrupted)
+    status, out, _ = run("problems", capsys=capsys)
+    assert (status, out) == (130, "")
+
+
+# --- reproduce ------------------------------------------------------------------------------------
+
+
+def test_reproduce_ends_with_the_table_and_the_paths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run("reproduce", "--only", "4.7", "--out", str(tmp_path), capsys=capsys)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert max(map(len, lines[:-2])) <= 100
+    for heading in ("experiment", "the thesis reports", "we measure", "agrees?"):
+        assert heading in lines[0]
+    assert "26.25 J" in out and "yes" in out and "no [1]" in out
+    assert f"{tmp_path}" in lines[-2] and f"{tmp_path / 'results.json'}" in lines[-1]
+    assert (tmp_path / "figure_4_7.png").exists() and (tmp_path / "results.json").exists()
+
+
+def test_reproduce_as_json_prints_the_results_and_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = run(
+        "reproduce", "--only", "4.5,4.7", "--json", "--out", str(tmp_path), capsys=capsys
+    )
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert found["results"] == written
+    assert {row["figure"] for row in written} == {"4.5", "4.7"}
+    assert [Path(path).name for path in found["figures"]] == ["figure_4_5.png", "figure_4_7.png"]
+    assert all(Path(path).exists() for path in found["figures"])
+    assert Path(found["results_file"]).exists()
+    assert [d["figure"] for d in found["known_differences"]] == ["4.7"]
+
+
+def test_a_disagreement_is_status_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deltac.studies.thesis import Reproduction
+
+    monkeypatch.setattr(Reproduction, "agrees", property(lambda _: False))
+    status, _, _ = run("reproduce", "--only", "4.5", "--out", str(tmp_path), capsys=capsys)
+    assert status == 1
+
+
+# --- problems, cache ------------------------------------------------------------------------------
+
+
+def test_problems_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run("problems", capsys=capsys)
+    assert status == 0
+    assert all(name in out for name in problems.names())
+    assert max(map(len, out.splitlines())) <= 100
+    status, out, _ = run("problems", "--json", capsys=capsys)
+    listed = {entry["name"]: entry for entry in json.loads(out)}
+    assert status == 0 and tuple(sorted(listed)) == problems.names()
+    assert listed["triple-pendulum"]["dof"] == 3
+    assert listed["driven-triple-pendulum"]["dof"] == 2
+    assert listed["triple-pendulum"]["conserved"] == ["energy"]
+
+
+def test_a_problem_is_compared_with_its_references(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run("problems", "simple-pendulum", "--json", capsys=capsys)
+    found = json.loads(out)
+    assert status == 0
+    assert all(entry["agrees"] for entry in found["reference"])
+    status, out, _ = run("problems", "simple-pendulum", capsys=capsys)
+    assert status == 0 and "2.367841948" in out
+
+
+def test_a_reference_that_is_not_met_is_status_1(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deltac.problems.simple_pendulum.PERIOD", 2.4)
+    status, out, _ = run("problems", "simple-pendulum", capsys=capsys)
+    assert status == 1 and "NO" in out
+
+
+def test_cache_is_shown_and_cleared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cleared: list[bool] = []
+    monkeypatch.setattr("deltac.kernels.clear_cache", lambda: cleared.append(True))
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
+    status, out, _ = run("cache", "--json", capsys=capsys)
+    assert status == 0
+    info = json.loads(out)
+    assert info["path"] == str(tmp_path) and info["size_bytes"] == 0
+    assert not cleared
+    status, out, _ = run("cache", "--clear", capsys=capsys)
+    assert status == 0 and cleared == [True]
+    assert str(tmp_path) in out
+
+
+def test_a_wrong_setting_is_bad_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DELTAC_CACHE", "maybe")
+    status, out, err = run("cache", capsys=capsys)
+    assert (status, out) == (2, "")
+    assert "DELTAC_CACHE" in err
+    with pytest.raises(InputError):  # what the command raises, main() reports
+        CliRunner().invoke(cli.app, ["cache"], catch_exceptions=False)
+
+
+def test_the_module_in_a_process_of_its_own() -> None:
+    code = "from deltac.cli import main; main()"
+    good = subprocess.run(
+        [sys.executable, "-c", code, "--version"], capture_output=True, text=True, check=False
+    )
+    assert (good.returncode, good.stdout, good.stderr) == (0, f"deltac {__version__}\n", "")
+    bad = subprocess.run(
+        [sys.executable, "-c", code, "problems", "no-such"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert "no-such" in bad.stderr

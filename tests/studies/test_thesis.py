@@ -1,0 +1,290 @@
+"""The thesis's study: its table, its results, its figures, and the statements that they support.
+
+Where numbers are compared, they come from somewhere else: sums by hand, the library's own
+references (calculated by another program), or SciPy's integrator on the hand-written equations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from deltac import problems
+from deltac.errors import InputError
+from deltac.problems.triple_pendulum_equations import HandEquations
+from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
+from deltac.studies.thesis.experiments import Experiment
+from deltac.studies.thesis.runs import Run, absolute_angles, perform, problem
+from deltac.studies.thesis.torque import rates, totals
+
+KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees"]
+TESTED = ("4.1", "4.2", "4.3", "4.4", "4.6", "4.7", "4.9", "4.10")
+
+
+@pytest.fixture(scope="module")
+def whole() -> Reproduction:
+    return reproduce()
+
+
+def rows(reproduction: Reproduction, figure: str, quantity: str) -> dict[str, Result]:
+    """The results of one quantity by run."""
+    found = [r for r in reproduction.results if (r.figure, r.quantity) == (figure, quantity)]
+    by_run = {r.run: r for r in found}
+    assert found and len(by_run) == len(found)
+    return by_run
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+
+def test_the_table_has_the_ten_figures_in_order() -> None:
+    assert [e.figure for e in EXPERIMENTS] == [f"4.{n}" for n in range(1, 11)]
+
+
+def test_runs_that_serve_several_figures_are_run_once(whole: Reproduction) -> None:
+    named = [run for e in whole.experiments for run in e.runs.values()]
+    assert set(named) == set(whole.outcomes)
+    assert len(whole.outcomes) < len(named)
+
+
+def test_unknown_figure_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"'5\.1'.*4\.1, 4\.2, .*4\.10"):
+        reproduce(["4.1", "5.1"])
+    with pytest.raises(InputError, match=r"known: 4\.1"):
+        reproduce([])
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+
+def test_kinetic_energies_by_hand(whole: Reproduction) -> None:
+    # Only bar 1 turns, so bars 2 and 3 ride on its end, l1 = 0.1 m away:
+    # K = ½ (m1 l1²/3 + (m2 + m3) l1²) ω1² with 10, 30, 20 N at g = 9.8 m/s².
+    inertia = (10 / 3 + 30 + 20) / 9.8 * 0.1**2
+    for figure, rate in (("4.3", 10.0), ("4.4", 1.0 * 0.75)):
+        (row,) = rows(whole, figure, "K(0)").values()
+        assert row.value == pytest.approx(0.5 * inertia * rate**2, rel=1e-14)
+        assert row.agrees is True
+
+
+def test_final_angles_are_those_that_scipy_finds(whole: Reproduction) -> None:
+    hand = HandEquations.of(problem("standard").mechanism.parameters)
+    start = np.radians([0.0, 60.0, 15.0, 0.0, 0.0, 0.0])
+    exact = solve_ivp(
+        lambda t, x: np.concatenate([x[3:], hand.free(t, x[:3], x[3:])]),
+        (0.0, 10.0),
+        start,
+        "DOP853",
+        rtol=1e-12,
+        atol=1e-12,
+    ).y[:3, -1]
+    for bar in range(3):
+        found = rows(whole, "4.1", f"θ{bar + 1} at 10 s")
+        # The error that halving-by-ten leaves at h = 0.0001 s, and SciPy's own, are below 1e-8 rad.
+        assert math.radians(found["h = 0.0001 s"].value) == pytest.approx(exact[bar], abs=1e-8)
+        assert math.radians(found["h = 0.001 s"].value) == pytest.approx(exact[bar], abs=1e-6)
+
+
+@pytest.mark.parametrize("figure", ["4.1", "4.3", "4.4"])
+def test_in_loop_errors_fall_by_the_solvers_order(whole: Reproduction, figure: str) -> None:
+    # ode5 has order 5: ten times the step is 10⁵ times the error, here within one order of it.
+    for function in ("Wang", "Liu–Huston"):
+        found = rows(whole, figure, f"max {function} |ΔC|")
+        fall = math.log10(found["h = 0.01 s"].value / found["h = 0.001 s"].value)
+        assert 4.0 < fall < 7.0
+        assert found["h = 0.0001 s"].value < found["h = 0.001 s"].value
+
+
+def test_observed_order_of_fig_4_1_is_the_solvers(whole: Reproduction) -> None:
+    (row,) = rows(whole, "4.1", "observed order of ΔC").values()
+    assert row.value == pytest.approx(5.0, abs=0.5)
+    assert row.agrees is None and row.rule == "reported"
+
+
+def test_torque_of_fig_4_5_is_the_librarys_reference(whole: Reproduction) -> None:
+    known = {r.quantity: r for r in problems.load("driven-triple-pendulum").reference}
+    for ours, theirs in (("least M1", "least"), ("largest M1", "largest")):
+        (row,) = rows(whole, "4.5", ours).values()
+        # The extreme lies between samples 1 ms apart: its parabola falls off by up to 2e-3 N·m.
+        assert row.value == pytest.approx(known[f"{theirs} driving torque M1"].value, abs=2e-3)
+    (row,) = rows(whole, "4.5", "difference from M1 by the hand-written equations").values()
+    assert row.value < 1e-12  # rounding of 15 N·m
+
+
+def test_the_torque_told_three_ways_gives_one_total(whole: Reproduction) -> None:
+    for figure in ("4.4", "4.6"):
+        told = [r for r in whole.results if r.figure == figure and "told three ways" in r.quantity]
+        assert told and all(r.agrees for r in told)
+
+
+def test_a_wrong_torque_changes_the_total_by_its_work() -> None:
+    run = Run("driven", "ode5", 1e-3, duration=2.0)
+    right, wrong = totals(run), totals(run, 1.01)
+    outcome = perform(run)
+    motor = outcome.ledger.work["prescribed joint1"]
+    for told in ("applied", "multiplier"):
+        change = getattr(wrong, told) - getattr(right, told)
+        # ΔC = E − E(0) − Q, and the wrong log says that Q is one percent more.
+        np.testing.assert_allclose(change, -0.01 * motor, rtol=0, atol=1e-9)
+        assert np.abs(change).max() > 1e-3
+    assert np.array_equal(wrong.accelerations, right.accelerations)
+
+
+def test_three_ways_would_differ_for_accelerations_that_do_not_fit_the_torque() -> None:
+    outcome = perform(Run("driven", "ode5", 1e-2, duration=1.0))
+    run = outcome.trajectory
+    assert rates(run).spread < 1e-13
+    assert run.udot is not None
+    bent = dataclasses.replace(run, udot=run.udot + np.array([0.0, 0.1, 0.0]))
+    told = rates(bent)
+    assert told.torque_spread < 1e-13
+    assert told.spread > 1e-4
+
+
+def test_a_mistake_shows_and_dampers_do_not_hide_it(whole: Reproduction) -> None:
+    for function in ("Wang", "Liu–Huston"):
+        found = rows(whole, "4.10", f"max {function} |ΔC|")
+        assert found["sign mistake"].value > 1.0
+        assert found["sign mistake, dampers"].value > 1.0
+        assert found["right equations"].value < 1e-8
+
+
+def test_chaotic_runs_give_a_horizon_and_others_their_final_angles(whole: Reproduction) -> None:
+    for experiment in whole.experiments:
+        for label, outcome in whole.of(experiment).items():
+            mine = {
+                r.quantity for r in whole.results if (r.figure, r.run) == (experiment.figure, label)
+            }
+            chaotic = outcome.horizon is not None
+            assert ("divergence horizon" in mine) == chaotic
+            assert (f"θ1 at {outcome.run.duration:g} s" in mine) != chaotic
+    # A disturbance of 1e-12 rad needs ten decades to grow to a degree: this takes a while.
+    wild = whole.outcomes[Run("tumbling", "ode5", 1e-2, 50.0)]
+    assert wild.horizon is not None and 5.0 < wild.horizon < 50.0
+    assert whole.outcomes[Run("standard", "ode5", 1e-3)].horizon is None
+
+
+def test_recording_fewer_samples_changes_no_number() -> None:
+    fine = Run("standard", "ode5", 1e-4, duration=0.5)
+    outcome = perform(fine)
+    assert fine.every == 10
+    assert len(outcome.trajectory) == 501
+    np.testing.assert_allclose(
+        np.degrees(absolute_angles(outcome.trajectory)[0]), [0, 60, 15], rtol=0, atol=1e-12
+    )
+
+
+# --- results --------------------------------------------------------------------------------------
+
+
+def test_every_run_reports_its_testing_functions(whole: Reproduction) -> None:
+    for experiment in (e for e in whole.experiments if e.figure in TESTED):
+        for label, run in experiment.runs.items():
+            for quantity in (
+                f"Wang |ΔC| at {run.duration:g} s",
+                "max Wang |ΔC|",
+                "max Liu–Huston |ΔC|",
+            ):
+                row = rows(whole, experiment.figure, quantity)[label]
+                assert row.unit == "J" and 0.0 <= row.value < 100.0
+
+
+def test_all_agree_but_the_known_differences(whole: Reproduction) -> None:
+    assert whole.agrees
+    differing = {(r.figure, r.run, r.quantity) for r in whole.differences}
+    assert differing == {
+        ("4.1", "h = 0.001 s / h = 0.0001 s", "ratio of max |ΔC|"),
+        ("4.2", "ode5", "Wang |ΔC| at 10 s"),
+        ("4.4", "h = 0.001 s / h = 0.0001 s", "ratio of max |ΔC|"),
+        ("4.6", "ode4 / ode5", "ratio of max |ΔC|"),
+        ("4.7", "right equations", "Wang |ΔC| at 10 s"),
+    }
+    assert all(r.difference for r in whole.differences)
+
+
+def test_a_difference_that_is_not_known_makes_the_study_disagree(whole: Reproduction) -> None:
+    spoilt = [dataclasses.replace(row, difference="") for row in whole.results]
+    assert not dataclasses.replace(whole, results=tuple(spoilt)).agrees
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_figures_and_results_are_written(whole: Reproduction, tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    seen: list[float] = []
+    written = write(whole, folder, lambda done, what: seen.append(done))
+    assert seen == sorted(seen) and seen[0] >= 0.0 and seen[-1] <= 1.0
+    names = {f"figure_4_{n}.png" for n in range(1, 11)} | {"results.json"}
+    assert {path.name for path in folder.iterdir()} == names  # and no temporary files
+    assert [path.name for path in written.figures] == [f"figure_4_{n}.png" for n in range(1, 11)]
+    for path in written.figures:
+        assert_is_a_picture(path)
+    entries = json.loads(written.results.read_text(encoding="utf-8"))
+    assert_results(entries)
+    assert {entry["figure"] for entry in entries} == {e.figure for e in EXPERIMENTS}
+
+
+def assert_is_a_picture(path: Path) -> None:
+    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    pixels = matplotlib.image.imread(path)[..., :3]
+    assert min(pixels.shape[:2]) > 500
+    # Neither blank nor mere text: each of the colours of curves covers some pixels.
+    blue = np.abs(pixels - np.array([0x00, 0x72, 0xB2]) / 255).max(axis=-1) < 0.02
+    assert blue.sum() > 300
+
+
+def assert_results(entries: list[dict[str, object]]) -> None:
+    for entry in entries:
+        assert list(entry) == KEYS
+        assert isinstance(entry["value"], float) and math.isfinite(entry["value"])
+        assert entry["agrees"] in (True, False, None)
+        assert (entry["agrees"] is None) == (entry["rule"] == "reported")
+        assert all(isinstance(entry[key], str) for key in ("figure", "run", "quantity", "unit"))
+    ids = [(e["figure"], e["run"], e["quantity"], e["rule"]) for e in entries]
+    assert len(set(ids)) == len(ids)
+
+
+def test_a_subset_runs_only_what_it_needs(tmp_path: Path) -> None:
+    said: list[tuple[float, str]] = []
+    reproduction = reproduce(["4.7"], lambda done, what: said.append((done, what)))
+    assert [e.figure for e in reproduction.experiments] == ["4.7"]
+    assert len(reproduction.outcomes) == 2
+    assert [done for done, _ in said] == sorted(done for done, _ in said)
+    assert said[-1][0] == 1.0
+    written = write(reproduction, tmp_path)
+    assert_results(json.loads(written.results.read_text(encoding="utf-8")))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["figure_4_7.png", "results.json"]
+
+
+def test_a_folder_that_cannot_be_made_is_bad_input(whole: Reproduction, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file"):
+        write(whole, tmp_path / "file")
+
+
+def test_an_existing_result_survives_a_failed_write(tmp_path: Path) -> None:
+    from deltac.report import write_json
+
+    path = tmp_path / "results.json"
+    write_json([1], path)
+    with pytest.raises(ValueError, match="Out of range"):
+        write_json([math.nan], path)
+    assert json.loads(path.read_text()) == [1]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_experiments_are_known_by_their_runs() -> None:
+    for experiment in EXPERIMENTS:
+        assert isinstance(experiment, Experiment)
+        labels = set(experiment.runs)
+        for claim in experiment.claims:
+            named = claim.run.split(" / ")
+            assert set(named) <= labels, claim.run

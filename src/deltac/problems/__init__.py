@@ -1,0 +1,51 @@
+"""The library: published problems with their parameters, invariants and reference numbers.
+
+A problem is a module with a `problem()` function that returns a `Problem`, listed in `_MODULES`;
+that is all it takes for it to be known, loaded and tested.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from inspect import signature
+from typing import Any
+
+from deltac.errors import InputError, closest
+from deltac.problems.problem import Problem, Reference
+
+__all__ = ["Problem", "Reference", "load", "names"]
+
+_MODULES = (
+    "bead_on_hoop",
+    "driven_pendulum",
+    "driven_triple_pendulum",
+    "free_particle",
+    "heavy_top",
+    "simple_pendulum",
+    "torque_free_box",
+    "triple_pendulum",
+)
+
+
+def names() -> tuple[str, ...]:
+    """The names of all problems, in alphabetical order."""
+    return tuple(sorted(module.replace("_", "-") for module in _MODULES))
+
+
+def load(name: str, **options: Any) -> Problem:
+    """A problem of the library; `options` choose a variant, where its module offers some.
+
+    >>> load("triple-pendulum", damping=0.001).conserved
+    ()
+
+    Raises InputError for an unknown name or option.
+    """
+    if name not in names():
+        raise InputError(f"unknown problem {name!r}{closest(name, names())}")
+    make: Callable[..., Problem] = import_module(f"{__name__}.{name.replace('-', '_')}").problem
+    known = list(signature(make).parameters)
+    for option in options:
+        if option not in known:
+            raise InputError(f"problem {name!r} has no option {option!r}{closest(option, known)}")
+    return make(**options)

@@ -53,10 +53,12 @@ from deltac.mechanism.laws import time as time
 from deltac.mechanism.laws import u as u
 from deltac.simulation import Assembly as Assembly
 from deltac.simulation import Controller as Controller
+from deltac.simulation import Ensemble as Ensemble
 from deltac.simulation import Equations as Equations
 from deltac.simulation import SimulationStopped as SimulationStopped
 from deltac.simulation import assemble as assemble
 from deltac.simulation import simulate as simulate
+from deltac.simulation import simulate_ensemble as simulate_ensemble
 from deltac.simulation import solver_names as solver_names
 from deltac.trajectories import Trajectory as Trajectory
 from deltac.trajectories import read_trajectory as read_trajectory

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from deltac.simulation.assembly import Assembly, assemble
+from deltac.simulation.ensemble import Ensemble, simulate_ensemble
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import SimulationStopped, simulate
 from deltac.simulation.solvers import solver_names
@@ -10,9 +11,11 @@ from deltac.simulation.solvers import solver_names
 __all__ = [
     "Assembly",
     "Controller",
+    "Ensemble",
     "Equations",
     "SimulationStopped",
     "assemble",
     "simulate",
+    "simulate_ensemble",
     "solver_names",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -217,25 +217,34 @@ def run_in_python(
     return Motion(times, states, inputs, message)
 
 
+@lru_cache(maxsize=64)
+def settle_kernel(flow: Flow) -> Kernel | None:
+    """What is done to a state after each step: unit quaternions, and back on the constraints.
+
+    (t, x, p) -> x and the smallest pivot; None where there is nothing to be done.
+    """
+    if flow.bound is None and (flow.own is not None or not quaternions(flow.system.mechanism)):
+        return None
+    x, worst = _settled(flow, flow.t, flow.normalised(flow.x))
+    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
+    return Kernel(inputs, {"x": x, "worst": worst}, name="projection")
+
+
 class Settle:
-    """What is done to a state after each step: unit quaternions, and back on the constraints."""
+    """`settle_kernel` for one state at a time."""
 
     def __init__(self, flow: Flow, p: Array) -> None:
         """Compile it; `p` are the values of the parameters."""
-        x, worst = _settled(flow, flow.t, flow.normalised(flow.x))
-        self._idle = not flow.projecting and not quaternions(flow.system.mechanism)
-        self._kernel = Kernel(
-            {"t": flow.t, "x": flow.x}, {"x": x, "worst": worst}, flow.p, name="projection"
-        )
-        self._p = p if len(p) else None
-        self._in, self._out = np.empty(self._kernel.n_in), np.empty(self._kernel.n_out)
+        self._kernel = settle_kernel(flow)
+        self._in = np.concatenate([np.zeros(1 + flow.x.shape[0]), p])
+        self._out = np.empty(flow.x.shape[0] + 1)
 
     def __call__(self, t: float, x: Array) -> tuple[Array, float]:
         """The settled state, and the smallest pivot of its constraints."""
-        if self._idle:
+        if self._kernel is None:
             return x, 1.0
-        self._in[0], self._in[1:] = t, x
-        self._kernel.single(self._in, self._out, self._p)
+        self._in[0], self._in[1 : 1 + len(x)] = t, x
+        self._kernel.single(self._in, self._out)
         return self._out[:-1].copy(), float(self._out[-1])
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,6 +21,7 @@ from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import LONG_RUN, FixedStepper, Motion, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
+from deltac.simulation.kept import Kept
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory
 
@@ -135,8 +134,7 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-_KEPT: OrderedDict[Any, tuple[Flow, FixedStepper | None, Kernel]] = OrderedDict()
-_MOST_KEPT = 32
+_KEPT: Kept[tuple[Flow, FixedStepper | None, Kernel]] = Kept(32)
 
 
 def _compiled(
@@ -162,16 +160,14 @@ def _compiled(
         stabilisation,
         steps >= LONG_RUN,
     )
-    if key not in _KEPT:
+
+    def make() -> tuple[Flow, FixedStepper | None, Kernel]:
         flow = build_flow(mechanism, testing, equations, speeds, vary, rows, stabilisation)
-        stepper = (
-            FixedStepper(flow, solver, steps >= LONG_RUN) if solver.family == "fixed" else None
-        )
-        _KEPT[key] = (flow, stepper, _observer(flow))
-        while len(_KEPT) > _MOST_KEPT:
-            _KEPT.popitem(last=False)
-    _KEPT.move_to_end(key)
-    return _KEPT[key]
+        fixed = solver.family == "fixed"
+        stepper = FixedStepper(flow, solver, steps >= LONG_RUN) if fixed else None
+        return flow, stepper, _observer(flow)
+
+    return _KEPT.get(key, make)
 
 
 def _observer(flow: Flow) -> Kernel:

@@ -48,8 +48,8 @@ check: lint types layers test-casadi test  ## all of the checks, as in continuou
 bench: $(TEST)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)
 
-docs: $(TEST)  ## run the examples in the documents and docstrings
-	$(PYTEST) --doctest-modules --doctest-glob="*.md" src $(wildcard *.md docs/*.md) $(ARGS)
+docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
+	$(PYTEST) tests/test_docs.py $(ARGS)
 
 clean:  ## remove caches and build products, and install afresh next time
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

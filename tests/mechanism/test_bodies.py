@@ -47,7 +47,9 @@ def test_a_rod_is_two_half_rods(mass: float, length: float, seed: int) -> None:
     np.testing.assert_allclose(
         together, inertia(whole), rtol=0, atol=1e-14 * mass * (1 + length**2)
     )
-    assert np.abs(inertia(whole) @ n).max() < 1e-14 * mass * (1 + length**2)  # slender: none along it
+    assert np.abs(inertia(whole) @ n).max() < 1e-14 * mass * (
+        1 + length**2
+    )  # slender: none along it
 
 
 @given(sizes, sizes, sizes)

@@ -18,9 +18,7 @@ JOINTS = [
     revolute("drive", "b", "c", motion="A*sin(w*t)"),
 ]
 MECHANISM = Mechanism(BODIES, JOINTS, parameters={"A": 0.5, "w": 3.0})
-ARM = Mechanism(
-    BODIES[:2], [revolute("shoulder", "ground", "a"), spherical("wrist", "a", "b")]
-)
+ARM = Mechanism(BODIES[:2], [revolute("shoulder", "ground", "a"), spherical("wrist", "a", "b")])
 
 
 def test_unnamed_entries_are_zero_or_identity() -> None:

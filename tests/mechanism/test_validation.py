@@ -163,7 +163,9 @@ def test_two_elements_of_one_kind_need_two_names() -> None:
         ["two springs", "'d'"],
         forces=[joint_spring("d", "elbow", 1), spring_damper("d", "upper", "ground")],
     )
-    Mechanism([A, B], [SHOULDER, ELBOW], [joint_spring("d", "elbow", 1), joint_damper("d", "shoulder", 1)])
+    Mechanism(
+        [A, B], [SHOULDER, ELBOW], [joint_spring("d", "elbow", 1), joint_damper("d", "shoulder", 1)]
+    )
 
 
 def test_a_driven_spring_and_a_prescribed_joint_need_two_names() -> None:

@@ -21,9 +21,13 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DiscreteWork:
-    """Cumulated discrete work of each channel, and of the bias forces −h(q, u), (T,)."""
+    """Cumulated discrete work of each channel, and of the bias forces −h(q, u), (T,).
+
+    `explicit` is the part of `work` that is ∂V/∂t of driven springs: it feeds V and no force does it.
+    """
 
     work: Mapping[str, Array]
+    explicit: Array
     bias: Array
     potential: frozenset[str]
 
@@ -39,7 +43,7 @@ class DiscreteWork:
             if function == "liu-huston" or name not in self.potential
         ]
         total = sum(chosen, start=np.zeros_like(self.bias))
-        return total + self.bias if function == "liu-huston" else total
+        return total - self.explicit + self.bias if function == "liu-huston" else total
 
 
 def discrete_work(
@@ -80,11 +84,14 @@ def discrete_work(
 
     work = {name: cumulated(force) for name, force in forces.items() if name != "bias"}
     # ∂V/∂t does work though no force acts: a left-end sum, of the scheme's own order.
+    driven = np.zeros(len(run))
     for part in symbols.parts:
         if part.explicit is not None:
             explicit = Kernel(symbols.inputs, {"P": part.explicit}, name="explicit")(
                 **{name: arrays[name] for name in symbols.inputs}
             )["P"]
-            work[part.name] += np.concatenate([[0.0], np.cumsum(h * explicit[:-1])])
+            steps = np.concatenate([[0.0], np.cumsum(h * explicit[:-1])])
+            work[part.name] += steps
+            driven += steps
     potential = frozenset(part.name for part in symbols.parts if part.potential is not None)
-    return DiscreteWork(work, cumulated(forces["bias"]), potential)
+    return DiscreteWork(work, driven, cumulated(forces["bias"]), potential)

@@ -165,7 +165,7 @@ def integrate(samples: Samples, powers: Powers) -> Integral:
     """Cumulated integrals with error bars, by the window whose bars are smaller.
 
     The bar at a time is the largest difference so far between using all and every second sample,
-    divided by 2^(p/2), where p is the order observed with every fourth sample too: half of it is
+    divided by 2^(p/2 − 1), where p is the order observed with every fourth sample too: half of it is
     counted on, for a single halving shows it but roughly. Where rates had to be derived none is: the
     ends of a spline have their own.
     """
@@ -186,9 +186,9 @@ def _estimated(samples: Samples, powers: Powers, window: int) -> Integral:
         finer = _variation(error)
         coarser = _variation(half[::2] - cumulated(samples.every(4), powers, window))
         ratio = coarser / np.where(finer > 0.0, finer, 1.0)
-        bar_even = bar_even / np.sqrt(np.clip(ratio, 1.0, 2.0 ** ORDERS[window]))
-    # A sample between two even ones has the bar of the later one; the last one that of all.
-    index = np.minimum((np.arange(len(samples.t)) + 1) // 2, len(bar_even) - 1)
+        bar_even = bar_even / np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0 ** ORDERS[window] / 4.0))
+    # Windows reach beyond their interval: each sample has the bar of the even one after the next.
+    index = np.minimum((np.arange(len(samples.t)) + 3) // 2, len(bar_even) - 1)
     return Integral(fine, bar_even[index], window)
 
 

@@ -75,7 +75,8 @@ def rotation_matrix(value: Any, where: str) -> Matrix:
     if not (off < 1e-6 and _determinant(r) > 0.0):
         raise InputError(
             f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {off:.3g}, "
-            f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or deltac.rotation(axis, angle)"
+            f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or "
+            "deltac.rotation(axis, angle)"
         )
     a, b, c = ((row[0], row[1], row[2]) for row in r)
     return (a, b, c)

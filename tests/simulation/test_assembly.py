@@ -1,0 +1,192 @@
+"""Assembly: from guesses to states on the constraints, and words where there are none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import deltac as dc
+from constrained_mechanisms import four_bar, parallelogram
+from deltac.errors import InputError
+from deltac.simulation import assemble
+from linkages import disc, four_bars, linkage
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def names(mechanism: dc.Mechanism) -> tuple[str, ...]:
+    return mechanism.coordinates.names
+
+
+def closing(q: Any) -> float:
+    """How far the crank-rocker's ends are apart, from its three angles by hand."""
+    crank, knee, rocker = q
+    x = 0.4 * np.cos(crank) + np.cos(crank + knee) - 1 - 0.9 * np.cos(rocker)
+    y = 0.4 * np.sin(crank) + np.sin(crank + knee) - 0.9 * np.sin(rocker)
+    return float(np.hypot(x, y))
+
+
+@given(SEEDS)
+def test_perturbed_guesses_come_back_with_the_crank_pinned(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mechanism, state = linkage()
+    q = state.q + rng.normal(0, 0.15, 3) * [0, 1, 1]
+    guess = mechanism.state(q, {"input": 3.0})
+    found = assemble(mechanism, guess, pinned=("input",))
+    assert found.state.q[0] == state.q[0]
+    # The constraint alone by hand, and the branch of the guess: with the crank given there are two.
+    assert closing(found.state.q) < 1e-14
+    np.testing.assert_allclose(found.state.q, state.q, atol=1e-13)
+    assert found.residual < 1e-13
+    assert (found.freedom, found.redundant, found.singular) == (1, "", False)
+    assert found.moved == pytest.approx(np.abs(q - state.q).max(), abs=1e-13)
+
+
+@given(SEEDS)
+def test_without_pins_the_guess_is_followed_as_far_as_the_constraints_let(seed: int) -> None:
+    """A small perturbation is taken back by no more than its own size, in the mass metric's measure."""
+    rng = np.random.default_rng(seed)
+    mechanism, state = linkage()
+    step = rng.normal(0, 0.02, 3)
+    found = assemble(mechanism, mechanism.state(state.q + step, state.u))
+    assert closing(found.state.q) < 1e-14
+    assert found.moved < 5 * np.abs(step).max()
+    assert found.residual < 1e-13
+
+
+def test_a_pinned_joint_keeps_its_speed_too() -> None:
+    """The coordinate and the speed of a hinge share their name; the others follow."""
+    mechanism, state = linkage()
+    found = assemble(mechanism, mechanism.state(state.q, {"output": 2.0}), ("output",))
+    assert found.state.u[2] == 2.0 and found.state.q[2] == state.q[2]
+    h = 1e-6
+    ahead = [closing(state.q + s * h * found.state.u) for s in (1, -1)]
+    assert max(ahead) < 1e-10  # of order h²: the speeds keep the loop closed
+
+
+def test_quaternions_stay_units_and_all_constraints_hold() -> None:
+    mechanism, _ = disc()
+    guess = mechanism.state(
+        {"base": [0.3, -0.2, 0.5, *np.array([0.8, 0.4, -0.3, 0.3]) / np.sqrt(0.98)]},
+        {"base.wy": 4.0, "base.vx": 1.0},
+    )
+    found = assemble(mechanism, guess)
+    assert np.linalg.norm(found.state.q[3:]) == pytest.approx(1.0, abs=1e-15)
+    assert found.residual < 1e-14 and found.freedom == 3
+
+
+def test_an_assembled_state_starts_a_run_without_complaint() -> None:
+    mechanism, state = disc()
+    dc.simulate(mechanism, state, 0.01, 0.01, "ode4", ())
+
+
+def test_redundant_constraints_are_named() -> None:
+    mechanism = four_bar(spatial=True)
+    found = assemble(mechanism, mechanism.state(dict(zip(names(mechanism), parallelogram(1.0)))))
+    assert found.freedom == 1
+    assert found.redundant.endswith("of 'closure'")
+    assert found.residual < 1e-14
+
+
+def test_singular_configurations_are_told() -> None:
+    mechanism = four_bar()
+    found = assemble(mechanism, mechanism.state(dict(zip(names(mechanism), parallelogram(0.0)))))
+    assert found.singular and found.freedom == 1
+    mechanism, state = four_bars(1)
+    assert not assemble(mechanism, state).singular
+
+
+# --- contradictions -----------------------------------------------------------------------------------
+
+
+def two_rods(length: float) -> dc.Mechanism:
+    """A ball 1 m from the origin, and `length` from a point 3 m away: met from 2 to 4 m."""
+    return dc.Mechanism(
+        [dc.sphere("ball", 1.0, 0.1)],
+        [dc.free("base", "ball")],
+        constraints=[
+            dc.distance("near", "ground", "ball", 1.0),
+            dc.distance("far", "ground", "ball", length, point1=[3, 0, 0]),
+        ],
+    )
+
+
+def test_rods_that_are_long_enough() -> None:
+    mechanism = two_rods(2.5)
+    found = assemble(mechanism, mechanism.state({"base.x": 0.5, "base.y": 0.6}))
+    x = found.state.q[:3]
+    assert np.linalg.norm(x) == pytest.approx(1.0, abs=1e-13)
+    assert np.linalg.norm(x - [3, 0, 0]) == pytest.approx(2.5, abs=1e-13)
+    assert found.freedom == 4
+
+
+def test_rods_that_contradict_each_other() -> None:
+    """A gap of 0.5 m: the message names one of the two and by how much it fails."""
+    mechanism = two_rods(1.5)
+    with pytest.raises(InputError) as caught:
+        assemble(mechanism, mechanism.state({"base.x": 0.5, "base.y": 0.6}))
+    text = str(caught.value)
+    assert "cannot be met at position level" in text and "contradict" in text
+    assert "'near'" in text or "'far'" in text
+    off = float(text.split("off by ")[1].split(" m")[0])
+    assert 0.1 < off < 0.5
+
+
+def test_contradictory_speeds() -> None:
+    """Two skates that want the same point to drift differently."""
+    mechanism = dc.Mechanism(
+        [dc.sphere("ball", 1.0, 0.1)],
+        [dc.planar("base", "ground", "ball")],
+        constraints=[
+            dc.skate("slow", "ball", drift=0.1),
+            dc.skate("fast", "ball", drift=0.4),
+        ],
+    )
+    with pytest.raises(InputError, match="cannot be met at velocity level.*(slow|fast)") as caught:
+        assemble(mechanism, mechanism.state())
+    assert "0.15 m/s" in str(caught.value)  # the best is half way between
+
+
+def test_pins_that_contradict_the_constraints() -> None:
+    mechanism, state = linkage()
+    guess = mechanism.state(state.q + [0.3, 0, 0])
+    with pytest.raises(InputError, match="'closure' is off by .*or what is pinned"):
+        assemble(mechanism, guess, pinned=names(mechanism))
+
+
+def test_an_unknown_pin() -> None:
+    mechanism, state = linkage()
+    with pytest.raises(InputError, match="unknown coordinate 'inptu'; did you mean 'input'"):
+        assemble(mechanism, state, pinned=("inptu",))
+
+
+def test_a_mechanism_without_constraints_is_left_alone() -> None:
+    mechanism = dc.Mechanism([dc.sphere("ball", 1.0, 0.1)], [dc.free("base", "ball")])
+    state = mechanism.state({"base.x": 0.3}, {"base.vx": 2.0})
+    found = assemble(mechanism, state)
+    np.testing.assert_array_equal(found.state.q, state.q)
+    assert (found.residual, found.freedom, found.redundant, found.moved) == (0.0, 6, "", 0.0)
+
+
+def test_nothing_free_to_move() -> None:
+    """All joints driven: constraints hold or they do not, and nothing can be moved to help."""
+
+    def driven(motion: str) -> dc.Mechanism:
+        return dc.Mechanism(
+            [dc.sphere(n, 1.0, 0.1) for n in "xy"],
+            [
+                dc.revolute("x", "ground", "x", motion=motion),
+                dc.revolute("y", "ground", "y", motion="t"),
+            ],
+            constraints=[dc.gear("mesh", "x", "y", 2.0)],
+        )
+
+    fits = driven("2*t")
+    assert assemble(fits, fits.state(t=0.3)).freedom == 0
+    clashes = driven("3*t")
+    with pytest.raises(InputError, match="'mesh' is off by 0.3 "):
+        assemble(clashes, clashes.state(t=0.3))

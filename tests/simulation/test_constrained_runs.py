@@ -1,0 +1,425 @@
+"""Runs with constraints: they stay on them, keep their order, pass singular places, and book it all."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import deltac as dc
+from deltac.energy import balance, residuals
+from deltac.errors import InputError
+from deltac.simulation.solvers import SOLVERS
+from linkages import disc, four_bars, linkage
+
+FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
+PROJECTABLE = ["RK45", "DOP853", "Radau"]
+ALL = ("wang", "liu-huston", "kane-levinson-1990")
+Make = Callable[[], tuple[dc.Mechanism, dc.State]]
+
+
+def worst(ledger: Any, level: str) -> float:
+    return max(float(v.max()) for name, v in ledger.violation.items() if name.startswith(level))
+
+
+def pendulum_of(count: int, t: Any) -> Any:
+    """Crank angle and rate of A02's parallelograms: I q̈ = −Mc cos q, by SciPy at 1e-13."""
+    inertia, moment = (count + 1) / 3 + count, ((count + 1) / 2 + count) * 9.81
+    found = solve_ivp(
+        lambda _, y: [y[1], -moment / inertia * np.cos(y[0])],
+        (0, float(np.max(t))),
+        [np.pi / 2, -1.0],
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        t_eval=np.atleast_1d(t),
+    )
+    return found.y
+
+
+# --- projection ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [linkage, disc])
+def test_projected_runs_stay_on_their_constraints(make: Make) -> None:
+    """Ten seconds at a coarse step: φ and ψ at rounding of the lengths and speeds at every sample."""
+    mechanism, state = make()
+    ledger = balance(mechanism, dc.simulate(mechanism, state, 10.0, 0.005, "ode4"))
+    assert worst(ledger, "position") < 1e-14
+    assert worst(ledger, "velocity") < 1e-12
+    assert ledger.turnover > 1.0
+
+
+def test_ideal_constraints_do_no_work_in_a_run() -> None:
+    mechanism, state = linkage()
+    ledger = balance(mechanism, dc.simulate(mechanism, state, 1.0, 0.005, "ode5"))
+    assert np.abs(ledger.power["constraint closure"]).max() == 0.0
+
+
+def test_what_projection_does_is_booked() -> None:
+    """The functions close to the solver's order though projection moves the energy by more."""
+    mechanism, state = linkage()
+    ledger = balance(mechanism, dc.simulate(mechanism, state, 4.0, 0.02, "ode3", ALL))
+    moved = np.abs(ledger.work["correction projection"]).max()
+    without = np.abs(ledger.delta_c["wang"] + ledger.work["correction projection"]).max()
+    assert moved > 1e-3
+    assert abs(without - np.abs(ledger.delta_c["wang"]).max()) > 0.1 * moved
+
+
+# --- order --------------------------------------------------------------------------------------------
+
+
+@cache
+def exact(make: Make, T: float) -> np.ndarray:
+    """The end of the motion by the Taylor method, which is not projected and needs no projection."""
+    mechanism, state = make()
+    run = dc.simulate(mechanism, state, T, T, "taylor", ())
+    return np.concatenate([run.q[-1], run.u[-1]])
+
+
+def one_four_bar() -> tuple[dc.Mechanism, dc.State]:
+    return four_bars(1)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize(("make", "T"), [(one_four_bar, 0.6), (disc, 0.4)])
+def test_order_with_projection(name: str, make: Make, T: float) -> None:
+    """log2 of the ratio of state errors, in the finest pair of steps that is clear of rounding."""
+    mechanism, state = make()
+    order = SOLVERS[name].order
+    assert order is not None
+    steps, errors = (4 if order > 3 else 64), []
+    while not errors or (errors[-1] > 1e-13 and steps <= 1024):
+        run = dc.simulate(mechanism, state, T, T / steps, name, ())
+        found = np.concatenate([run.q[-1], run.u[-1]])
+        errors.append(float(np.abs(found - exact(make, T)).max()))
+        steps *= 2
+    clear = [e for e in errors if e > 1e-13]
+    assert np.log2(clear[-2] / clear[-1]) == pytest.approx(order, abs=0.15), errors
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", ["ode2", "ode4", "ode5"])
+@pytest.mark.parametrize("stabilisation", ["projection", "none", (5.0, 5.0)])
+def test_delta_c_falls_with_the_order(name: str, stabilisation: Any) -> None:
+    """ΔC under step halving: between p and p + 1."""
+    mechanism, state = disc()
+    order = SOLVERS[name].order or 0
+    found = []
+    for steps in (64, 128):
+        run = dc.simulate(
+            mechanism, state, 0.4, 0.4 / steps, name, ALL, stabilisation=stabilisation
+        )
+        delta = balance(mechanism, run).delta_c
+        found.append([np.abs(delta[function]).max() for function in ALL])
+    slopes = np.log2(np.divide(*found))
+    assert (slopes > order - 0.2).all() and (slopes < order + 1.2).all(), slopes
+
+
+# --- Baumgarte, and nothing at all --------------------------------------------------------------------
+
+
+def nudged() -> tuple[dc.Mechanism, dc.State]:
+    """The crank-rocker, its speeds off the constraint by as much as a start may be."""
+    mechanism, state = linkage()
+    u = state.u + np.array([0.0, 0.0, 8e-7])
+    return mechanism, mechanism.state(state.q, u)
+
+
+@pytest.mark.parametrize("stabilisation", ["none", (4.0, 4.0)])
+def test_drift_is_explained_by_its_channel(stabilisation: Any) -> None:
+    """ψᵀλ of a motion that violates its constraints feeds the energy; P holds it, so ΔC closes.
+
+    Left out, it would pass for a wrong model: no step size makes it fall.
+    """
+    mechanism, state = nudged()
+    without, within = [], []
+    for h in (0.002, 0.001):
+        run = dc.simulate(mechanism, state, 1.0, h, "ode8", ALL, stabilisation=stabilisation)
+        ledger = balance(mechanism, run)
+        drift = ledger.work["correction drift"]
+        for function in ALL:
+            bar = ledger.error_bar[function].max()
+            within.append(np.abs(ledger.delta_c[function]).max() / bar)
+            without.append(np.abs(ledger.delta_c[function] + drift).max() / bar)
+    assert max(within) < 5
+    assert min(without) > 1000 * max(within)
+    half = len(ALL)
+    assert (
+        without[0] * 0.9 < without[half] < without[0] * 1.1
+    )  # per error bar; the step is no matter
+
+
+def test_baumgarte_calms_and_none_drifts() -> None:
+    """φ and ψ of the nudged start: they grow without stabilisation, and die out with it."""
+    mechanism, state = nudged()
+    position = {}
+    for stabilisation in ("none", (10.0, 10.0), "projection"):
+        run = dc.simulate(mechanism, state, 3.0, 0.002, "ode5", (), stabilisation=stabilisation)
+        ledger = balance(mechanism, run, testing=("wang",))
+        position[str(stabilisation)] = ledger.violation["position closure"][-1]
+    assert position["none"] > 1e-6  # the velocity's error, integrated
+    assert position["(10.0, 10.0)"] < 1e-9
+    assert position["projection"] < 1e-15
+
+
+# --- adaptive -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", PROJECTABLE)
+def test_adaptive_solvers_with_projection(name: str) -> None:
+    mechanism, state = disc()
+    run = dc.simulate(mechanism, state, 0.4, 0.1, name, ALL, tolerance=1e-8)
+    ledger = balance(mechanism, run)
+    assert worst(ledger, "position") < 1e-14 and worst(ledger, "velocity") < 1e-12
+    found = np.concatenate([run.q[-1], run.u[-1]])
+    assert np.abs(found - exact(disc, 0.4)).max() < 1e-5  # growth of some hundreds over the run
+    assert max(np.abs(v).max() for v in ledger.delta_c.values()) < 1e-4
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("make", [linkage, disc])
+def test_taylor_stays_by_itself(make: Make) -> None:
+    mechanism, state = make()
+    run = dc.simulate(mechanism, state, 0.5, 0.1, "taylor", ALL)
+    ledger = balance(mechanism, run)
+    assert worst(ledger, "position") < 1e-13 and worst(ledger, "velocity") < 1e-12
+    for function in ALL:
+        assert np.abs(ledger.delta_c[function]).max() < 5 * ledger.error_bar[function].max()
+
+
+# --- singular configurations --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_four_bars_through_their_singular_positions(count: int) -> None:
+    """A02: the parallelogram passes flat positions, where its constraints are dependent, some times."""
+    mechanism, state = four_bars(count)
+    run = dc.simulate(mechanism, state, 3.0, 0.002, "ode5", ALL)
+    angle, rate = pendulum_of(count, run.t)
+    passed = np.count_nonzero(np.diff(np.sign(np.sin(angle))))
+    assert passed >= 3
+    # 1500 steps of ode5; near a singularity the projection divides rounding by the distance to it.
+    assert np.abs(run.q[:, 0] - angle).max() < 1e-9
+    assert np.abs(run.u[:, 0] - rate).max() < 1e-9
+    ledger = balance(mechanism, run)
+    assert worst(ledger, "position") < 1e-13
+    for function in ALL:
+        assert np.abs(ledger.delta_c[function]).max() < 1e-9
+
+
+def test_a_start_in_a_singular_position_is_warned_of_and_runs_on() -> None:
+    mechanism, _ = four_bars(1)
+    state = mechanism.state({}, {"foot0": 2.0, "foot1": 2.0, "tip0": -2.0})
+    with pytest.warns(UserWarning, match="'1 four-bars' is a singular configuration"):
+        run = dc.simulate(mechanism, state, 0.1, 0.001, "ode5")
+    assert np.isfinite(run.q).all()
+    assert worst(balance(mechanism, run), "position") < 1e-12
+
+
+# --- moving constraints -------------------------------------------------------------------------------
+
+
+def on_table(motion: str, turning: float) -> tuple[dc.Mechanism, dc.State]:
+    """A ball on a table that turns (a belt velocity of the ground's plane) and rises."""
+    ball = dc.sphere("ball", 0.5, 0.1)
+    contact = dc.rolling(
+        "contact",
+        "ball",
+        tube=0.1,
+        point=[0, 0, motion],
+        surface_velocity=[f"-{turning}*y", f"{turning}*x", 0],
+    )
+    mechanism = dc.Mechanism(
+        [ball], [dc.free("base", "ball")], constraints=[contact], gravity=[0, 0, -9.81]
+    )
+    guess = mechanism.state({"base.x": 0.5, "base.z": 0.1}, {"base.vx": 0.2})
+    return mechanism, dc.assemble(mechanism, guess, ("base.x", "base.y", "base.vx")).state
+
+
+def test_a_ball_on_a_turning_table_runs_on_a_circle() -> None:
+    """Weltner: the centre turns at 2/7 Ω; the table does work on it, so K + V alone fails."""
+    Omega = 2.0
+    mechanism, state = on_table("0", Omega)
+    run = dc.simulate(mechanism, state, 5.0, 0.005, "ode5", ALL)
+    ledger = balance(mechanism, run)
+    v0 = state.u[0] + 1j * state.u[1]
+    v = run.u[:, 0] + 1j * run.u[:, 1]
+    # v̇ = (2/7) Ω i v, so v turns at 2/7 Ω; ode5 has its own 1e-10 here.
+    np.testing.assert_allclose(v, v0 * np.exp(2j / 7 * Omega * run.t), atol=1e-9)
+    for function in ALL:
+        assert np.abs(ledger.delta_c[function]).max() < 1e-9
+    mechanical = ledger.kinetic + ledger.potential_energy
+    assert np.ptp(mechanical) > 1e-2
+    np.testing.assert_allclose(
+        mechanical - mechanical[0], ledger.work["constraint contact"], atol=1e-8
+    )
+
+
+def test_a_ball_on_a_rising_table_is_lifted_by_the_contact() -> None:
+    """m (g + z̈) ż is the power of the vertical multiplier: leaving it out fails by joules."""
+    mechanism, state = on_table("0.2*sin(2*t)", 2.0)
+    run = dc.simulate(mechanism, state, 2.0, 0.005, "ode5", ALL)
+    ledger = balance(mechanism, run)
+    t = run.t
+    lift = 0.5 * (9.81 - 0.8 * np.sin(2 * t)) * 0.4 * np.cos(2 * t)
+    level, at_rest = on_table("0", 2.0)
+    flat = balance(level, dc.simulate(level, at_rest, 2.0, 0.005, "ode5", ALL))
+    turned = flat.power["constraint contact"]
+    np.testing.assert_allclose(ledger.power["constraint contact"], lift + turned, atol=1e-8)
+    for function in ALL:
+        assert np.abs(ledger.delta_c[function]).max() < 1e-9
+    assert np.ptp(ledger.delta_c["wang"] + ledger.work["constraint contact"]) > 0.5
+
+
+@pytest.mark.parametrize("drive", ["joint", "distance"])
+def test_the_same_drive_told_two_ways(drive: str) -> None:
+    """A prescribed hinge inside a loop, and the same angle held by a constraint that moves."""
+    bars, hinges, closure = linkage()[0].bodies, list(linkage()[0].joints), linkage()[0].constraints
+    law = "1 + 0.8*sin(2*t)"
+    constraints = list(closure)
+    if drive == "joint":
+        hinges[0] = dc.revolute("input", "ground", "crank", "z", motion=law)
+    else:
+        constraints.append(dc.holonomic("held", f"q.input - ({law})"))
+    mechanism = dc.Mechanism(bars, hinges, constraints=constraints, gravity=[0, -9.81, 0])
+    free = {"knee": -0.4, "output": 1.5}
+    guess = mechanism.state(free | ({} if drive == "joint" else {"input": 1.0}))
+    pinned = () if drive == "joint" else ("input",)
+    del pinned  # the constraint itself holds the crank
+    found = dc.assemble(mechanism, guess)
+    assert found.freedom == 0
+
+
+# --- equations by hand --------------------------------------------------------------------------------
+
+
+def by_hand(sign: float) -> dc.Equations:
+    """A four-bar's pendulum equation in the three joint angles; `sign` −1 gets the coupler wrong."""
+    factor = 2 * 9.81 / (5 / 3)
+
+    def rhs(t: Any, q: Any, u: Any) -> Any:
+        swing = -factor * np.cos(q[0])
+        return np.array([swing, swing, -sign * swing])
+
+    return dc.Equations(rhs)
+
+
+def test_equations_by_hand_for_a_loop() -> None:
+    """In the joints' own coordinates: right ones close and keep the loop, wrong ones do neither."""
+    mechanism, state = four_bars(1)
+    right = balance(
+        mechanism,
+        dc.simulate(
+            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(1), stabilisation="none"
+        ),
+    )
+    wrong = balance(
+        mechanism,
+        dc.simulate(
+            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(-1), stabilisation="none"
+        ),
+    )
+    for function in ALL:
+        assert np.abs(right.delta_c[function]).max() < 1e-11
+        assert np.abs(wrong.delta_c[function]).max() > 0.1
+    assert worst(right, "position") < 1e-12 and worst(wrong, "position") > 0.1
+
+
+def test_equations_in_fewer_coordinates_are_refused_in_words() -> None:
+    mechanism, state = four_bars(1)
+    minimal = dc.CoordinateMap(
+        ("theta",), q={"foot0": "q.theta", "foot1": "q.theta", "tip0": "-q.theta"}
+    )
+    equations = dc.Equations(lambda t, q, u: -11.772 * np.cos(q), coordinates=minimal)
+    with pytest.raises(InputError, match="1 coordinates for 3 speeds"):
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode4", equations=equations)
+
+
+def test_residuals_of_a_run_are_at_rounding() -> None:
+    mechanism, state = disc()
+    run = dc.simulate(mechanism, state, 0.2, 0.01, "ode4", ())
+    found = residuals(mechanism, run)
+    for name in (*ALL, "coordinates"):
+        assert np.abs(found[name]).max() < 1e-11
+
+
+# --- what cannot be run -------------------------------------------------------------------------------
+
+
+def test_a_start_off_the_constraints_is_refused_with_the_remedy() -> None:
+    mechanism, state = linkage()
+    off = mechanism.state(state.q + [0, 0.1, 0], state.u)
+    with pytest.raises(
+        InputError, match="violates constraint 'closure' at position level by 0.0"
+    ) as e:
+        dc.simulate(mechanism, off, 0.1, 0.01, "ode4")
+    assert "deltac.assemble(mechanism, state)" in str(e.value)
+    off = mechanism.state(state.q, state.u + [0.1, 0, 0])
+    with pytest.raises(InputError, match="'closure' at velocity level by 0.04.* m/s"):
+        dc.simulate(mechanism, off, 0.1, 0.01, "ode4")
+
+
+def test_no_degree_of_freedom_is_refused() -> None:
+    mechanism, state = linkage()
+    from dataclasses import replace
+
+    held = dc.holonomic("held", f"q.input - {state.q[0]!r}")
+    stiff = replace(mechanism, constraints=[*mechanism.constraints, held])
+    with pytest.raises(InputError, match="'crank-rocker' no degree of freedom; it cannot move"):
+        dc.simulate(stiff, stiff.state(state.q), 0.1, 0.01, "ode4")
+
+
+@pytest.mark.parametrize("bad", ["baumgarte", (1.0,), (1.0, -2.0), (1.0, np.nan), None])
+def test_an_unknown_stabilisation_is_refused(bad: Any) -> None:
+    mechanism, state = linkage()
+    with pytest.raises(InputError, match="expected 'projection', 'none', or Baumgarte's"):
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode4", stabilisation=bad)
+
+
+@pytest.mark.parametrize("name", ["LSODA", "BDF"])
+def test_solvers_with_a_memory_cannot_be_projected(name: str) -> None:
+    mechanism, state = linkage()
+    with pytest.raises(
+        InputError, match=f"'{name}' remembers earlier steps.*use 'Radau' or 'DOP853'"
+    ):
+        dc.simulate(mechanism, state, 0.1, None, name)
+    run = dc.simulate(mechanism, state, 0.1, None, name, stabilisation=(20.0, 20.0))
+    assert worst(balance(mechanism, run), "position") < 1e-7
+
+
+def test_the_1988_form_is_refused_on_constrained_mechanisms() -> None:
+    mechanism, state = linkage()
+    with pytest.raises(InputError, match="independent coordinates.*use 'kane-levinson-1990'"):
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode4", ("kane-levinson-1988",))
+
+
+def test_redundant_constraints_run_and_agree() -> None:
+    """The closure told twice: the same motion, the second set of rows left to follow."""
+    mechanism, state = linkage()
+    from dataclasses import replace
+
+    (closure,) = mechanism.constraints
+    twice = replace(mechanism, constraints=[closure, replace(closure, name="again")])
+    once = dc.simulate(mechanism, state, 0.5, 0.005, "ode4")
+    again = dc.simulate(twice, state, 0.5, 0.005, "ode4")
+    np.testing.assert_allclose(again.q, once.q, atol=1e-12)
+    assert worst(balance(twice, again), "position") < 1e-13
+
+
+def test_a_run_that_blows_up_keeps_what_it_had() -> None:
+    """Euler steps too long for the disc: no traceback of linear algebra, a warning and a trajectory."""
+    mechanism, state = disc()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = dc.simulate(mechanism, state, 200.0, 0.5, "ode5", ())
+    assert np.isfinite(run.q).all() and len(run) >= 1
+    if not run.provenance.completed:
+        assert any(issubclass(w.category, dc.SimulationStopped) for w in caught)

@@ -1,0 +1,153 @@
+"""Controllers: Python functions that set motors, held over a step or asked at every stage."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.errors import InputError
+
+LAW = "-2*q.hinge - 0.5*u.hinge + sin(3*t)"
+
+
+def machine(law: Any = None) -> dc.Mechanism:
+    return dc.Mechanism(
+        [dc.box("arm", 1.0, [0.2, 0.3, 0.5], [0.1, 0, -0.4]), dc.box("tip", 0.5, [0.2, 0.1, 0.3])],
+        [
+            dc.revolute("hinge", "ground", "arm", "y"),
+            dc.universal("wrist", "arm", "tip", position=[0, 0, -0.6]),
+        ],
+        [
+            dc.joint_torque("motor", "hinge", law),
+            dc.joint_torque(
+                "fingers", "wrist", None if law is None else [0.1, "-0.2*u.wrist.second"]
+            ),
+        ],
+        gravity=[0, 0, -9.81],
+    )
+
+
+def answer(t: float, q: Any, u: Any) -> dict[str, Any]:
+    return {"motor": -2 * q[0] - 0.5 * u[0] + np.sin(3 * t), "fingers": [0.1, -0.2 * u[2]]}
+
+
+START = {"hinge": 0.4, "wrist.first": 0.2}
+
+
+@pytest.mark.parametrize("solver", ["ode4", "DOP853"])
+def test_a_continuous_controller_is_a_law(solver: str) -> None:
+    free, ruled = machine(), machine(LAW)
+    run = dc.simulate(
+        free, free.state(START), 1.0, 0.01, solver, controller=dc.Controller(answer, hold=False)
+    )
+    law = dc.simulate(ruled, ruled.state(START), 1.0, 0.01, solver)
+    tolerance = 1e-12 if solver == "ode4" else 1e-7
+    np.testing.assert_allclose(run.q, law.q, atol=tolerance)
+    np.testing.assert_allclose(run.udot, law.udot, atol=100 * tolerance)
+    for name, values in law.integrals.items():
+        np.testing.assert_allclose(run.integrals[name], values, atol=20 * tolerance)
+    expected = [list(np.hstack(list(answer(*row).values()))) for row in zip(run.t, run.q, run.u)]
+    np.testing.assert_allclose(run.forces["actuator motor"][:, 0], np.array(expected)[:, 0])
+    np.testing.assert_allclose(run.forces["actuator fingers"][:, 1:], np.array(expected)[:, 1:])
+    assert not run.forces["actuator motor"][:, 1:].any()
+    assert "held" not in run.provenance.notes
+
+
+def test_a_held_controller_is_a_constant_over_each_step() -> None:
+    """Against a run of many short runs, each with a constant torque."""
+    free = machine()
+    controller = dc.Controller(answer)
+    run = dc.simulate(free, free.state(START), 0.2, 0.02, "ode4", controller=controller)
+    state = free.state(START)
+    for k in range(10):
+        held = answer(k * 0.02, state.q, state.u)
+        step = dc.simulate(
+            *(free, state, 0.02, 0.02, "ode4"),
+            controller=dc.Controller(lambda t, q, u, held=held: held, hold=False),
+        )
+        np.testing.assert_allclose(run.q[k + 1], step.q[-1], atol=1e-14)
+        np.testing.assert_allclose(run.u[k + 1], step.u[-1], atol=1e-13)
+        assert run.forces["actuator motor"][k, 0] == pytest.approx(held["motor"], abs=1e-13)
+        state = free.state(run.q[k + 1], run.u[k + 1], (k + 1) * 0.02)
+    assert set(run.provenance.notes["held"].split(";")) == {"actuator motor", "actuator fingers"}
+
+
+def test_a_held_controller_is_asked_once_a_step() -> None:
+    free, calls = machine(), []
+
+    def counting(t: float, q: Any, u: Any) -> dict[str, Any]:
+        calls.append(t)
+        return answer(t, q, u)
+
+    dc.simulate(
+        *(free, free.state(START), 0.2, 0.02, "ode5", ()), controller=dc.Controller(counting)
+    )
+    times = sorted({round(t, 9) for t in calls})
+    np.testing.assert_allclose(times, np.arange(11) * 0.02, atol=1e-9)
+
+
+def test_the_ledger_closes_in_the_loop_and_on_samples() -> None:
+    """A continuous controller to the order of the solver; a held one in the loop likewise."""
+    free = machine()
+    for hold in (False, True):
+        sizes = []
+        for h in (0.01, 0.005):
+            run = dc.simulate(
+                *(free, free.state(START), 1.0, h, "ode4"),
+                controller=dc.Controller(answer, hold=hold),
+            )
+            loop = dc.balance(free, run)
+            sizes.append(np.abs(loop.delta_c["wang"]).max())
+            samples = dc.balance(free, run, work="samples")
+            for name in loop.delta_c:
+                difference = np.abs(samples.delta_c[name] - loop.delta_c[name])
+                slack = (
+                    2 * np.abs(loop.delta_c[name]).max()
+                )  # what the solver's own integral is off
+                assert (difference <= samples.error_bar[name] + slack).all(), (hold, name)
+        assert 3.5 < np.log2(sizes[0] / sizes[1]) < 5.5
+        assert samples.basis["actuator motor"] == "measured"
+        assert samples.work["actuator motor"][-1] == pytest.approx(
+            loop.work["actuator motor"][-1], rel=1e-12
+        )
+
+
+def refused(function: Any, words: str, **options: Any) -> None:
+    free = machine()
+    with pytest.raises(InputError, match=words):
+        dc.simulate(
+            *(free, free.state(START), 0.1, 0.01), controller=dc.Controller(function), **options
+        )
+
+
+def test_answers_that_make_no_sense() -> None:
+    refused(lambda t, q, u: 3.0, "returned float, expected a mapping .*motor, fingers")
+    refused(lambda t, q, u: {"moter": 1.0}, "unknown joint torque 'moter'; did you mean 'motor'")
+    refused(lambda t, q, u: {"motor": 1.0}, "no value for joint torque 'fingers'")
+    refused(lambda t, q, u: {"motor": 1.0, "fingers": 1.0}, "'fingers' at t = 0; expected 2 finite")
+    refused(lambda t, q, u: {"motor": np.nan, "fingers": [0, 0]}, "nan.*'motor'.*finite")
+    refused(answer, "cannot be held.*'ode5'.*hold=False", solver="DOP853")
+
+
+def test_motors_and_controllers_need_each_other() -> None:
+    free, ruled = machine(), machine(LAW)
+    with pytest.raises(
+        InputError, match="joint torque 'motor' has no law; give simulate a controller"
+    ):
+        dc.simulate(free, free.state(START), 0.1, 0.01)
+    with pytest.raises(InputError, match="no joint torque waits for its value"):
+        dc.simulate(ruled, ruled.state(START), 0.1, 0.01, controller=dc.Controller(answer))
+    with pytest.raises(InputError, match="equations by hand and a controller"):
+        dc.simulate(
+            *(free, free.state(START), 0.1, 0.01),
+            controller=dc.Controller(answer),
+            equations=dc.Equations(lambda t, q, u: -u),
+        )
+    with pytest.raises(InputError, match="'taylor' needs equations in symbols"):
+        dc.simulate(
+            *(free, free.state(START), 0.1, 0.01, "taylor"),
+            controller=dc.Controller(answer, hold=False),
+        )

@@ -1,0 +1,129 @@
+"""Ensembles: members equal single runs, and depend on themselves alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.simulation import ensemble
+
+
+def double_pendulum(**options: object) -> dc.Mechanism:
+    return dc.Mechanism(
+        [dc.rod("upper", "m", 1.0, "-y"), dc.rod("lower", 0.5, 0.8, "-y")],
+        [
+            dc.revolute("shoulder", "ground", "upper", damping=0.05),
+            dc.revolute("elbow", "upper", "lower", position=(0, -1, 0)),
+        ],
+        gravity=(0, -9.81, 0),
+        parameters={"m": 1.0},
+        **options,
+    )
+
+
+def starts(members: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(4)
+    return rng.uniform(-1, 1, (members, 2)), rng.normal(size=(members, 2))
+
+
+@pytest.mark.parametrize("fused", [4000, 0])
+@pytest.mark.parametrize("solver", ["ode1", "ode4", "semi-implicit-euler"])
+def test_members_equal_single_runs(
+    fused: int, solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole steps compiled, and stage by stage; to rounding, since code of other shape rounds otherwise."""
+    monkeypatch.setattr(ensemble, "FUSED_INSTRUCTIONS", fused)
+    mechanism, (Q, U) = double_pendulum(), starts(5)
+    runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record_every=10)
+    for k in range(5):
+        one = dc.simulate(mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record_every=10)
+        np.testing.assert_allclose(runs.t, one.t, rtol=1e-15)
+        np.testing.assert_allclose(runs.q[:, k], one.q, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(runs.u[:, k], one.u, rtol=0, atol=1e-11)
+        ledger = dc.balance(mechanism, one)
+        for name, values in runs.delta_c.items():
+            np.testing.assert_allclose(values[:, k], ledger.delta_c[name], rtol=0, atol=1e-11)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("fused", [4000, 0])
+def test_a_member_depends_on_itself_alone(fused: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit: other members, chunks and threads leave no trace."""
+    monkeypatch.setattr(ensemble, "FUSED_INSTRUCTIONS", fused)
+    mechanism, (Q, U) = double_pendulum(), starts(70)
+    whole = dc.simulate_ensemble(mechanism, (Q, U), 0.2, 0.01)
+    part = dc.simulate_ensemble(mechanism, (Q[11:24], U[11:24]), 0.2, 0.01, threads=1)
+    np.testing.assert_array_equal(part.q[-1], whole.q[-1, 11:24])
+    monkeypatch.setattr(ensemble, "CHUNK", 8)
+    small = dc.simulate_ensemble(mechanism, (Q, U), 0.2, 0.01, threads=2)
+    np.testing.assert_array_equal(small.q, whole.q)
+
+
+def test_parameters_vary_between_members() -> None:
+    mechanism, masses = double_pendulum(), np.array([0.5, 1.0, 2.0])
+    state = mechanism.state({"shoulder": 1.0})
+    runs = dc.simulate_ensemble(mechanism, state, 0.5, 0.01, vary={"m": masses})
+    for k, m in enumerate(masses):
+        other = mechanism.with_parameters(m=float(m))
+        one = dc.simulate(other, state, 0.5, 0.01, "ode4")
+        np.testing.assert_allclose(runs.q[-1, k], one.q[-1], rtol=0, atol=1e-12)
+
+
+def test_constraints_hold_in_every_member() -> None:
+    rods = [dc.rod(name, 1.0, 1.0, "x") for name in ("crank", "coupler", "rocker")]
+    mechanism = dc.Mechanism(
+        rods,
+        [
+            dc.revolute("a", "ground", "crank"),
+            dc.revolute("b", "crank", "coupler", position=(1, 0, 0)),
+            dc.revolute("c", "ground", "rocker", position=(1, 0, 0)),
+        ],
+        constraints=[
+            dc.loop_revolute("close", "coupler", "rocker", point1=(1, 0, 0), point2=(1, 0, 0))
+        ],
+        gravity=(0, -9.81, 0),
+    )
+    angles = np.array([0.5, 1.0, 1.5])
+    Q = np.stack([angles, -angles, angles], axis=1)
+    runs = dc.simulate_ensemble(mechanism, (Q, np.zeros((3, 3))), 1.0, 1e-3)
+    np.testing.assert_allclose(runs.q[-1, :, 0] + runs.q[-1, :, 1], 0, atol=1e-10)  # parallelogram
+    one = dc.simulate(mechanism, mechanism.state(Q[1]), 1.0, 1e-3, "ode4")
+    np.testing.assert_allclose(runs.q[-1, 1], one.q[-1], rtol=0, atol=1e-10)
+
+
+def test_a_member_that_blows_up_leaves_the_others_alone() -> None:
+    """q̈ = q² runs to infinity from q > 0, and stays bounded from a start on the other side."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bead", 1.0)],
+        [dc.prismatic("x", "ground", "bead")],
+        [dc.joint_torque("push", "x", "q.x**3")],
+    )
+    runs = dc.simulate_ensemble(
+        mechanism, (np.array([[5.0], [0.0]]), np.array([[50.0], [0.0]])), 4.0, 0.01, record_every=50
+    )
+    assert 0.0 < runs.stopped[0] <= 4.0
+    assert np.isnan(runs.stopped[1])
+    assert np.isnan(runs.q[-1, 0]).all() and runs.q[-1, 1] == 0.0
+    kept = runs.member(0)
+    assert kept.t[-1] < runs.stopped[0] and np.isfinite(kept.q).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"solver": "DOP853"}, "fixed steps"),
+        ({"step": 0.3}, "does not divide"),
+        ({"record_every": 7}, "does not divide the number of steps"),
+        ({"vary": {"n": [1.0]}}, "unknown parameter 'n'"),
+        ({"vary": {"m": [1.0, np.inf, 2.0]}}, "finite"),
+        ({"vary": {"m": [1.0, 2.0]}}, "vary has 2 members, the states have 3"),
+        ({"states": (np.zeros((3, 1)), np.zeros((3, 2)))}, r"Q has shape \(3, 1\)"),
+        ({"states": (np.zeros((3, 2)), np.full((3, 2), np.nan))}, "U: member 0, 'shoulder'"),
+        ({"states": (np.zeros((3, 2)), np.zeros((2, 2)))}, "Q has 3 members, U has 2"),
+    ],
+)
+def test_bad_input_is_named(change: dict, message: str) -> None:
+    given = {"states": starts(3), "duration": 1.0, "step": 0.1, **change}
+    with pytest.raises(dc.InputError, match=message):
+        dc.simulate_ensemble(double_pendulum(), **given)

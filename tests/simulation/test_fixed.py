@@ -1,0 +1,287 @@
+"""Fixed steps: fused calls, recording, runs that break down, unit quaternions, parameters kept."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.kernels import kernel as kernels
+from deltac.simulation import SimulationStopped, fixed
+from deltac.simulation.flow import build_flow
+from deltac.simulation.kept import Kept
+from deltac.simulation.solvers import find_solver
+from machines import pendulum, robot, workshop
+
+
+def same(one: dc.Trajectory, other: dc.Trajectory) -> None:
+    """Bit for bit."""
+    for name in ("t", "q", "u", "udot"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name, values in one.integrals.items():
+        np.testing.assert_array_equal(values, other.integrals[name])
+
+
+# --- several steps in a call ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["ode2", "semi-implicit-euler"])
+def test_results_do_not_depend_on_the_steps_in_a_call(
+    solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To rounding: the compiler may contract products and sums differently in longer code."""
+    mechanism, state = robot()
+    flow = build_flow(mechanism, ("wang",))
+    x0, p = flow.start(state, np.empty(0)), np.empty(0)
+    tables = []
+    monkeypatch.setattr(fixed, "INSTRUCTIONS_PER_CALL", 1_000_000)
+    for most in (1, 3):
+        monkeypatch.setattr(fixed, "MOST_STEPS_PER_CALL", most)
+        stepper = fixed.FixedStepper(flow, find_solver(solver))
+        assert stepper.steps_per_call == most
+        tables.append(stepper.run(p, x0, 0.0, 0.01, 20, 1, None))
+    one, three = tables
+    assert len(three.t) == 21  # 20 is no multiple of 3: the rest of the last call is dropped
+    np.testing.assert_array_equal(one.t, three.t)
+    np.testing.assert_allclose(three.x, one.x, rtol=0, atol=1e-13)
+
+
+def test_blocks_of_rows_leave_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism = pendulum(damping=0.1)
+    start = mechanism.state({"hinge": 1.0})
+    whole = dc.simulate(mechanism, start, 1.0, 0.01)
+    monkeypatch.setattr(fixed, "ROWS_PER_BLOCK", 7)
+    same(dc.simulate(mechanism, start, 1.0, 0.01), whole)
+    same(dc.simulate(mechanism, start, 1.0, 0.01, record_every=5), whole.every(5))
+
+
+def test_large_steps_are_unrolled_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fixed, "MOST_STEPS_PER_CALL", 8)
+    small = fixed.FixedStepper(build_flow(pendulum()), find_solver("ode1"))
+    large = fixed.FixedStepper(build_flow(robot()[0], ("wang",)), find_solver("ode5"))
+    assert small.steps_per_call == 8
+    assert 1 <= large.steps_per_call < 8
+
+
+def test_compiled_steps_equal_steps_from_python() -> None:
+    """The same solver, once in machine code and once stage by stage."""
+    mechanism, state = robot()
+    compiled = dc.simulate(mechanism, state, 0.2, 0.01)
+    flow = build_flow(mechanism, ("wang", "liu-huston"))
+    x0, p = flow.start(state, np.empty(0)), np.empty(0)
+    motion = fixed.run_in_python(flow, find_solver("ode5"), None, p, x0, 0.0, 0.01, 20, 1, None)
+    free = mechanism.free
+    found = np.concatenate([compiled.q[:, free.q], compiled.u[:, free.u]], axis=1)
+    np.testing.assert_allclose(motion.x[:, : found.shape[1]], found, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(motion.x[:, -2], compiled.integrals["wang"], rtol=0, atol=1e-12)
+
+
+# --- recording -------------------------------------------------------------------------------------
+
+
+def test_record_every_keeps_the_rows_it_says() -> None:
+    mechanism = pendulum()
+    start = mechanism.state({"hinge": 1.0}, t=2.0)
+    whole = dc.simulate(mechanism, start, 1.2, 0.01)
+    some = dc.simulate(mechanism, start, 1.2, 0.01, record_every=8)
+    assert len(some) == 16 and some.t[0] == 2.0
+    assert some.t[-1] == pytest.approx(3.2, rel=1e-15)
+    same(some, whole.every(8))
+    assert some.provenance.step == 0.01
+
+
+def test_progress_rises_to_one() -> None:
+    mechanism = pendulum()
+    told: list[float] = []
+    dc.simulate(mechanism, mechanism.state(), 1.0, 1e-4, progress=told.append)
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+# --- breakdown -------------------------------------------------------------------------------------
+
+
+def explosive() -> tuple[dc.Mechanism, dc.State]:
+    """u̇ = 1 + u³ in effect: a motor that pushes the harder the faster it turns."""
+    mechanism = dc.Mechanism(
+        [dc.body("rotor", 1, [1, 1, 1])],
+        [dc.revolute("shaft", "ground", "rotor")],
+        [dc.joint_torque("motor", "shaft", "1 + u.shaft**3")],
+    )
+    return mechanism, mechanism.state(speeds={"shaft": 1.0})
+
+
+@pytest.mark.parametrize("every", [1, 4, 64])
+@pytest.mark.parametrize("block", [8192, 5])
+def test_a_run_that_breaks_down_keeps_what_it_has(
+    every: int, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fixed, "ROWS_PER_BLOCK", block)
+    mechanism, state = explosive()
+    with pytest.warns(SimulationStopped, match="not finite at t = ") as caught:
+        run = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record_every=every)
+    assert not run.provenance.completed
+    assert run.provenance.message == str(caught[0].message)
+    u, k = 1.0, 0  # Euler by hand
+    with np.errstate(over="ignore"):
+        while True:
+            after = u + 0.01 * (1 + np.float64(u) ** 3)
+            if not np.isfinite(after):
+                break
+            u, k = after, k + 1
+    assert f"last finite at t = {k * 0.01:.9g} s" in run.provenance.message
+    # The state at step k is finite, but its acceleration need not be: then one row less is kept.
+    # At step k the state is finite and its acceleration is not: the sample before it is the last.
+    assert round(run.t[-1] / 0.01) == (k - 1) // every * every
+    assert np.isfinite(run.u).all() and np.isfinite(run.udot).all()
+
+
+@pytest.mark.parametrize("solver", ["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"])
+def test_adaptive_solvers_stop_at_a_pole(solver: str) -> None:
+    """u̇ = 1 + u³ from u = 1 reaches infinity in finite time: ∫ du/(1 + u³) = 0.37355 s."""
+    from scipy.integrate import quad
+
+    mechanism, state = explosive()
+    pole = quad(lambda u: 1 / (1 + u**3), 1, np.inf)[0]
+    with pytest.warns(SimulationStopped, match="stopped at t = "):
+        run = dc.simulate(mechanism, state, 1.0, None, solver, (), tolerance=1e-6)
+    assert not run.provenance.completed
+    assert run.t[-1] == pytest.approx(pole, rel=1e-3)
+
+
+def test_a_run_that_breaks_down_in_python_says_so_too() -> None:
+    mechanism, state = explosive()
+
+    def cubic(t: float, q: Any, u: Any) -> Any:
+        with np.errstate(over="ignore"):
+            return 1 + u * u * u
+
+    with pytest.warns(SimulationStopped):
+        slow = dc.simulate(
+            mechanism,
+            state,
+            1.28,
+            0.01,
+            "ode1",
+            equations=dc.Equations(cubic, compiled=False),
+            record_every=4,
+        )
+    with pytest.warns(SimulationStopped):
+        fast = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record_every=4)
+    np.testing.assert_allclose(slow.t, fast.t, rtol=1e-15)
+    assert slow.provenance.message == fast.provenance.message
+
+
+# --- quaternions -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["ode1", "ode4", "DOP853"])
+def test_quaternions_stay_unit(solver: str) -> None:
+    box = dc.body("box", 1, [1, 2, 3])
+    mechanism = dc.Mechanism([box], [dc.free("base", "box")])
+    start = mechanism.state(speeds={"base": [0.1, 0, 0, 0.1, 3, 0.1]})
+    run = dc.simulate(mechanism, start, 40.0, 0.01, solver, ())
+    np.testing.assert_allclose(np.linalg.norm(run.q[:, 3:], axis=1), 1.0, rtol=4e-16)
+
+
+# --- compiled once ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The kernels compiled during a test, by the number of their instructions."""
+    done: list[str] = []
+    compile_function = kernels.compile_function
+
+    def counting(function: Any, compact: bool = False) -> Any:
+        done.append(str(function.n_instructions()))
+        return compile_function(function, compact)
+
+    monkeypatch.setattr(kernels, "compile_function", counting)
+    return done
+
+
+def test_vary_needs_no_new_compilation_and_gives_the_same_numbers(compilations: list[str]) -> None:
+    mechanism = pendulum(damping="0.05*m")
+    vary = ("m", "l", "g")
+    first = dc.simulate(mechanism, mechanism.state({"hinge": 1.0}), 1.0, 0.01, vary=vary)
+    count = len(compilations)
+    assert count > 0
+    other = mechanism.with_parameters(m=3.0, l=0.8, g=1.62)
+    varied = dc.simulate(other, other.state({"hinge": 1.0}), 1.0, 0.01, vary=vary)
+    assert len(compilations) == count
+    folded = dc.simulate(other, other.state({"hinge": 1.0}), 1.0, 0.01)
+    assert len(compilations) > count
+    # Constants folded in change the order of roundings, over 100 steps.
+    np.testing.assert_allclose(varied.q, folded.q, atol=1e-13)
+    np.testing.assert_allclose(varied.u, folded.u, atol=1e-13)
+    np.testing.assert_allclose(varied.udot, folded.udot, atol=1e-12)
+    np.testing.assert_allclose(varied.integrals["wang"], folded.integrals["wang"], atol=1e-13)
+    assert np.abs(first.q - varied.q).max() > 0.1
+
+
+def test_a_parameter_that_varies_may_start_at_zero() -> None:
+    """Nothing may be left out of the code because it is zero in the first call."""
+    weightless = pendulum().with_parameters(g=0.0)
+    start = weightless.state({"hinge": 1.0})
+    still = dc.simulate(weightless, start, 0.5, 0.01, vary=("g",))
+    assert not still.u.any()
+    heavy = pendulum()
+    varied = dc.simulate(heavy, start, 0.5, 0.01, vary=("g",))
+    folded = dc.simulate(heavy, start, 0.5, 0.01)
+    np.testing.assert_allclose(varied.q, folded.q, atol=1e-13)
+    for name, values in folded.integrals.items():
+        np.testing.assert_allclose(varied.integrals[name], values, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "solver", ["DOP853", "Radau", pytest.param("taylor", marks=pytest.mark.heyoka)]
+)
+def test_vary_with_the_other_families(solver: str) -> None:
+    mechanism = pendulum().with_parameters(l=0.7)
+    start = mechanism.state({"hinge": 1.0})
+    varied = dc.simulate(mechanism, start, 1.0, 0.1, solver, vary=("l", "g"))
+    folded = dc.simulate(mechanism, start, 1.0, 0.1, solver)
+    np.testing.assert_allclose(varied.q, folded.q, atol=1e-9)
+    np.testing.assert_allclose(varied.integrals["wang"], folded.integrals["wang"], atol=1e-9)
+
+
+def test_a_second_run_compiles_nothing(compilations: list[str]) -> None:
+    mechanism, state = workshop()
+    dc.simulate(mechanism, state, 0.1, 0.01, "ode1")
+    count = len(compilations)
+    again, _ = workshop()  # another object of the same description
+    dc.simulate(again, state, 0.2, 0.005, "ode1")
+    assert len(compilations) == count
+
+
+def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: list[str]) -> None:
+    """Three flows are kept, and the one that was not asked for longest goes first."""
+    module = importlib.import_module("deltac.simulation.simulate")
+    monkeypatch.setattr(module, "_KEPT", Kept(3))
+
+    def compiled(length: float) -> bool:
+        count = len(compilations)
+        mechanism = pendulum().with_parameters(l=length)
+        dc.simulate(mechanism, mechanism.state(), 0.1, 0.01, "ode1", ())
+        return len(compilations) > count
+
+    assert [compiled(l) for l in (0.5, 0.6, 0.7)] == [True] * 3
+    assert not compiled(0.5)  # used again, so 0.6 is now the oldest
+    assert compiled(0.8)
+    assert len(module._KEPT) == 3
+    assert not compiled(0.5) and not compiled(0.7)
+    assert compiled(0.6)
+
+
+# --- repeated runs ---------------------------------------------------------------------------------
+
+
+def test_runs_repeat_bit_for_bit() -> None:
+    mechanism, state = workshop()
+    same(
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode1"),
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode1"),
+    )

@@ -1,0 +1,116 @@
+"""What cannot be simulated is refused before anything is computed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.errors import InputError
+from deltac.mechanism import State
+from machines import pendulum, robot
+
+PENDULUM = pendulum()
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"duration": 0.0}, ["duration is 0.0", "positive"]),
+        ({"duration": -1.0}, ["duration is -1.0"]),
+        ({"duration": NAN}, ["duration is nan"]),
+        ({"duration": "long"}, ["duration is 'long'", "number"]),
+        ({"step": 0.0}, ["step is 0.0"]),
+        ({"step": -0.1}, ["step is -0.1"]),
+        ({"step": NAN}, ["step is nan"]),
+        ({"step": None}, ["'ode5'", "fixed steps", "step="]),
+        ({"step": 0.3}, ["step 0.3", "duration 1", "3.33333 times", "0.25"]),
+        ({"step": 2.0}, ["step 2", "duration 1", "does not divide"]),
+        ({"step": 0.1 * (1 + 1e-8)}, ["does not divide"]),
+        ({"record_every": 0}, ["record_every is 0", "whole number"]),
+        ({"record_every": 2.5}, ["record_every is 2.5", "whole number"]),
+        ({"record_every": 3}, ["record_every 3", "number of steps, 10"]),
+        ({"solver": "ode6"}, ["'ode6'", "ode1 (euler)", "taylor-quad"]),
+        ({"tolerance": 1e-6}, ["'ode5'", "no tolerance", "'DOP853'"]),
+        ({"solver": "RK45", "tolerance": 0.0}, ["tolerance is 0.0"]),
+        ({"testing": ("wnag",)}, ["testing function 'wnag'", "did you mean 'wang'"]),
+        ({"vary": ("lenght",)}, ["'lenght'", "known: m, l, g"]),
+    ],
+)
+def test_options(options: dict[str, Any], words: list[str]) -> None:
+    given = {"duration": 1.0, "step": 0.1, **options}
+    with pytest.raises(InputError) as caught:
+        dc.simulate(PENDULUM, PENDULUM.state(), **given)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_step_may_divide_the_duration_but_for_rounding() -> None:
+    run = dc.simulate(PENDULUM, PENDULUM.state(), 1.0, 0.1 * (1 + 1e-12), "ode1")
+    assert len(run) == 11 and run.t[-1] == 1.0
+
+
+def test_a_state_of_another_mechanism() -> None:
+    _, state = robot()
+    with pytest.raises(InputError, match=r"state has 8 coordinates and 7 speeds.*'pendulum' has 1"):
+        dc.simulate(PENDULUM, state, 1.0, 0.1)
+    with pytest.raises(InputError, match="mechanism.state"):
+        dc.simulate(PENDULUM, State(0.0, np.zeros(2), np.zeros(1)), 1.0, 0.1)
+
+
+def test_a_mechanism_that_is_prescribed_entirely() -> None:
+    driven = pendulum(motion="sin(t)")
+    with pytest.raises(InputError, match="'pendulum' has no free speeds"):
+        dc.simulate(driven, driven.state(), 1.0, 0.1)
+
+
+def test_a_singular_mass_matrix_names_the_speeds() -> None:
+    spinner = dc.Mechanism(
+        [dc.point_mass("bead", 1.0)], [dc.revolute("spin", "ground", "bead", "z")]
+    )
+    with pytest.raises(InputError, match="at the start .* for 'spin'.*without inertia"):
+        dc.simulate(spinner, spinner.state(), 1.0, 0.1)
+
+
+def test_a_law_that_is_not_defined_at_the_start() -> None:
+    root = dc.Mechanism(
+        PENDULUM.bodies,
+        PENDULUM.joints,
+        [dc.joint_torque("motor", "hinge", "sqrt(q.hinge - 1)")],
+        parameters=PENDULUM.parameters,
+    )
+    with pytest.raises(InputError, match="not finite at the start .* a law is not defined"):
+        dc.simulate(root, root.state(), 1.0, 0.1)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("force", "joint", "blamed"),
+    [
+        (dc.joint_torque("motor", "hinge", "sign(u.hinge)"), {}, "JointTorque 'motor'"),
+        (None, {"motion": "abs(sin(t))"}, "motion of joint 'hinge'"),
+        (None, {"damping": "Max(0, u.hinge)"}, "JointDamper 'hinge'"),
+    ],
+)
+def test_taylor_refuses_kinks_and_says_where(
+    force: Any, joint: dict[str, Any], blamed: str
+) -> None:
+    machine = dc.Mechanism(
+        [dc.box("arm", 1, [1, 1, 1]), dc.box("tip", 1, [1, 1, 1])],
+        [dc.revolute("hinge", "ground", "arm", **joint), dc.revolute("end", "arm", "tip")],
+        [force] if force is not None else [],
+    )
+    with pytest.raises(InputError, match=f"smooth.*{blamed}.*'ode5' or 'DOP853'"):
+        dc.simulate(machine, machine.state(), 1.0, 0.1, "taylor")
+    dc.simulate(machine, machine.state(), 0.1, 0.1, "ode1", ())
+
+
+def test_provenance_says_who_made_it() -> None:
+    run = dc.simulate(PENDULUM, PENDULUM.state(), 1.0, 0.1, "dormand-prince")
+    p = run.provenance
+    assert (p.simulator, p.solver, p.step, p.model) == ("deltac", "ode5", 0.1, "pendulum")
+    assert p.model_hash == PENDULUM.hash and p.completed and not p.message
+    assert dc.simulate(PENDULUM, PENDULUM.state(), 1.0, 0.1, "RK45").provenance.step is None

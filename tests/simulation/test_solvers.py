@@ -1,0 +1,246 @@
+"""Every solver shows what it promises, by being listed in the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from itertools import combinations_with_replacement
+from math import prod
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.errors import InputError
+from deltac.simulation.solvers import SOLVERS, find_solver
+from deltac.simulation.solvers.explicit import TABLEAUS
+from machines import pendulum, robot
+
+FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
+ADAPTIVE = [s.name for s in SOLVERS.values() if s.family == "adaptive"]
+
+# --- Butcher's order conditions --------------------------------------------------------------------
+
+Tree = tuple[Any, ...]
+
+
+@cache
+def trees(order: int) -> tuple[Tree, ...]:
+    """All rooted trees with so many nodes, each the tuple of its subtrees."""
+    return tuple(forest for forest in _forests(order - 1, order - 1))
+
+
+def _forests(nodes: int, largest: int) -> Iterator[Tree]:
+    if nodes == 0:
+        yield ()
+    for size in range(min(nodes, largest), 0, -1):
+        for count in range(1, nodes // size + 1):
+            for rest in _forests(nodes - size * count, size - 1):
+                for some in combinations_with_replacement(trees(size), count):
+                    yield (*some, *rest)
+
+
+def nodes_of(tree: Tree) -> int:
+    return 1 + sum(map(nodes_of, tree))
+
+
+def density(tree: Tree) -> int:
+    """γ: the product of the sizes of all subtrees."""
+    return nodes_of(tree) * prod(map(density, tree))
+
+
+def weight(a: Any, b: Any, tree: Tree) -> float:
+    """The elementary weight Σ b_i Φ_i."""
+    return float(b @ _stages(a, tree))
+
+
+def _stages(a: Any, tree: Tree) -> Any:
+    return prod((a @ _stages(a, child) for child in tree), start=np.ones(len(a)))
+
+
+def coefficients(name: str) -> tuple[Any, Any, Any]:
+    tableau = TABLEAUS[name]
+    a = np.zeros((len(tableau.b), len(tableau.b)))
+    for i, row in enumerate(tableau.a):
+        a[i, : len(row)] = row
+    return a, np.array(tableau.b), np.array(tableau.c)
+
+
+def test_there_are_as_many_trees_as_cayley_counted() -> None:
+    assert [len(trees(n)) for n in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
+
+
+@pytest.mark.parametrize("name", TABLEAUS)
+def test_tableaus_meet_the_order_conditions_and_no_more(name: str) -> None:
+    """Hairer, Nørsett, Wanner, theorem II.2.13; to rounding of the coefficients."""
+    a, b, c = coefficients(name)
+    order = SOLVERS[name].order
+    assert order is not None
+    np.testing.assert_allclose(a.sum(axis=1), c, atol=1e-14)
+    for n in range(1, order + 1):
+        for tree in trees(n):
+            assert abs(weight(a, b, tree) - 1 / density(tree)) < 1e-13, tree
+    assert max(abs(weight(a, b, tree) - 1 / density(tree)) for tree in trees(order + 1)) > 1e-7
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_stages_are_counted(name: str) -> None:
+    calls: list[float] = []
+
+    def f(t: float, x: Any) -> Any:
+        calls.append(t)
+        return -x
+
+    from deltac.simulation.solvers.solver import Parts
+
+    solver = SOLVERS[name]
+    assert solver.step is not None
+    halves = Parts(np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(2))
+    solver.step(f, 0.0, np.array([1.0, 2.0]), 0.1, halves)
+    assert len(calls) == solver.stages
+
+
+# --- observed order --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def reference() -> Any:
+    mechanism, state = robot()
+    return dc.simulate(mechanism, state, 1.28, step=1.28, solver="taylor", testing=())
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", FIXED)
+def test_order_by_slope(name: str, reference: Any) -> None:
+    """log2 of the ratio of state errors, in the finest pair of steps that is clear of rounding."""
+    mechanism, state = robot()
+    errors, steps = [1.0], 32
+    while len(errors) < 3 or (errors[-1] > 1e-12 and steps <= 4096):
+        run = dc.simulate(mechanism, state, 1.28, 1.28 / steps, name, testing=())
+        found = np.concatenate([run.q[-1] - reference.q[-1], run.u[-1] - reference.u[-1]])
+        errors.append(float(np.abs(found).max()))
+        steps *= 2
+    clear = [e for e in errors[1:] if e > 1e-13]
+    slope = np.log2(clear[-2] / clear[-1])
+    assert slope == pytest.approx(SOLVERS[name].order, abs=0.15), errors
+
+
+# --- against Jacobi's elliptic functions -----------------------------------------------------------
+
+AMPLITUDE = 2.0
+
+
+def swing(t: float) -> tuple[float, float]:
+    """Angle and rate of the pendulum released at rest, to 30 digits."""
+    with mpmath.workdps(30):
+        w = mpmath.sqrt(mpmath.mpf(9.81) / mpmath.mpf(0.5))
+        k = mpmath.sin(mpmath.mpf(AMPLITUDE) / 2)
+        m = k**2
+        sine = k * mpmath.ellipfun("cd", w * mpmath.mpf(t), m=m)
+        rate = -2 * w * k * mpmath.sqrt(1 - m) * mpmath.ellipfun("sd", w * mpmath.mpf(t), m=m)
+        return float(2 * mpmath.asin(sine)), float(rate)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(("name", "tolerance"), [("taylor", 1e-12), ("taylor-quad", 1e-14)])
+def test_taylor_against_elliptic_functions(name: str, tolerance: float) -> None:
+    mechanism = pendulum()
+    run = dc.simulate(mechanism, mechanism.state({"hinge": AMPLITUDE}), 10.0, 0.5, name)
+    expected = np.array([swing(t) for t in run.t])
+    assert len(run) == 21
+    assert np.abs(run.q[:, 0] - expected[:, 0]).max() < tolerance * AMPLITUDE
+    assert np.abs(run.u[:, 0] - expected[:, 1]).max() < tolerance * 10.0
+    assert np.abs(run.udot[:, 0] + 9.81 / 0.5 * np.sin(run.q[:, 0])).max() < 1e-13 * 20
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_adaptive_solvers_follow_their_tolerance(name: str) -> None:
+    """The global error falls with the tolerance, and stays within the growth factor of 2 s of motion."""
+    mechanism = pendulum()
+    start = mechanism.state({"hinge": AMPLITUDE})
+    angle, rate = swing(2.0)
+    errors = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        run = dc.simulate(mechanism, start, 2.0, None, name, (), tolerance=tolerance)
+        errors.append(max(abs(run.q[-1, 0] - angle), abs(run.u[-1, 0] - rate)))
+        assert run.t[-1] == 2.0
+        assert errors[-1] < 1000 * tolerance  # multistep methods accumulate most
+    assert errors[0] > 10 * errors[1] > 100 * errors[2]
+
+
+@pytest.mark.parametrize("name", ["DOP853", "Radau"])
+def test_adaptive_solvers_on_every_kind_of_joint(name: str) -> None:
+    """Two methods of different families agree where no closed form is known."""
+    mechanism, state = robot()
+    fine = dc.simulate(mechanism, state, 0.5, 0.5 / 512, "ode8", record_every=512)
+    run = dc.simulate(mechanism, state, 0.5, 0.1, name, tolerance=1e-8)
+    np.testing.assert_allclose(run.t, np.linspace(0, 0.5, 6), atol=1e-15)
+    assert np.abs(run.q[-1] - fine.q[-1]).max() < 1e-6
+    assert np.abs(run.u[-1] - fine.u[-1]).max() < 1e-6
+    for function, value in run.integrals.items():
+        assert value[-1] == pytest.approx(fine.integrals[function][-1], abs=1e-6)
+
+
+def test_samples_of_adaptive_solvers_are_where_they_were_asked() -> None:
+    mechanism = pendulum()
+    start = mechanism.state({"hinge": 1.0}, t=1.0)
+    run = dc.simulate(mechanism, start, 1.0, 0.3, "RK45")
+    np.testing.assert_allclose(run.t, [1.0, 1.3, 1.6, 1.9, 2.0], rtol=1e-15)
+    own = dc.simulate(mechanism, start, 1.0, None, "RK45")
+    assert len(own) > 5
+    assert own.t[0] == 1.0 and own.t[-1] == 2.0
+
+
+# --- exact facts -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("work", ["in-loop", "samples", "discrete"])
+def test_semi_implicit_free_fall_loses_half_h_m_g_squared_t(work: str) -> None:
+    """K + V − Q = −½ h m g² T (theory: −4.81180 J per kg), whichever way Q is taken: nothing flows."""
+    m, g, h, T = 1.0, 9.81, 0.01, 10.0
+    mechanism = dc.Mechanism(
+        [dc.point_mass("stone", m)],
+        [dc.prismatic("fall", "ground", "stone", "z")],
+        gravity=[0, 0, -g],
+    )
+    run = dc.simulate(mechanism, mechanism.state(), T, h, "semi-implicit-euler")
+    ledger = dc.balance(mechanism, run, work=work)
+    scale = 0.5 * m * (g * T) ** 2  # energies that cancel
+    np.testing.assert_allclose(
+        ledger.delta_c["wang"], -0.5 * h * m * g**2 * run.t, atol=1e-13 * scale
+    )
+    assert ledger.delta_c["wang"][-1] == pytest.approx(-4.811805, abs=1e-6)
+
+
+def test_euler_in_free_fall() -> None:
+    """q_k = −½ g h² k(k−1), u_k = −g h k: by hand."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("stone", 3.0)],
+        [dc.prismatic("fall", "ground", "stone", "z")],
+        gravity=[0, 0, -9.81],
+    )
+    run = dc.simulate(mechanism, mechanism.state(), 1.0, 0.1, "euler")
+    k = np.arange(11)
+    np.testing.assert_allclose(run.q[:, 0], -0.5 * 9.81 * 0.01 * k * (k - 1), atol=1e-14)
+    np.testing.assert_allclose(run.u[:, 0], -9.81 * 0.1 * k, atol=1e-14)
+
+
+# --- names -----------------------------------------------------------------------------------------
+
+
+def test_aliases_lead_to_their_solver_and_nowhere_else() -> None:
+    for solver in SOLVERS.values():
+        for name in (solver.name, *solver.aliases):
+            assert find_solver(name) is solver
+    assert set(dc.solver_names()) == set(SOLVERS)
+
+
+def test_an_unknown_solver_lists_all() -> None:
+    with pytest.raises(InputError) as caught:
+        find_solver("ode45")
+    assert "'ode45'" in str(caught.value)
+    for solver in SOLVERS.values():
+        for name in (solver.name, *solver.aliases):
+            assert name in str(caught.value)

@@ -28,7 +28,7 @@ from deltac.trajectories import (
     write_trajectory,
 )
 
-SUFFIXES = (".csv", ".parquet")
+SUFFIXES = (".csv", ".parquet", ".npz", ".h5", ".mat")
 
 # Any text but control characters, lone surrogates and line separators; dots, commas, quotes and
 # the like often.

@@ -61,6 +61,11 @@ class _Layout:
         yield from (f"integral.{name}" for name in self.integrals)
 
 
+def is_schema_name(column: str) -> bool:
+    """Whether a column's name is one that the log schema could give it."""
+    return column == "time" or (column.startswith(_PREFIXES) and not column.endswith("."))
+
+
 def to_columns(run: Trajectory) -> dict[str, FloatArray]:
     """The columns (T,) of a trajectory, in the order of the schema.
 
@@ -225,7 +230,9 @@ def _unknown(name: str, columns: Iterable[str]) -> InputError:
     if "did you mean" not in hint:
         hint = "; known: time, q.<coordinate>, u.<speed>, udot.<speed>, force.<channel>.<speed>, "
         hint += "integral.<testing function>"
-    return InputError(f"unknown column {name!r}{hint} (rename or remove the column)")
+    return InputError(
+        f"unknown column {name!r}{hint} (rename or remove the column, or say in a mapping what it is)"
+    )
 
 
 def _channel(name: str, speeds: tuple[str, ...]) -> str:

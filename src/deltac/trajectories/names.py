@@ -1,0 +1,133 @@
+"""Names of coordinates and speeds: their units, and which speed moves which coordinate.
+
+The names alone say how a mechanism's speeds belong to its coordinates (see NOTATION.md): a speed
+of a coordinate's own name is its rate; ``<joint>.vx`` is the rate of ``<joint>.x``; ``<joint>.wx``,
+``.wy``, ``.wz`` turn the quaternion ``<joint>.qw`` ….
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
+
+QUATERNION = ("qw", "qx", "qy", "qz")
+ANGULAR = ("wx", "wy", "wz")
+_PART_UNITS = dict.fromkeys(QUATERNION, "1") | dict.fromkeys(("angle", "first", "second"), "rad")
+_PART_UNITS |= dict.fromkeys(("x", "y", "z", "slide"), "m")
+
+
+@dataclass(frozen=True)
+class MechanismNames:
+    """What a log of a mechanism holds: names of `coordinates` and `speeds` in order, with units."""
+
+    coordinates: Mapping[str, str]
+    speeds: Mapping[str, str]
+
+    @classmethod
+    def of(cls, mechanism: Mechanism | MechanismNames) -> MechanismNames:
+        """The names and units of a mechanism's coordinates and speeds."""
+        if isinstance(mechanism, MechanismNames):
+            return mechanism
+        return cls(
+            {entry.name: entry.unit for entry in mechanism.coordinates},
+            {entry.name: entry.unit for entry in mechanism.speeds},
+        )
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Which speeds belong to which coordinates, by their places in q and u.
+
+    `rates` are pairs (coordinate, speed) with q̇ = u; `quaternions` are triples of the joint's name,
+    the place of its ``qw`` and of its ``wx``: ω in body components.
+    """
+
+    rates: tuple[tuple[int, int], ...]
+    quaternions: tuple[tuple[str, int, int], ...]
+
+    @classmethod
+    def of(cls, coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
+        """What the names say; coordinates without a speed of a fitting name are left out."""
+        place = {name: index for index, name in enumerate(speeds)}
+        rates = [
+            (index, place[speed])
+            for index, name in enumerate(coordinates)
+            if (speed := name if name in place else _velocity(name)) in place
+        ]
+        quaternions = []
+        for index, name in enumerate(coordinates):
+            joint, _, part = name.rpartition(".")
+            parts = tuple(f"{joint}.{p}" for p in QUATERNION)
+            first = place.get(f"{joint}.wx")
+            if part != "qw" or first is None or tuple(coordinates[index : index + 4]) != parts:
+                continue
+            if tuple(speeds[first : first + 3]) == tuple(f"{joint}.{p}" for p in ANGULAR):
+                quaternions.append((joint, index, first))
+        return cls(tuple(rates), tuple(quaternions))
+
+
+def speeds_of(coordinates: Sequence[str]) -> tuple[str, ...]:
+    """The names of the speeds that belong to `coordinates`, by the convention of the names."""
+    turning = {n.removesuffix(".qw") for n in coordinates if n.endswith(".qw")}
+    speeds: list[str] = []
+    for name in coordinates:
+        joint, _, part = name.rpartition(".")
+        if joint in turning and part in QUATERNION:
+            if part == "qw":
+                speeds += [f"{joint}.{p}" for p in ANGULAR]
+        else:
+            speeds.append(_velocity(name) if joint in turning else name)
+    return tuple(speeds)
+
+
+def si_unit(column: str, names: MechanismNames | None) -> str | None:
+    """The SI unit of a column of the log schema, or None when its name does not say."""
+    if column == "time":
+        return "s"
+    prefix, _, name = column.partition(".")
+    if prefix == "integral":
+        return "J"
+    if prefix == "q":
+        return _coordinate_unit(name, names)
+    if prefix == "force":
+        return {"rad/s": "N*m", "m/s": "N"}.get(_speed_unit(_speed_in(name, names), names) or "")
+    speed = _speed_unit(name, names)
+    return f"{speed}^2" if speed and prefix == "udot" else speed
+
+
+def _velocity(name: str) -> str:
+    joint, _, part = name.rpartition(".")
+    return f"{joint}.v{part}" if part in ("x", "y", "z") else ""
+
+
+def _coordinate_unit(name: str, names: MechanismNames | None) -> str | None:
+    if names is not None and name in names.coordinates:
+        return names.coordinates[name]
+    joint, _, part = name.rpartition(".")
+    return _PART_UNITS.get(part) if joint else None
+
+
+def _speed_unit(name: str, names: MechanismNames | None) -> str | None:
+    if names is not None and name in names.speeds:
+        return names.speeds[name]
+    joint, _, part = name.rpartition(".")
+    if joint and part in ANGULAR:
+        return "rad/s"
+    if joint and part in ("vx", "vy", "vz"):
+        return "m/s"
+    unit = _coordinate_unit(name, names)
+    return None if unit in (None, "1") else f"{unit}/s"
+
+
+def _speed_in(force: str, names: MechanismNames | None) -> str:
+    """The speed at the end of ``<channel>.<speed>``."""
+    known = names.speeds if names is not None else ()
+    fitting = [speed for speed in known if force.endswith(f".{speed}")]
+    if fitting:
+        return max(fitting, key=len)
+    channel, _, part = force.rpartition(".")
+    return f"{channel.rpartition('.')[2]}.{part}"

@@ -1,0 +1,69 @@
+"""Units of columns against their definitions."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from deltac.errors import InputError
+from deltac.trajectories.units import named_unit, unit
+
+
+@pytest.mark.parametrize(
+    ("text", "factor", "same_kind_as"),
+    [
+        ("deg", math.pi / 180, "rad"),
+        ("°/s", math.pi / 180, "rad/s"),
+        ("deg/s²", math.pi / 180, "rad/s^2"),
+        ("rad s^-1", 1.0, "rad/s"),
+        ("rpm", 2 * math.pi / 60, "rad/s"),
+        ("rev/min", 2 * math.pi / 60, "rad/s"),
+        ("mm", 1e-3, "m"),
+        ("ms", 1e-3, "s"),
+        ("km/h", 1 / 3.6, "m/s"),
+        ("m/s/s", 1.0, "m/s**2"),
+        ("N·mm", 1e-3, "N*m"),
+        ("N.m", 1.0, "J"),
+        ("kg*m^2/s^2", 1.0, "Nm"),
+        ("lbf*ft", 1.3558179483314, "N*m"),  # exact by the definitions of pound and foot
+        ("1", 1.0, ""),
+    ],
+)
+def test_units_convert_to_si(text: str, factor: float, same_kind_as: str) -> None:
+    found = unit(text)
+    assert found.factor == pytest.approx(factor, rel=1e-14)  # a few roundings
+    assert found.dimension == unit(same_kind_as).dimension
+
+
+def test_angles_lengths_and_numbers_are_told_apart() -> None:
+    assert len({unit(text).dimension for text in ("deg", "mm", "1", "ms", "g")}) == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("degs", "did you mean 'deg"),
+        ("m/", "cannot take the unit 'm/' apart"),
+        ("/s", "cannot take"),
+        ("m^x", "cannot take"),
+        ("2 m", "cannot take"),
+    ],
+)
+def test_what_is_no_unit_is_refused(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        unit(text)
+
+
+@pytest.mark.parametrize(
+    ("column", "found"),
+    [
+        ("elbow [deg]", "deg"),
+        ("v (m/s)", "m/s"),
+        ("q[0]", None),
+        ("motor [left]", None),
+        ("x", None),
+    ],
+)
+def test_units_in_names_of_columns(column: str, found: str | None) -> None:
+    assert named_unit(column) == found

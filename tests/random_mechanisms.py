@@ -31,6 +31,7 @@ from deltac.mechanism import (
     fixed,
     frame,
     free,
+    gravity_compensation,
     joint_damper,
     joint_spring,
     joint_torque,
@@ -45,9 +46,18 @@ from deltac.mechanism import (
     sphere,
     spherical,
     spring_damper,
+    tendon,
     universal,
 )
-from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque, PointForce, SpringDamper
+from deltac.mechanism.forces import (
+    GravityCompensation,
+    JointDamper,
+    JointSpring,
+    JointTorque,
+    PointForce,
+    SpringDamper,
+    Tendon,
+)
 from deltac.mechanism.joints import KINDS
 
 Array = NDArray[Any]
@@ -318,6 +328,8 @@ ELEMENTS: dict[type, tuple[str, ...]] = {
     JointTorque: ("torque",),
     PointForce: ("force", "moment"),
     SpringDamper: ("damped", "centred", "driven"),
+    Tendon: ("cord", "coupling"),
+    GravityCompensation: ("lift",),
 }
 """What `random_force` can make of every type of force element."""
 
@@ -349,7 +361,7 @@ def random_force(
         if not moving:
             return None
         joint = moving[rng.integers(len(moving))]
-    elif what in ("potential", "rest"):
+    elif what in ("potential", "rest", "coupling"):
         if not plain:
             return None
         joint = plain[rng.integers(len(plain))]
@@ -391,6 +403,25 @@ def random_force(
             return spring_damper(name, one, other, **points, stiffness=f"k_p{swing}")
         case "driven":
             return spring_damper(name, one, other, **points, stiffness=2.5, length=f"l_p{swing}")
+        case "cord":
+            third = str(rng.choice([GROUND, *(body.name for body in mechanism.bodies)]))
+            path = [(body, rng.normal(0, 1, 3)) for body in (one, other, third)]
+            more = [([(other, rng.normal(0, 1, 3)), (one, [2.0, "l_p", 0.0])], "l_p/2")]
+            band = [float(end) for end in np.sort(rng.uniform(0, 4, 2))]
+            return tendon(
+                name, path, branches=more, stiffness=["k_p", 0.4], damping=[0.3, 0.2], length=band
+            )
+        case "coupling":
+            weights = {c: float(rng.normal()) for c in joint.coordinates}
+            return tendon(
+                name,
+                coordinates=weights,
+                stiffness=[1.2, 0.3, 0.5],
+                damping=["k_p", 0.0, 0.7],
+                length=0.3,
+            )
+        case "lift":
+            return gravity_compensation(name, {other: 0.7})
     raise ValueError(what)
 
 

@@ -13,11 +13,13 @@ from deltac.dynamics.recursions import gather
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.forces import (
+    GravityCompensation,
     JointDamper,
     JointSpring,
     JointTorque,
     PointForce,
     SpringDamper,
+    Tendon,
 )
 from deltac.mechanism.joints import KINDS
 
@@ -191,6 +193,64 @@ def _spring_damper(system: System, element: SpringDamper) -> list[Channel]:
     return made
 
 
+def _tendon(system: System, element: Tendon) -> list[Channel]:
+    length, J = _tendon_length(system, element)
+    low, high = (system.number(end) for end in element.length)
+    stretch = length - low
+    if element.length[0] != element.length[1]:
+        stretch = ca.fmax(length - high, 0) + ca.fmin(stretch, 0)
+    made: list[Channel] = []
+    if not all(_is_zero(a) for a in element.stiffness):
+        a = [system.number(law) for law in element.stiffness]
+        potential = sum(
+            (a[k] * stretch ** (k + 2) / (k + 2) for k in range(len(a))), start=ca.SX(0)
+        )
+        tension = sum((a[k] * stretch ** (k + 1) for k in range(len(a))), start=ca.SX(0))
+        made.append(Channel(f"spring {element.name}", -tension * J, potential))
+    if not all(_is_zero(a) for a in element.damping):
+        rate = ca.dot(J, system.u_all)
+        a = [system.number(law) for law in element.damping]
+        # Even powers with the sign of the rate: v |v|.
+        powers = [rate ** (k + 1) if k % 2 == 0 else rate**k * ca.fabs(rate) for k in range(len(a))]
+        tension = sum((c * power for c, power in zip(a, powers)), start=ca.SX(0))
+        made.append(Channel(f"damper {element.name}", -tension * J))
+    return made
+
+
+def _tendon_length(system: System, element: Tendon) -> tuple[SX, SX]:
+    """Length of a tendon and its gradient J (nu,) along the speeds: l̇ = J·u."""
+    length, J = ca.SX(0), ca.SX.zeros(len(system.mechanism.speeds))
+    for name, factor in element.coordinates:
+        coordinate = system.mechanism.coordinates[name]
+        first = system.mechanism.coordinates.of(coordinate.joint).start
+        place = system.mechanism.speeds.of(coordinate.joint).start + coordinate.index - first
+        length += system.number(factor) * system.q_all[coordinate.index]
+        J[place] += system.number(factor)
+    for branch in element.branches:
+        factor = system.number(branch.factor)
+        ends = [system.point(body, point) for body, point in branch.points]
+        world = [
+            p if k < 0 else system.poses[k].r + ca.mtimes(system.poses[k].E.T, p) for k, p in ends
+        ]
+        for i in range(len(ends) - 1):
+            between = world[i + 1] - world[i]
+            distance = ca.sqrt(ca.dot(between, between))
+            length += factor * distance
+            if ends[i][0] != ends[i + 1][0]:  # within one body nothing changes
+                J -= _pull(system, ends[i : i + 2], factor * between / distance)
+    return length, J
+
+
+def _gravity_compensation(system: System, element: GravityCompensation) -> list[Channel]:
+    wrenches: dict[int, SX] = {}
+    for name, fraction in element.fractions:
+        k = system.index[name]
+        link = system.links[k]
+        lift = -system.number(fraction) * link.mass * ca.mtimes(system.poses[k].E, system.gravity)
+        wrenches[k] = ca.vertcat(cross(link.centre, lift), lift)
+    return [Channel(f"applied {element.name}", gather(system, wrenches))]
+
+
 def _pull(system: System, ends: list[tuple[int, SX]], tension: SX) -> SX:
     """Generalized force of `tension` (world components) on the first point, its opposite on the second."""
     result = ca.SX.zeros(len(system.mechanism.speeds))
@@ -240,4 +300,6 @@ _ELEMENTS: dict[type, Callable[[System, Any], list[Channel]]] = {
     JointTorque: _joint_torque,
     PointForce: _point_force,
     SpringDamper: _spring_damper,
+    Tendon: _tendon,
+    GravityCompensation: _gravity_compensation,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,13 @@ import numpy as np
 from deltac.dynamics.textbook_kinematics import Array, Tree, numbers
 from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.forces import (
+    GravityCompensation,
     JointDamper,
     JointSpring,
     JointTorque,
     PointForce,
     SpringDamper,
+    Tendon,
 )
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate, rate
@@ -221,6 +224,60 @@ def _spring_damper(now: Situation, element: SpringDamper) -> list[ChannelForce]:
     return found
 
 
+def _tendon(now: Situation, element: Tendon) -> list[ChannelForce]:
+    length, rate = 0.0, 0.0
+    for name, law in element.coordinates:
+        entry = now.mechanism.coordinates[name]
+        speed = entry.index - now.mechanism.coordinates.of(entry.joint).start
+        speed += now.mechanism.speeds.of(entry.joint).start
+        factor = now.mechanism.number(law)
+        length, rate = length + factor * now.q[entry.index], rate + factor * now.u[speed]
+    segments = []
+    for branch in element.branches:
+        factor = now.mechanism.number(branch.factor)
+        for (one, point1), (other, point2) in pairwise(branch.points):
+            p1, p2 = now.place(one, point1), now.place(other, point2)
+            distance = math.sqrt((p2 - p1) @ (p2 - p1))
+            direction = (p2 - p1) / distance
+            length += factor * distance
+            rate += factor * direction @ (now.velocity(other, p2) - now.velocity(one, p1))
+            segments.append((one, p1, other, p2, factor * direction))
+    low, high = (now.mechanism.number(end) for end in element.length)
+    x = length - min(max(length, low), high)
+
+    def pull(tension: float) -> Array:
+        nothing = np.zeros(3)
+        F = now.stack(
+            [(one, p1, tension * n, nothing) for one, p1, _, _, n in segments]
+            + [(other, p2, -tension * n, nothing) for _, _, other, p2, n in segments]
+        )
+        for name, law in element.coordinates:
+            entry = now.mechanism.coordinates[name]
+            joint = now.mechanism.joint(entry.joint)
+            tau = np.zeros(len(joint.speeds))
+            tau[entry.index - now.mechanism.coordinates.of(joint.name).start] = -tension
+            F = F + _between(now, joint, now.mechanism.number(law) * tau)
+        return F
+
+    found: list[ChannelForce] = []
+    k, c = (now.values(laws) for laws in (element.stiffness, element.damping))
+    if k.any():
+        V = sum(a * x ** (n + 1) / (n + 1) for n, a in enumerate(k, 1))
+        found.extend(_potential(element.name, pull(sum(k * x ** np.arange(1, len(k) + 1))), V, 0.0))
+    if c.any():
+        tension = np.sign(rate) * sum(a * abs(rate) ** n for n, a in enumerate(c, 1))
+        found.append(ChannelForce(f"damper {element.name}", pull(tension)))
+    return found
+
+
+def _gravity_compensation(now: Situation, element: GravityCompensation) -> list[ChannelForce]:
+    m, g, acting = now.mechanism, now.values(now.mechanism.gravity), []
+    for name, fraction in element.fractions:
+        lift = -m.number(fraction) * m.number(m.body(name).mass) * g
+        acting.append((name, now.place(name, m.body(name).mass_centre), lift, np.zeros(3)))
+    return [ChannelForce(f"applied {element.name}", now.stack(acting))]
+
+
 def _potential(name: str, F: Array, V: float, explicit: float) -> list[ChannelForce]:
     made = [ChannelForce(f"spring {name}", F, V)]
     if explicit != 0.0:
@@ -234,4 +291,6 @@ _ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     JointTorque: _joint_torque,
     PointForce: _point_force,
     SpringDamper: _spring_damper,
+    Tendon: _tendon,
+    GravityCompensation: _gravity_compensation,
 }

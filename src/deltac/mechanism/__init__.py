@@ -32,11 +32,13 @@ from deltac.mechanism.constraints import (
 )
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.forces import (
+    gravity_compensation,
     joint_damper,
     joint_spring,
     joint_torque,
     point_force,
     spring_damper,
+    tendon,
 )
 from deltac.mechanism.joints import (
     Joint,
@@ -71,6 +73,7 @@ __all__ = [
     "frame",
     "free",
     "gear",
+    "gravity_compensation",
     "holonomic",
     "joint_damper",
     "joint_spring",
@@ -97,5 +100,6 @@ __all__ = [
     "sphere",
     "spherical",
     "spring_damper",
+    "tendon",
     "universal",
 ]

@@ -7,7 +7,7 @@ a second channel of kind ``prescribed``, through which ∂V/∂t flows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -93,7 +93,58 @@ class SpringDamper:
     length: Any
 
 
-Element: TypeAlias = JointSpring | JointDamper | JointTorque | PointForce | SpringDamper
+@dataclass(frozen=True)
+class Branch:
+    """A polyline through points of bodies: (body, point in its frame) each, in order.
+
+    Its length counts `factor` times in that of its tendon: 1, or 1/divisor behind a pulley.
+    """
+
+    points: tuple[tuple[str, Vector], ...]
+    factor: Quantity
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A cord with spring and damper. Channels ``spring <name>`` (potential), ``damper <name>``.
+
+    Its length is l = Σ c_i q_i over `coordinates` (of joints whose speeds are their rates) plus the
+    lengths of its `branches`. The stretch x is l − l1 above the band [l0, l1] = `length`, l − l0 below
+    it, and 0 within. With `stiffness` (a, b, c, …), V = ½ a x² + ⅓ b x³ + ¼ c x⁴ + … (J) and the tension
+    is a x + b x² + c x³ + …; `damping` (a, b, c, …) adds a l̇ + b l̇|l̇| + c l̇³ + …. Tension is positive
+    when it shortens the cord: the generalized force is −(∂l/∂q) times it (N or N·m). Smooth if l0 = l1
+    and there is no even power of l̇; a segment whose ends coincide has no direction.
+    """
+
+    name: str
+    coordinates: tuple[tuple[str, Quantity], ...]
+    branches: tuple[Branch, ...]
+    stiffness: tuple[Quantity, ...]
+    damping: tuple[Quantity, ...]
+    length: tuple[Quantity, Quantity]
+
+
+@dataclass(frozen=True)
+class GravityCompensation:
+    """Upward forces that carry a fraction of bodies' weights. Channel ``applied <name>``.
+
+    `fractions` are (body, c): the force −c m g acts at the body's mass centre (N; c = 1 carries all of it).
+    It takes energy out of a body that sinks; its potential is not told apart.
+    """
+
+    name: str
+    fractions: tuple[tuple[str, Quantity], ...]
+
+
+Element: TypeAlias = (
+    JointSpring
+    | JointDamper
+    | JointTorque
+    | PointForce
+    | SpringDamper
+    | Tendon
+    | GravityCompensation
+)
 
 
 def joint_spring(
@@ -182,6 +233,75 @@ def spring_damper(
         positive(stiffness, f"stiffness of {where}", allow_zero=True),
         positive(damping, f"damping of {where}", allow_zero=True),
         positive(length, f"length of {where}", allow_zero=True),
+    )
+
+
+def tendon(
+    name: str,
+    path: Sequence[tuple[str, Sequence[Any]]] = (),
+    *,
+    coordinates: Mapping[str, Any] | None = None,
+    branches: Sequence[tuple[Sequence[tuple[str, Sequence[Any]]], Any]] = (),
+    stiffness: Any = 0.0,
+    damping: Any = 0.0,
+    length: Any = 0.0,
+) -> Tendon:
+    """A cord through points of bodies, or a linear combination of coordinates; see `Tendon`.
+
+    `path` lists (body, point) in order; `coordinates` maps names of coordinates to coefficients;
+    `branches` lists (path, factor) for pulleys. `stiffness` and `damping` are a number or the
+    coefficients of a polynomial; `length` is the length at rest (m), or a band (low, high) without force.
+
+    >>> cable = tendon(
+    ...     "cable", [("ground", (0, 0, 1)), ("arm", (0.2, 0, 0))], stiffness=80.0, length=0.9
+    ... )
+    >>> coupling = tendon("coupling", coordinates={"hip": 1.0, "knee": -0.5}, damping=0.1)
+    """
+    where = f"tendon {_name(name)!r}"
+    given = [*([(path, 1.0)] if len(path) else []), *branches]
+    ends = length if isinstance(length, list | tuple) else (length, length)
+    if len(ends) != 2:
+        raise InputError(f"length of {where}: expected one length or two, found {length!r}")
+    low, high = (as_law(end, f"length of {where}") for end in ends)
+    made = Tendon(
+        name,
+        tuple(
+            (coordinate, as_law(factor, f"coefficient of {coordinate!r} in {where}"))
+            for coordinate, factor in (coordinates or {}).items()
+        ),
+        tuple(_branch(points, factor, where) for points, factor in given),
+        _each(stiffness, f"stiffness of {where}"),
+        _each(damping, f"damping of {where}"),
+        (low, high),
+    )
+    if not made.coordinates and not made.branches:
+        raise InputError(f"{where} has no length; give a path of points, or coordinates")
+    return made
+
+
+def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str) -> Branch:
+    if len(points) < 2:
+        raise InputError(f"{where}: a path needs two points or more, found {len(points)}")
+    try:
+        pairs = [(body, point) for body, point in points]
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{where}: a path is made of (body, point) pairs, found {points!r}"
+        ) from None
+    return Branch(
+        tuple((body, vector(point, f"a point of {where}")) for body, point in pairs),
+        positive(factor, f"factor of a branch of {where}"),
+    )
+
+
+def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
+    """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
+    where = f"gravity compensation {_name(name)!r}"
+    return GravityCompensation(
+        name,
+        tuple(
+            (body, as_law(c, f"fraction of {body!r} in {where}")) for body, c in fractions.items()
+        ),
     )
 
 

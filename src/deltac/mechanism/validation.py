@@ -11,11 +11,13 @@ from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraint_checks import check_constraint
 from deltac.mechanism.forces import (
     Element,
+    GravityCompensation,
     JointDamper,
     JointSpring,
     JointTorque,
     PointForce,
     SpringDamper,
+    Tendon,
 )
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import check_symbols, symbol_names
@@ -110,10 +112,14 @@ def check(mechanism: Mechanism) -> None:
     _check_symbols_of_quantities(mechanism)
     for body in mechanism.bodies:
         body.check(mechanism.number)
-    unique((e for e in mechanism.elements if isinstance(e, JointSpring | SpringDamper)), "springs")
-    unique((e for e in mechanism.elements if isinstance(e, JointDamper | SpringDamper)), "dampers")
-    for kind, what in ((JointTorque, "joint torques"), (PointForce, "point forces")):
-        unique((e for e in mechanism.elements if isinstance(e, kind)), what)
+    # Elements that share a channel's name could not be told apart.
+    for kinds, what in (
+        (JointSpring | SpringDamper | Tendon, "springs"),
+        (JointDamper | SpringDamper | Tendon, "dampers"),
+        (JointTorque, "joint torques"),
+        (PointForce | GravityCompensation, "applied forces"),
+    ):
+        unique((e for e in mechanism.elements if isinstance(e, kinds)), what)
     for element in mechanism.elements:
         _check_element(mechanism, element)
     _check_driven_springs(mechanism)
@@ -235,6 +241,42 @@ def _check_element(mechanism: Mechanism, element: Element) -> None:
             for law in (element.stiffness, element.length):
                 check_symbols(law, in_time, where)
             check_symbols(element.damping, parameters, f"damping of {where}")
+        case Tendon():
+            _check_tendon(mechanism, element, parameters)
+        case GravityCompensation():
+            where = f"gravity compensation {element.name!r}"
+            for name, fraction in element.fractions:
+                _require_body(mechanism, name, where, ground=False)
+                check_symbols(fraction, parameters, f"fraction of {name!r} in {where}")
+
+
+def _check_tendon(mechanism: Mechanism, element: Tendon, parameters: Sequence[str]) -> None:
+    where = f"tendon {element.name!r}"
+    for name, factor in element.coordinates:
+        if name not in mechanism.coordinates.names:
+            raise InputError(
+                f"{where}: unknown coordinate {name!r}{closest(name, mechanism.coordinates.names)}"
+            )
+        joint = mechanism.joint(mechanism.coordinates[name].joint)
+        if not KINDS[joint.kind].rates:
+            raise InputError(
+                f"{where}: the rate of {name!r} is no speed of the {joint.kind} joint {joint.name!r}; "
+                "a tendon takes coordinates of joints without quaternions"
+            )
+        check_symbols(factor, parameters, f"coefficient of {name!r} in {where}")
+    for branch in element.branches:
+        check_symbols(branch.factor, parameters, f"factor of a branch of {where}")
+        for body, point in branch.points:
+            _require_body(mechanism, body, where)
+            for quantity in point:
+                check_symbols(quantity, parameters, f"a point of {where}")
+    for quantity in (*element.stiffness, *element.damping, *element.length):
+        check_symbols(quantity, parameters, where)
+    low, high = (mechanism.number(end) for end in element.length)
+    if low > high:
+        raise InputError(
+            f"length of {where}: the band from {low:g} to {high:g} is empty; swap them"
+        )
 
 
 def _joint_of(mechanism: Mechanism, name: str, where: str) -> Joint:

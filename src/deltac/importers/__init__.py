@@ -1,0 +1,35 @@
+"""Descriptions of other programs as mechanisms and equations: MJCF, URDF, SymPy."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from deltac.importers.mujoco_import import read_mechanism
+from deltac.importers.report import ImportReport, Remark
+
+if TYPE_CHECKING:
+    from deltac.importers.symbolic import SymbolicEquations, symbolic_equations
+    from deltac.importers.sympy_methods import equations_from_sympy
+
+__all__ = [
+    "ImportReport",
+    "Remark",
+    "SymbolicEquations",
+    "equations_from_sympy",
+    "read_mechanism",
+    "symbolic_equations",
+]
+
+_LATER = {
+    "SymbolicEquations": "symbolic",
+    "symbolic_equations": "symbolic",
+    "equations_from_sympy": "sympy_methods",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """What works with CasADi is loaded on first use: reading a model does without."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)

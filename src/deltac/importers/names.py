@@ -1,0 +1,88 @@
+"""Names of a MuJoCo model's elements, coordinates and speeds: one rule for importer and recorder.
+
+An element without a name is called by its kind and index (``joint3``). Coordinates and speeds follow
+the mechanism's own rule: the joint's name for one coordinate, ``<joint>.<part>`` for several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from deltac.mechanism.bodies import GROUND
+from deltac.mechanism.joints import KINDS
+
+JOINT_KINDS = ("free", "spherical", "prismatic", "revolute")
+"""Our kind of joint for each value of `mjtJoint`: free, ball, slide, hinge."""
+
+
+def body_names(model: Any) -> list[str]:
+    """All bodies, the world first: it is called ``ground``, as in every mechanism."""
+    given = (model.body(i).name for i in range(1, model.nbody))
+    return [GROUND, *_named(given, "body", taken=[GROUND], first=1)]
+
+
+def joint_names(model: Any) -> list[str]:
+    """All joints, in the order of qpos and qvel."""
+    return _named((model.joint(i).name for i in range(model.njnt)), "joint")
+
+
+def tendon_names(model: Any) -> list[str]:
+    """All tendons; one that shares its name with a joint gets `` tendon`` after it.
+
+    Joints and tendons share the channels ``spring``, ``damper``, ``limit`` and ``friction``.
+    """
+    given = (model.tendon(i).name for i in range(model.ntendon))
+    return _named(given, "tendon", taken=joint_names(model))
+
+
+def actuator_names(model: Any) -> list[str]:
+    """All actuators."""
+    count = model.nactuator if hasattr(model, "nactuator") else model.nu
+    return _named((model.actuator(i).name for i in range(count)), "actuator")
+
+
+def equality_names(model: Any) -> list[str]:
+    """All equality constraints."""
+    return _named((model.equality(i).name for i in range(model.neq)), "equality")
+
+
+def geom_names(model: Any) -> list[str]:
+    """All geoms."""
+    return _named((model.geom(i).name for i in range(model.ngeom)), "geom")
+
+
+def coordinate_names(model: Any) -> list[str]:
+    """The entries of qpos."""
+    return _parts(model, "coordinates")
+
+
+def speed_names(model: Any) -> list[str]:
+    """The entries of qvel."""
+    return _parts(model, "speeds")
+
+
+def _parts(model: Any, what: str) -> list[str]:
+    found: list[str] = []
+    for name, kind in zip(joint_names(model), model.jnt_type, strict=True):
+        for suffix, _ in getattr(KINDS[JOINT_KINDS[int(kind)]], what):
+            found.append(f"{name}.{suffix}" if suffix else name)
+    return found
+
+
+def _named(given: Iterable[str], kind: str, taken: Iterable[str] = (), first: int = 0) -> list[str]:
+    """The given names; where there is none the kind and index, where it is taken with the kind after."""
+    names = [name.strip() for name in given]
+    known, outside = set(names), set(taken)
+    for i, name in enumerate(names):
+        if not name:
+            name = f"{kind}{first + i}"
+            while name in known or name in outside:
+                name += "'"
+        elif name in outside:
+            name += f" {kind}"
+            while name in known:
+                name += "'"
+        names[i] = name
+        known.add(name)
+    return names

@@ -1,0 +1,44 @@
+"""What an import took over from a file, what it left out, and what it took for granted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One thing about one element: what it is, and what that means for an audit."""
+
+    element: str
+    what: str
+    consequence: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.element}: {self.what}"
+        return f"{text} → {self.consequence}" if self.consequence else text
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """`read`: taken over; `ignored`: has no counterpart here; `assumed`: true unless the user knows better.
+
+    Everything in `ignored` that does work must come from the log, in the channel that its consequence
+    names, or it will show as an energy error.
+    """
+
+    source: str
+    read: tuple[Remark, ...] = ()
+    ignored: tuple[Remark, ...] = ()
+    assumed: tuple[Remark, ...] = ()
+
+    def summary(self) -> str:
+        """All remarks, one a line, under their three headings."""
+        lines = [f"Imported from {self.source}"]
+        for heading, remarks in (
+            ("read", self.read),
+            ("ignored", self.ignored),
+            ("assumed", self.assumed),
+        ):
+            lines.append(f"{heading}:" + ("" if remarks else " nothing"))
+            lines.extend(f"  {remark}" for remark in remarks)
+        return "\n".join(lines)

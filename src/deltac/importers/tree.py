@@ -1,0 +1,140 @@
+"""Bodies and joints of a compiled MuJoCo model as ours.
+
+A body stands at `body_pos`, `body_quat` on its parent and is then moved by its joints in order. Several
+joints on one body become a chain with massless frames between; a body without joints is fixed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.importers.names import JOINT_KINDS, body_names, joint_names
+from deltac.importers.report import Remark
+from deltac.mechanism.bodies import Body, body, frame
+from deltac.mechanism.joints import KINDS, Joint, fixed, free, prismatic, revolute, spherical
+from deltac.mechanism.quantities import rotation, rotation_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Bodies and joints, and what there is to say about them."""
+
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    remarks: tuple[Remark, ...]
+
+
+def read_tree(model: Any, armature: Array) -> Tree:
+    """The tree of a model; `armature` (nv,) are the rotor inertias of all speeds."""
+    names, bodies, joints, ignored = body_names(model), [], [], []
+    for i in range(1, model.nbody):
+        name, parent = names[i], names[model.body_parentid[i]]
+        if _lost(model, i):
+            what = "inertia of a body without mass"
+            ignored.append(
+                Remark(name, what, "its kinetic energy is missing here, so K is too small")
+            )
+        own = _own_joints(model, i)
+        if not own:
+            position, rotated = _placement(model, i)
+            joints.append(
+                fixed(f"{name} (fixed)", parent, name, position=position, rotation=rotated)
+            )
+        for j in own[:-1]:
+            between = f"{name} after {joint_names(model)[j]}"
+            bodies.append(frame(between))
+            joints.append(_joint(model, j, parent, between, armature))
+            parent = between
+        if own:
+            joints.append(_joint(model, own[-1], parent, name, armature))
+        bodies.append(_body(model, i, name))
+    return Tree(tuple(bodies), tuple(joints), tuple(ignored))
+
+
+def _own_joints(model: Any, i: int) -> list[int]:
+    first = int(model.body_jntadr[i])
+    return list(range(first, first + int(model.body_jntnum[i])))
+
+
+def _placement(model: Any, i: int) -> tuple[Array, Array]:
+    return np.array(model.body_pos[i]), turned(model.body_quat[i])
+
+
+def turned(quaternion: Any) -> Array:
+    """The rotation matrix of a unit quaternion, scalar first."""
+    return np.array(rotation_matrix(list(map(float, quaternion)), "rotation"), dtype=np.float64)
+
+
+def _body(model: Any, i: int, name: str) -> Body:
+    mass = float(model.body_mass[i])
+    if mass == 0.0:
+        return frame(name)
+    inertia = _inertia(model, i)
+    for k in range(i + 1, model.nbody):
+        if int(model.body_parentid[k]) == i:
+            inertia = inertia + _inertia_without_mass(model, k)
+    return body(name, mass, ((inertia + inertia.T) / 2).tolist(), model.body_ipos[i].tolist())
+
+
+def _inertia(model: Any, i: int) -> Array:
+    """Inertia about the mass centre in body axes."""
+    axes = turned(model.body_iquat[i])
+    return axes @ np.diag(np.array(model.body_inertia[i], dtype=np.float64)) @ axes.T
+
+
+def _inertia_without_mass(model: Any, i: int) -> Array:
+    """What a body that is fixed to its parent and has no mass adds to the parent, in the parent's axes."""
+    if model.body_jntnum[i] or model.body_mass[i] > 0.0:
+        return np.zeros((3, 3))
+    inertia = _inertia(model, i)
+    for k in range(i + 1, model.nbody):
+        if int(model.body_parentid[k]) == i:
+            inertia = inertia + _inertia_without_mass(model, k)
+    rotated = turned(model.body_quat[i])
+    return rotated @ inertia @ rotated.T
+
+
+def _lost(model: Any, i: int) -> bool:
+    """Whether a body has inertia, but neither mass nor a parent with mass that it is fixed to."""
+    if model.body_mass[i] > 0.0 or not np.asarray(model.body_inertia[i]).any():
+        return False
+    while i and model.body_mass[i] == 0.0 and not model.body_jntnum[i]:
+        i = int(model.body_parentid[i])
+    return bool(i) and model.body_mass[i] == 0.0
+
+
+def _joint(model: Any, j: int, parent: str, child: str, armature: Array) -> Joint:
+    name, kind = joint_names(model)[j], JOINT_KINDS[int(model.jnt_type[j])]
+    i = int(model.jnt_bodyid[j])
+    first = int(model.jnt_dofadr[j])
+    rotors = armature[first : first + len(KINDS[kind].speeds)]
+    options: dict[str, Any] = {"armature": rotors.tolist()} if rotors.any() else {}
+    if kind == "free":  # qpos is the pose in the world
+        return free(name, child, parent, **options)
+    # Only the first joint of a body starts at its place on the parent.
+    at, rotated = np.zeros(3), np.eye(3)
+    if j == int(model.body_jntadr[i]):
+        at, rotated = _placement(model, i)
+    anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])
+    reference = float(model.qpos0[model.jnt_qposadr[j]])
+    match kind:
+        case "revolute":
+            if reference:
+                options["rotation"] = rotated @ np.array(rotation(axis.tolist(), -reference))
+            else:
+                options["rotation"] = rotated
+            placed = {"position": at + rotated @ anchor, "child_position": anchor}
+            return revolute(name, parent, child, axis.tolist(), **placed, **options)
+        case "prismatic":
+            position = at - rotated @ axis * reference
+            return prismatic(
+                name, parent, child, axis.tolist(), position=position, rotation=rotated, **options
+            )
+    placed = {"position": at + rotated @ anchor, "child_position": anchor}
+    return spherical(name, parent, child, rotation=rotated, **placed, **options)

@@ -1,0 +1,22 @@
+"""Recorders: a running simulator of someone else's becomes a trajectory."""
+
+from __future__ import annotations
+
+from deltac.recorders.builder import TrajectoryBuilder
+from deltac.recorders.exudyn_recorder import ExudynRecorder, record_exudyn
+from deltac.recorders.mujoco_recorder import (
+    MujocoRecorder,
+    integrator_names,
+    record_mujoco,
+    run_mujoco,
+)
+
+__all__ = [
+    "ExudynRecorder",
+    "MujocoRecorder",
+    "TrajectoryBuilder",
+    "integrator_names",
+    "record_exudyn",
+    "record_mujoco",
+    "run_mujoco",
+]

@@ -1,0 +1,112 @@
+"""Recording Exudyn: a kinematic tree's joint coordinates after each step, by the recorder protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+from deltac.recorders.builder import TrajectoryBuilder
+from deltac.recorders.optional import simulator
+from deltac.trajectories import Provenance, Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+System: TypeAlias = Any
+Force: TypeAlias = Callable[[float, Array, Array], Sequence[float] | Array]
+
+
+def record_exudyn(
+    mbs: System,
+    node: int,
+    joints: Iterable[str],
+    *,
+    forces: Mapping[str, Force] | None = None,
+    accelerations: bool = False,
+) -> ExudynRecorder:
+    """Record the coordinates of an Exudyn node through the system's post-step function.
+
+    >>> with record_exudyn(mbs, node, ("shoulder", "elbow")) as rec:  # doctest: +SKIP
+    ...     mbs.SolveDynamic(settings)
+    >>> run = rec.trajectory()  # doctest: +SKIP
+
+    Args:
+        mbs: the assembled Exudyn system. Its own post-step function, if any, is replaced.
+        node: number of the node that holds the coordinates (of an ObjectKinematicTree: one coordinate
+            a joint, revolute in rad or prismatic in m; SI units are the caller's duty).
+        joints: names of the joints in the order of the tree; the mechanism's must be the same.
+        forces: channel -> generalized force of (t, q, u), of what the mechanism does not know: Exudyn
+            does not report the forces in a tree by their source.
+        accelerations: whether the node's accelerations are of the same instant as its coordinates.
+            They are with the implicit solvers (generalized-α, trapezoidal); the explicit Runge–Kutta
+            ones have none yet in the first row, velocity Verlet has those of another instant. Without,
+            the accelerations are derived from the speeds.
+
+    Raises:
+        InputError: Exudyn is missing, or the node does not have a coordinate for each joint.
+    """
+    return ExudynRecorder(mbs, node, tuple(joints), dict(forces or {}), accelerations)
+
+
+class ExudynRecorder:
+    """Rows of a running Exudyn simulation; made by `record_exudyn`."""
+
+    def __init__(
+        self,
+        mbs: System,
+        node: int,
+        joints: tuple[str, ...],
+        forces: Mapping[str, Force],
+        accelerations: bool,
+    ) -> None:
+        self._exudyn = simulator("exudyn", "exudyn")
+        self._mbs, self._node = mbs, node
+        self._joints, self._forces, self._accelerations = joints, forces, accelerations
+        count = np.size(self._output("CoordinatesTotal"))
+        if count != len(joints):
+            raise InputError(
+                f"node {node} of the Exudyn system has {count} coordinates, for {len(joints)} joints: "
+                f"{', '.join(joints)}"
+            )
+        self._builder = TrajectoryBuilder(joints, joints)
+
+    def __enter__(self) -> ExudynRecorder:
+        def after_step(mbs: System, t: float) -> bool:
+            self.sample(t)
+            return True
+
+        self._mbs.SetPostStepUserFunction(after_step)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the post-step function away; the trajectory stays available."""
+        self._mbs.SetPostStepUserFunction(0)
+
+    def sample(self, t: float) -> None:
+        """Record the present state; for a post-step function of your own."""
+        q, u = self._output("CoordinatesTotal"), self._output("Coordinates_t")
+        udot = self._output("Coordinates_tt") if self._accelerations else None
+        forces = {channel: force(t, q, u) for channel, force in self._forces.items()}
+        self._builder.add(t, q, u, udot, forces)
+
+    def trajectory(
+        self, solver: str | None = None, step: float | None = None, model: str | None = None
+    ) -> Trajectory:
+        """The samples so far, with what the caller says of the solver and its step."""
+        version = getattr(self._exudyn, "__version__", "")
+        provenance = Provenance(
+            simulator=f"Exudyn {version}".strip(), solver=solver, step=step, model=model
+        )
+        return self._builder.trajectory(provenance)
+
+    def _output(self, name: str) -> Array:
+        kind = getattr(self._exudyn.OutputVariableType, name)
+        return np.atleast_1d(np.array(self._mbs.GetNodeOutput(self._node, kind), dtype=float))

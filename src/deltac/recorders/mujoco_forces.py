@@ -1,0 +1,383 @@
+"""The generalized forces in MuJoCo's mjData, channel by channel, and the proof that none is missing.
+
+All are taken from one mjData after a forward pass, so they belong to one instant: M q̈ + c = Σ forces
+(MuJoCo documentation, "Computation", equation of motion; c holds Coriolis forces and gravity), up to
+what the constraint solver leaves, which is a channel of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+from deltac.importers.names import (
+    actuator_names,
+    body_names,
+    equality_names,
+    geom_names,
+    joint_names,
+    tendon_names,
+)
+from deltac.recorders.optional import simulator
+
+Array: TypeAlias = NDArray[np.float64]
+Model: TypeAlias = Any
+Data: TypeAlias = Any
+Forces: TypeAlias = dict[str, Array]
+
+ROUNDING = 1e-9
+"""What sums of a few hundred products may lose, with room, relative to the largest force."""
+
+SOLVED = 1e-12
+"""A residual of the constraint solver below this, relative to the forces, is not recorded."""
+
+SOLVER = "correction solver"
+"""The force that the constraint solver left unbalanced: M q̈ + c − Σ forces."""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """What of a model can exert a force, named, and where it acts; found once for a run.
+
+    `springs` and `dampers` say which joints have one; `tendon_damping` (ntendon, 3) holds b, b₁, b₂ of
+    each tendon; `as_actuator` are the dofs on which gravity compensation counts as actuation, `limited`
+    those whose actuators are limited together. `grouped` puts all contacts into one channel.
+    """
+
+    joints: list[str]
+    bodies: list[str]
+    geoms: list[str]
+    actuators: list[str]
+    tendons: list[str]
+    equalities: list[str]
+    springs: NDArray[np.intp]
+    dampers: NDArray[np.intp]
+    tendon_springs: NDArray[np.intp]
+    tendon_dampers: NDArray[np.intp]
+    tendon_damping: Array
+    as_actuator: NDArray[np.bool_]
+    limited: NDArray[np.bool_]
+    grouped: bool
+
+    @staticmethod
+    def of(model: Model, *, grouped: bool) -> Elements:
+        """The elements of a model."""
+        tendon_damping = _tendon_damping(model)
+        actuation = not model.opt.disableflags & _mujoco().mjtDisableBit.mjDSBL_ACTUATION
+        return Elements(
+            joint_names(model),
+            body_names(model),
+            geom_names(model),
+            actuator_names(model),
+            tendon_names(model),
+            equality_names(model),
+            np.flatnonzero((model.jnt_stiffness != 0.0) | model.jnt_stiffnesspoly.any(axis=1)),
+            _damped_joints(model),
+            np.flatnonzero(
+                (model.tendon_stiffness != 0.0) | model.tendon_stiffnesspoly.any(axis=1)
+            ),
+            np.flatnonzero(tendon_damping.any(axis=1)),
+            tendon_damping,
+            (model.jnt_actgravcomp[model.dof_jntid] != 0) & actuation,
+            model.jnt_actfrclimited[model.dof_jntid] != 0,
+            grouped,
+        )
+
+
+def _mujoco() -> Any:
+    return simulator("mujoco", "mujoco")
+
+
+def _damped_joints(model: Model) -> NDArray[np.intp]:
+    """The joints that are damped, by themselves or by the viscosity of an actuator."""
+    damped = (model.dof_damping != 0.0) | model.dof_dampingpoly.any(axis=1)
+    kinds = _mujoco().mjtTrn
+    on_joint = np.isin(model.actuator_trntype, (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT))
+    viscous = (model.actuator_damping != 0.0) | model.actuator_dampingpoly.any(axis=1)
+    return np.union1d(model.dof_jntid[damped], model.actuator_trnid[on_joint & viscous, 0])
+
+
+def _tendon_damping(model: Model) -> Array:
+    """b, b₁, b₂ of each tendon (ntendon, 3), with what actuators add: their own times gear²."""
+    damping = np.column_stack([model.tendon_damping, model.tendon_dampingpoly])
+    for k in np.flatnonzero(model.actuator_trntype == _mujoco().mjtTrn.mjTRN_TENDON):
+        gear = model.actuator_gear[model.actuator_outadr[k], 0]
+        own = np.array([model.actuator_damping[k], *model.actuator_dampingpoly[k]])
+        damping[model.actuator_trnid[k, 0]] += gear**2 * own
+    return damping
+
+
+def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Array) -> Forces:
+    """Channel -> generalized force (nv,), N or N·m, of the forward pass that `data` holds.
+
+    `plastic` is data.plastic as it was in that pass (stepping moves it on). Gravity and the Coriolis
+    forces are not among the channels: a mechanism knows them.
+
+    Raises InputError, naming the group and the joint, when the channels do not add up to what MuJoCo
+    itself sums: then a force of this model is of a kind that is not known here.
+    """
+    lost = _Remainders(model, elements)
+    forces: Forces = {}
+    for parts in (
+        _actuators(model, data, elements, lost),
+        _passive(model, data, elements, plastic, lost),
+        _applied(model, data, elements),
+        _constraints(model, data, elements, lost),
+    ):
+        for channel, force in parts:
+            # All contacts of a pair of geoms share a channel.
+            forces[channel] = forces[channel] + force if channel in forces else force
+    total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
+    summed = data.qfrc_smooth + data.qfrc_constraint + data.qfrc_bias
+    lost.check("applied", summed, total[None], scale=np.abs(data.qfrc_bias).max(initial=0.0))
+    residual = _solver_residual(model, data)
+    if residual is not None:
+        forces[SOLVER] = residual
+    return forces
+
+
+def mass_times(model: Model, data: Data, acceleration: Array) -> Array:
+    """M(q) a (nv,), with the mass matrix of the last forward pass."""
+    product = np.zeros(model.nv)
+    _mujoco().mj_mulM(model, data, product, np.ascontiguousarray(acceleration))
+    return product
+
+
+def discrete(model: Model) -> bool:
+    """Whether the integrator solves for the step itself, so that q̈ is (u_{k+1} − u_k)/h."""
+    return _integrator(model) == "DISCRETE"
+
+
+def _integrator(model: Model) -> str:
+    integrators = _mujoco().mjtIntegrator
+    return str(integrators(model.opt.integrator).name).removeprefix("mjINT_")
+
+
+# --- actuators and passive forces ----------------------------------------------------------------
+
+
+def _actuators(
+    model: Model, data: Data, elements: Elements, lost: _Remainders
+) -> Iterator[tuple[str, Array]]:
+    """Moment rows × actuator_force, and gravity compensation, which joints may count as actuation."""
+    moments = _dense(
+        data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind, model.nv
+    )
+    parts = np.zeros((model.nactuator + 1, model.nv))
+    outputs = np.repeat(np.arange(model.nactuator), model.actuator_outnum)
+    np.add.at(parts, outputs, data.actuator_force[:, None] * moments)
+    parts[-1, elements.as_actuator] = data.qfrc_gravcomp[elements.as_actuator]
+    # A joint may limit the sum of its actuators: then each of them gives its share.
+    total = parts.sum(axis=0)
+    cut = elements.limited & (total != data.qfrc_actuator) & (total != 0.0)
+    parts[:, cut] *= data.qfrc_actuator[cut] / total[cut]
+    lost.check("actuator", data.qfrc_actuator, parts)
+    for name, part in zip(elements.actuators, parts, strict=False):
+        yield f"actuator {name}", part
+    gravcomp = np.where(elements.as_actuator, parts[-1], data.qfrc_gravcomp)
+    if gravcomp.any():
+        yield "applied gravcomp", gravcomp
+
+
+def _passive(
+    model: Model, data: Data, elements: Elements, plastic: Array, lost: _Remainders
+) -> Iterator[tuple[str, Array]]:
+    """Springs and dampers: those of tendons by their laws, the rest by the joint it acts on."""
+    jacobian = _dense(
+        data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind, model.nv
+    )
+    for kind, total, tension, joints, tendons in (
+        (
+            "spring",
+            data.qfrc_spring,
+            _tendon_springs(model, data, plastic),
+            elements.springs,
+            elements.tendon_springs,
+        ),
+        (
+            "damper",
+            data.qfrc_damper,
+            _tendon_dampers(model, data, elements),
+            elements.dampers,
+            elements.tendon_dampers,
+        ),
+    ):
+        on_tendons = tension[tendons, None] * jacobian[tendons]
+        rest = total - on_tendons.sum(axis=0)
+        on_joints = np.where(model.dof_jntid == joints[:, None], rest, 0.0)
+        flex = rest - on_joints.sum(axis=0) if model.nflex else np.zeros(model.nv)
+        lost.check(kind, total, np.vstack([on_tendons, on_joints, flex]))
+        for tendon, part in zip(tendons, on_tendons, strict=True):
+            yield f"{kind} {elements.tendons[tendon]}", part
+        for joint, part in zip(joints, on_joints, strict=True):
+            yield f"{kind} {elements.joints[joint]}", part
+        if flex.any():
+            yield f"{kind} flex", flex
+    if data.qfrc_fluid.any():
+        yield "applied fluid", data.qfrc_fluid.copy()
+    if data.qfrc_adhesion.any():
+        yield "contact adhesion", data.qfrc_adhesion.copy()
+    gravcomp = np.where(elements.as_actuator, 0.0, data.qfrc_gravcomp)
+    known = np.array(
+        [data.qfrc_spring, data.qfrc_damper, data.qfrc_fluid, data.qfrc_adhesion, gravcomp]
+    )
+    further = data.qfrc_passive - known.sum(axis=0)
+    if np.abs(further).max(initial=0.0) > ROUNDING * np.abs(known).max(initial=0.0):
+        yield "applied passive", further  # of plugins, and of the callback for passive forces
+
+
+def _tendon_springs(model: Model, data: Data, plastic: Array) -> Array:
+    """Force along each tendon: −(k x + k₁x² + k₂x³), x its length beyond the dead band.
+
+    A plastic spring carries its dead band in the state.
+    """
+    if model.opt.disableflags & _mujoco().mjtDisableBit.mjDSBL_SPRING:
+        return np.zeros(model.ntendon)
+    band = np.array(model.tendon_lengthspring)
+    for k in np.flatnonzero(model.tendon_plasticadr >= 0):
+        band[k] = plastic[model.tendon_plasticadr[k] :][:2]
+    length = data.ten_length
+    x = length - np.clip(length, band[:, 0], band[:, 1])
+    second, third = model.tendon_stiffnesspoly.T
+    return np.asarray(-(model.tendon_stiffness + second * x + third * x * x) * x)
+
+
+def _tendon_dampers(model: Model, data: Data, elements: Elements) -> Array:
+    """Force along each tendon: −(b v + b₁v|v| + b₂v³)."""
+    if model.opt.disableflags & _mujoco().mjtDisableBit.mjDSBL_DAMPER:
+        return np.zeros(model.ntendon)
+    v = data.ten_velocity
+    first, second, third = elements.tendon_damping.T
+    return np.asarray(-(first + second * np.abs(v) + third * v * v) * v)
+
+
+# --- applied forces and constraints --------------------------------------------------------------
+
+
+def _applied(model: Model, data: Data, elements: Elements) -> Iterator[tuple[str, Array]]:
+    if data.qfrc_applied.any():
+        yield "applied qfrc", data.qfrc_applied.copy()
+    apply = _mujoco().mj_applyFT
+    for k in np.flatnonzero(data.xfrc_applied.any(axis=1)):
+        if k == 0:
+            continue  # the world does not move
+        force = np.zeros(model.nv)
+        wrench = data.xfrc_applied[k]
+        apply(model, data, wrench[:3], wrench[3:], data.xipos[k], k, force)
+        yield f"applied {elements.bodies[k]}", force
+
+
+def _constraints(
+    model: Model, data: Data, elements: Elements, lost: _Remainders
+) -> Iterator[tuple[str, Array]]:
+    """Jᵀf of the rows of each constraint."""
+    rows: dict[tuple[int, int], list[int]] = {}
+    for row, key in enumerate(zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True)):
+        rows.setdefault(key, []).append(row)
+    total = np.zeros(model.nv)
+    if data.nefc:
+        if _mujoco().mj_isSparse(model):
+            jacobian = _dense(
+                data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind, model.nv
+            )
+        else:
+            jacobian = data.efc_J.reshape(data.nefc, model.nv)
+        for (kind, element), own in rows.items():
+            force = data.efc_force[own] @ jacobian[own]
+            total += force
+            yield _constraint(model, data, elements, kind, element), force
+    flex = data.qfrc_constraint - total if model.nflex else np.zeros(model.nv)
+    lost.check("constraint", data.qfrc_constraint, np.vstack([total, flex]))
+    if flex.any():
+        yield "contact flex", flex
+
+
+def _constraint(model: Model, data: Data, elements: Elements, kind: int, element: int) -> str:
+    """The channel of a constraint row; its element is a dof, joint, tendon, contact or equality."""
+    kinds = _mujoco().mjtConstraint
+    match kinds(kind):
+        case kinds.mjCNSTR_EQUALITY:
+            return f"constraint {elements.equalities[element]}"
+        case kinds.mjCNSTR_FRICTION_DOF:
+            return f"friction {elements.joints[model.dof_jntid[element]]}"
+        case kinds.mjCNSTR_FRICTION_TENDON:
+            return f"friction {elements.tendons[element]}"
+        case kinds.mjCNSTR_LIMIT_JOINT:
+            return f"limit {elements.joints[element]}"
+        case kinds.mjCNSTR_LIMIT_TENDON:
+            return f"limit {elements.tendons[element]}"
+    if elements.grouped:
+        return "contact all"
+    first, second = data.contact.geom[element]
+    return f"contact {_geom(elements, first)}:{_geom(elements, second)}"
+
+
+def _geom(elements: Elements, index: int) -> str:
+    return elements.geoms[index] if index >= 0 else "flex"
+
+
+# --- sums ----------------------------------------------------------------------------------------
+
+
+def _solver_residual(model: Model, data: Data) -> Array | None:
+    """What the iterative constraint solver left of the equations of motion, if it is not rounding.
+
+    InputError where there is no constraint to be solved: then the data are not of one instant.
+    """
+    if discrete(model):
+        return None  # its q̈ is that of the step: the implicit terms hold this one too
+    summed = data.qfrc_smooth + data.qfrc_constraint
+    residual = mass_times(model, data, data.qacc) - summed
+    size = np.abs(residual).max(initial=0.0)
+    scale = sum(
+        np.abs(f).max(initial=0.0) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias)
+    )
+    if data.nefc and size > SOLVED * scale:
+        return np.asarray(residual)
+    if size > ROUNDING * scale:
+        raise InputError(
+            f"MuJoCo's accelerations do not belong to its forces at t = {data.time:g} s: {size:.3g} of "
+            f"{scale:.3g} N or N·m is left over, without any constraint"
+        )
+    return None
+
+
+@dataclass(frozen=True)
+class _Remainders:
+    """Compares sums of channels with MuJoCo's own."""
+
+    model: Model
+    elements: Elements
+
+    def check(self, group: str, total: Array, parts: Array, scale: float = 0.0) -> None:
+        """InputError where the parts (n, nv) do not add up to MuJoCo's own sum (nv,).
+
+        `scale` is the size of what cancelled in the sum, if anything did.
+        """
+        left = total - parts.sum(axis=0)
+        scale += np.abs(parts).sum(axis=0).max(initial=0.0) + np.abs(total).max(initial=0.0)
+        if np.abs(left).max(initial=0.0) <= ROUNDING * scale:
+            return
+        dof = int(np.abs(left).argmax())
+        joint = self.elements.joints[self.model.dof_jntid[dof]]
+        raise InputError(
+            f"the {group} forces of MuJoCo do not add up: {left[dof]:.6g} is left over on joint "
+            f"{joint!r} (dof {dof}), of {total[dof]:.6g}. Some element of the model acts in a way that "
+            "the recorder does not know; record it without (disable flags), or report the model."
+        )
+
+
+def _dense(values: Any, count: Any, start: Any, columns: Any, width: int) -> Array:
+    """A row-compressed matrix, dense."""
+    count, start = np.asarray(count), np.asarray(start)
+    dense = np.zeros((len(count), width))
+    rows = np.repeat(np.arange(len(count)), count)
+    within = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    places = np.repeat(start, count) + within
+    dense[rows, np.asarray(columns)[places]] = np.asarray(values)[places]
+    return dense

@@ -1,11 +1,20 @@
 # The public names of deltac and where each is defined: one line a name, `as` marks it as exported.
 # Type checkers read this stub; __init__.py reads it too and loads each name on first use.
 from deltac import problems as problems
+from deltac import testing as testing
+from deltac.diagnosis import Audit as Audit
+from deltac.diagnosis import Finding as Finding
+from deltac.diagnosis import Verdict as Verdict
+from deltac.diagnosis import audit as audit
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
+from deltac.importers import ImportReport as ImportReport
+from deltac.importers import equations_from_sympy as equations_from_sympy
+from deltac.importers import read_mechanism as read_mechanism
+from deltac.importers import symbolic_equations as symbolic_equations
 from deltac.mechanism import Body as Body
 from deltac.mechanism import CoordinateMap as CoordinateMap
 from deltac.mechanism import Joint as Joint
@@ -21,6 +30,7 @@ from deltac.mechanism import fixed as fixed
 from deltac.mechanism import frame as frame
 from deltac.mechanism import free as free
 from deltac.mechanism import gear as gear
+from deltac.mechanism import gravity_compensation as gravity_compensation
 from deltac.mechanism import holonomic as holonomic
 from deltac.mechanism import joint_damper as joint_damper
 from deltac.mechanism import joint_spring as joint_spring
@@ -47,10 +57,15 @@ from deltac.mechanism import skate as skate
 from deltac.mechanism import sphere as sphere
 from deltac.mechanism import spherical as spherical
 from deltac.mechanism import spring_damper as spring_damper
+from deltac.mechanism import tendon as tendon
 from deltac.mechanism import universal as universal
 from deltac.mechanism.laws import q as q
 from deltac.mechanism.laws import time as time
 from deltac.mechanism.laws import u as u
+from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
+from deltac.recorders import record_exudyn as record_exudyn
+from deltac.recorders import record_mujoco as record_mujoco
+from deltac.recorders import run_mujoco as run_mujoco
 from deltac.simulation import Assembly as Assembly
 from deltac.simulation import Controller as Controller
 from deltac.simulation import Ensemble as Ensemble
@@ -60,7 +75,10 @@ from deltac.simulation import assemble as assemble
 from deltac.simulation import simulate as simulate
 from deltac.simulation import simulate_ensemble as simulate_ensemble
 from deltac.simulation import solver_names as solver_names
+from deltac.trajectories import Provenance as Provenance
 from deltac.trajectories import Trajectory as Trajectory
 from deltac.trajectories import read_trajectory as read_trajectory
+from deltac.trajectories import scan_trajectory as scan_trajectory
+from deltac.trajectories import suspicions as suspicions
 
 __version__: str

@@ -6,13 +6,14 @@ orthogonal complement from singular values (`deltac.dynamics.textbook_constraine
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from constrained_mechanisms import EXAMPLES, Tied, playing, tied
 from deltac.dynamics.forces import channels, total_force
@@ -20,12 +21,16 @@ from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, Terms, forward, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
-from random_mechanisms import Options, assert_close, largest, scalar
+from random_mechanisms import MAKERS, Options, assert_close, largest, scalar
 from rate_forms import ROUNDING, scale_of
 
 NAMES = applicable(constrained=True)
-TREES = Options(bodies=4, massless=False, thin=False)
-AT_REST = Options(bodies=4, massless=False, thin=False, prescribed=False)
+MOVING = tuple(kind for kind in MAKERS if kind != "fixed")  # constraints need something to hold
+TREES = Options(joints=MOVING, bodies=4, massless=False, thin=False)
+AT_REST = replace(TREES, prescribed=False)
+
+# An example takes some tenths of a second, so half as many as elsewhere.
+fewer = settings(max_examples=settings().max_examples // 2)
 
 
 def condition(tied: Tied) -> float:
@@ -55,6 +60,7 @@ def size(tied: Tied, udot: Any, multipliers: Any) -> float:
     return scale_of(tied.book, udot) * (1 + largest(udot)) + float(reactions @ motion + drift)
 
 
+@fewer
 @given(tied(TREES))
 def test_multipliers_by_elimination_equal_those_by_complement(tied: Tied) -> None:
     """1e-9 relative is asked for; what is reached is rounding times the condition of the system."""
@@ -75,6 +81,7 @@ def test_multipliers_by_elimination_equal_those_by_complement(tied: Tied) -> Non
     assert_close(ties.G[k].T @ lam, force, accuracy, scale + largest(lam))
 
 
+@fewer
 @given(tied(TREES))
 def test_exact_motion_closes(tied: Tied) -> None:
     """Every testing function, with u̇ and reactions of the mechanism's own dynamics."""
@@ -89,6 +96,7 @@ def test_exact_motion_closes(tied: Tied) -> None:
             assert abs(scalar(found)) < ROUNDING * scale, name
 
 
+@fewer
 @given(tied(TREES))
 def test_wrong_accelerations_show_as_the_missing_power(tied: Tied) -> None:
     """The inertial forms: all give −Σ s_r (F_r + F*_r) of the reduced speeds, those of the textbook.
@@ -111,6 +119,7 @@ def test_wrong_accelerations_show_as_the_missing_power(tied: Tied) -> None:
     assert ties.R_hat.shape[1] == 0 or abs(expected) > 1e-9 * scale or largest(s.u) == 0
 
 
+@fewer
 @given(tied(TREES))
 def test_wang_with_known_reactions_sees_errors_along_v_t(tied: Tied) -> None:
     """F′ measured, accelerations wrong: ε = −vᵀ(F + F* + F′)."""
@@ -128,6 +137,7 @@ def test_wang_with_known_reactions_sees_errors_along_v_t(tied: Tied) -> None:
     assert abs(scalar(epsilon) + s.u @ left_over) < ROUNDING * scale
 
 
+@fewer
 @given(tied(AT_REST, moving=False))
 def test_ideal_fixed_constraints_have_no_power(tied: Tied) -> None:
     """−bᵀλ and ψᵀλ, and the force Gᵀλ on the motion itself."""
@@ -146,6 +156,7 @@ def test_ideal_fixed_constraints_have_no_power(tied: Tied) -> None:
     assert abs(scalar(power)) < ROUNDING * scale
 
 
+@fewer
 @given(tied(TREES))
 def test_the_parts_of_the_kinetic_energy(tied: Tied) -> None:
     """K2, K1, K0, Q̇ and the bracket of 1990, with v_t least in the mass metric, by the textbook."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import deltac as dc
@@ -30,6 +30,7 @@ def closing(q: Any) -> float:
     return float(np.hypot(x, y))
 
 
+@settings(max_examples=10)
 @given(SEEDS)
 def test_perturbed_guesses_come_back_with_the_crank_pinned(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -46,6 +47,7 @@ def test_perturbed_guesses_come_back_with_the_crank_pinned(seed: int) -> None:
     assert found.moved == pytest.approx(np.abs(q - state.q).max(), abs=1e-13)
 
 
+@settings(max_examples=10)
 @given(SEEDS)
 def test_without_pins_the_guess_is_followed_as_far_as_the_constraints_let(seed: int) -> None:
     """A small perturbation is taken back by no more than its own size, in the mass metric's measure."""
@@ -149,6 +151,18 @@ def test_contradictory_speeds() -> None:
     with pytest.raises(InputError, match="cannot be met at velocity level.*(slow|fast)") as caught:
         assemble(mechanism, mechanism.state())
     assert "0.15 m/s" in str(caught.value)  # the best is half way between
+
+
+def test_a_demand_on_what_cannot_move_is_no_wild_speed() -> None:
+    """A point on the axis of its own hinge: G is rounding there, and must not be divided by."""
+    axis = np.array([0.3, -0.7, 0.2]) / np.linalg.norm([0.3, -0.7, 0.2])
+    mechanism = dc.Mechanism(
+        [dc.sphere("wheel", 1.0, 0.1)],
+        [dc.revolute("hinge", "ground", "wheel", tuple(axis))],
+        constraints=[dc.skate("edge", "wheel", point=0.4 * axis, lateral=[1, 0.4, 0.9], drift=0.2)],
+    )
+    with pytest.raises(InputError, match="'edge' is off by 0.2 "):
+        assemble(mechanism, mechanism.state({"hinge": 0.3}))
 
 
 def test_pins_that_contradict_the_constraints() -> None:

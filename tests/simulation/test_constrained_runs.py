@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -88,7 +89,11 @@ def one_four_bar() -> tuple[dc.Mechanism, dc.State]:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("name", FIXED)
-@pytest.mark.parametrize(("make", "T"), [(one_four_bar, 0.6), (disc, 0.4)])
+@pytest.mark.parametrize(
+    ("make", "T"),
+    [(one_four_bar, 0.6), pytest.param(disc, 0.4, marks=pytest.mark.slow)],
+    ids=["four-bar", "rolling"],
+)
 def test_order_with_projection(name: str, make: Make, T: float) -> None:
     """log2 of the ratio of state errors, in the finest pair of steps that is clear of rounding."""
     mechanism, state = make()
@@ -105,14 +110,16 @@ def test_order_with_projection(name: str, make: Make, T: float) -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", ["ode2", "ode4", "ode5"])
-@pytest.mark.parametrize("stabilisation", ["projection", "none", (5.0, 5.0)])
-def test_delta_c_falls_with_the_order(name: str, stabilisation: Any) -> None:
+@pytest.mark.parametrize(("name", "first"), [("ode2", 128), ("ode4", 32), ("ode5", 32)])
+@pytest.mark.parametrize(
+    "stabilisation", ["projection", pytest.param("none", marks=pytest.mark.slow), (20.0, 20.0)]
+)
+def test_delta_c_falls_with_the_order(name: str, first: int, stabilisation: Any) -> None:
     """ΔC under step halving: between p and p + 1."""
     mechanism, state = disc()
     order = SOLVERS[name].order or 0
     found = []
-    for steps in (64, 128):
+    for steps in (first, 2 * first):
         run = dc.simulate(
             mechanism, state, 0.4, 0.4 / steps, name, ALL, stabilisation=stabilisation
         )
@@ -139,21 +146,16 @@ def test_drift_is_explained_by_its_channel(stabilisation: Any) -> None:
     Left out, it would pass for a wrong model: no step size makes it fall.
     """
     mechanism, state = nudged()
-    without, within = [], []
-    for h in (0.002, 0.001):
+    missing = []
+    for h in (0.004, 0.002):
         run = dc.simulate(mechanism, state, 1.0, h, "ode8", ALL, stabilisation=stabilisation)
         ledger = balance(mechanism, run)
-        drift = ledger.work["correction drift"]
         for function in ALL:
-            bar = ledger.error_bar[function].max()
-            within.append(np.abs(ledger.delta_c[function]).max() / bar)
-            without.append(np.abs(ledger.delta_c[function] + drift).max() / bar)
-    assert max(within) < 5
-    assert min(without) > 1000 * max(within)
-    half = len(ALL)
-    assert (
-        without[0] * 0.9 < without[half] < without[0] * 1.1
-    )  # per error bar; the step is no matter
+            assert np.abs(ledger.delta_c[function]).max() < 5 * ledger.error_bar[function].max()
+        without = ledger.delta_c["wang"] + ledger.work["correction drift"]
+        missing.append(np.abs(without).max())
+        assert missing[-1] > 1e4 * ledger.error_bar["wang"].max()
+    assert missing[0] == pytest.approx(missing[1], rel=1e-2)
 
 
 def test_baumgarte_calms_and_none_drifts() -> None:
@@ -215,13 +217,28 @@ def test_four_bars_through_their_singular_positions(count: int) -> None:
         assert np.abs(ledger.delta_c[function]).max() < 1e-9
 
 
-def test_a_start_in_a_singular_position_is_warned_of_and_runs_on() -> None:
+@pytest.mark.parametrize("name", ["ode1", "ode4", "ode5"])
+@pytest.mark.parametrize("steps", [60, 65])
+def test_steps_and_stages_that_land_on_a_singular_position(name: str, steps: int) -> None:
+    """Without gravity the cranks turn evenly, and at 1 s they are flat: a row of G vanishes to rounding.
+
+    With 65 steps in 2 s it is the stage in mid-step that meets it. The speeds are known to what the
+    distance to the place, some 1e-4 to 1e-2, leaves of rounding.
+    """
+    plain, start = four_bars(1)
+    mechanism = replace(plain, gravity=[0.0, 0.0, 0.0])
+    omega = -np.pi / 2
+    state = mechanism.state(start.q, {"foot0": omega, "foot1": omega, "tip0": -omega})
+    run = dc.simulate(mechanism, state, 2.0, 2.0 / steps, name, ("wang",), record_every=steps // 5)
+    np.testing.assert_allclose(run.q[:, 0], np.pi / 2 + omega * run.t, atol=1e-12)
+    np.testing.assert_allclose(run.u[:, 1], omega, atol=1e-11)
+
+
+def test_a_start_in_a_singular_position_is_refused_in_words() -> None:
     mechanism, _ = four_bars(1)
     state = mechanism.state({}, {"foot0": 2.0, "foot1": 2.0, "tip0": -2.0})
-    with pytest.warns(UserWarning, match="'1 four-bars' is a singular configuration"):
-        run = dc.simulate(mechanism, state, 0.1, 0.001, "ode5")
-    assert np.isfinite(run.q).all()
-    assert worst(balance(mechanism, run), "position") < 1e-12
+    with pytest.raises(InputError, match="'1 four-bars' is a singular configuration.*state nearby"):
+        dc.simulate(mechanism, state, 0.1, 0.001, "ode5")
 
 
 # --- moving constraints -------------------------------------------------------------------------------
@@ -279,23 +296,43 @@ def test_a_ball_on_a_rising_table_is_lifted_by_the_contact() -> None:
     assert np.ptp(ledger.delta_c["wang"] + ledger.work["constraint contact"]) > 0.5
 
 
-@pytest.mark.parametrize("drive", ["joint", "distance"])
-def test_the_same_drive_told_two_ways(drive: str) -> None:
-    """A prescribed hinge inside a loop, and the same angle held by a constraint that moves."""
-    bars, hinges, closure = linkage()[0].bodies, list(linkage()[0].joints), linkage()[0].constraints
+def driven(how: str) -> tuple[dc.Mechanism, dc.State]:
+    """The crank-rocker driven by its crank, with a bob hanging on the coupler that is left to swing."""
+    plain, _ = linkage()
     law = "1 + 0.8*sin(2*t)"
-    constraints = list(closure)
-    if drive == "joint":
-        hinges[0] = dc.revolute("input", "ground", "crank", "z", motion=law)
+    joints, constraints = list(plain.joints), list(plain.constraints)
+    if how == "joint":
+        joints[0] = dc.revolute("input", "ground", "crank", "z", motion=law)
     else:
         constraints.append(dc.holonomic("held", f"q.input - ({law})"))
-    mechanism = dc.Mechanism(bars, hinges, constraints=constraints, gravity=[0, -9.81, 0])
-    free = {"knee": -0.4, "output": 1.5}
-    guess = mechanism.state(free | ({} if drive == "joint" else {"input": 1.0}))
-    pinned = () if drive == "joint" else ("input",)
-    del pinned  # the constraint itself holds the crank
-    found = dc.assemble(mechanism, guess)
-    assert found.freedom == 0
+    joints.append(dc.revolute("swing", "coupler", "bob", "z", position=[0.5, 0, 0]))
+    bob = dc.point_mass("bob", 0.7, [0.3, 0, 0])
+    mechanism = dc.Mechanism(
+        [*plain.bodies, bob], joints, constraints=constraints, gravity=[0, -9.81, 0]
+    )
+    guess = {"knee": -0.4, "output": 1.5, "swing": -1.0}
+    if how == "constraint":
+        guess["input"] = 1.0
+    return mechanism, dc.assemble(mechanism, mechanism.state(guess), ("swing",)).state
+
+
+def test_the_same_drive_told_two_ways() -> None:
+    """A prescribed hinge inside a loop, and the same angle held by a constraint that moves."""
+    runs = {}
+    for how in ("joint", "constraint"):
+        mechanism, state = driven(how)
+        run = dc.simulate(mechanism, state, 1.0, 0.004, "ode8", ALL)
+        runs[how] = (run, balance(mechanism, run))
+        for function in ALL:
+            assert np.abs(runs[how][1].delta_c[function]).max() < 1e-10
+    (one, by_joint), (two, by_constraint) = runs["joint"], runs["constraint"]
+    places = [one.coordinates.index(name) for name in two.coordinates]
+    np.testing.assert_allclose(one.q[:, places], two.q, atol=1e-11)
+    # The multiplier is the driving torque.
+    np.testing.assert_allclose(
+        by_joint.power["prescribed input"], by_constraint.power["constraint held"], atol=1e-8
+    )
+    assert np.abs(by_joint.power["prescribed input"]).max() > 1.0
 
 
 # --- equations by hand --------------------------------------------------------------------------------
@@ -363,15 +400,13 @@ def test_a_start_off_the_constraints_is_refused_with_the_remedy() -> None:
         dc.simulate(mechanism, off, 0.1, 0.01, "ode4")
     assert "deltac.assemble(mechanism, state)" in str(e.value)
     off = mechanism.state(state.q, state.u + [0.1, 0, 0])
-    with pytest.raises(InputError, match="'closure' at velocity level by 0.04.* m/s"):
+    with pytest.raises(InputError, match="'closure' at velocity level by 0.104 m/s"):
         dc.simulate(mechanism, off, 0.1, 0.01, "ode4")
 
 
 def test_no_degree_of_freedom_is_refused() -> None:
     mechanism, state = linkage()
-    from dataclasses import replace
-
-    held = dc.holonomic("held", f"q.input - {state.q[0]!r}")
+    held = dc.holonomic("held", f"q.input - {float(state.q[0])!r}")
     stiff = replace(mechanism, constraints=[*mechanism.constraints, held])
     with pytest.raises(InputError, match="'crank-rocker' no degree of freedom; it cannot move"):
         dc.simulate(stiff, stiff.state(state.q), 0.1, 0.01, "ode4")
@@ -404,8 +439,6 @@ def test_the_1988_form_is_refused_on_constrained_mechanisms() -> None:
 def test_redundant_constraints_run_and_agree() -> None:
     """The closure told twice: the same motion, the second set of rows left to follow."""
     mechanism, state = linkage()
-    from dataclasses import replace
-
     (closure,) = mechanism.constraints
     twice = replace(mechanism, constraints=[closure, replace(closure, name="again")])
     once = dc.simulate(mechanism, state, 0.5, 0.005, "ode4")

@@ -19,6 +19,9 @@ Array: TypeAlias = NDArray[np.float64]
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""
 
+ROUNDING = 1e-12
+"""Entries of G smaller than this (m or 1) are what rounding leaves of zero."""
+
 
 @dataclass(frozen=True)
 class Independence:
@@ -73,13 +76,18 @@ def _independent(M: Array, G: Array) -> tuple[int, ...]:
 
     if not G.shape[0]:
         return ()
-    scaled = solve_triangular(np.linalg.cholesky(M), G.T, lower=True)
+    scaled = solve_triangular(np.linalg.cholesky(M), without_rounding(G).T, lower=True)
     length = np.linalg.norm(scaled, axis=0)
-    present = length > RANK_TOLERANCE * max(1e-300, length.max())
+    present = length > RANK_TOLERANCE * max(1e-300, length.max(initial=0.0))
     scaled = np.where(present, scaled / np.where(present, length, 1.0), 0.0)
     _, R, order = qr(scaled, mode="economic", pivoting=True)
     rank = int((np.abs(np.diag(R)) > RANK_TOLERANCE).sum())
     return tuple(sorted(int(k) for k in order[:rank]))
+
+
+def without_rounding(G: Array) -> Array:
+    """A Jacobian whose entries at rounding level are zero: a row of such entries asks for nothing."""
+    return np.where(np.abs(G) > ROUNDING, G, 0.0)
 
 
 def row_names(rows: Rows, places: Sequence[int]) -> str:

@@ -15,6 +15,12 @@ import casadi as ca
 
 from deltac.dynamics.spatial import SX
 
+DEPENDENT = 1e-11
+"""Smallest pivot below which a factorisation is not trusted."""
+
+VANISHED = 1e-16
+"""A row of the constraints whose square is this fraction of the largest one's has vanished."""
+
 Entry = Any  # a scalar SX, or None where a structural zero is
 
 
@@ -124,8 +130,17 @@ class Schur:
 
     @property
     def smallest_pivot(self) -> SX:
-        """How near the constraints are to being dependent: 1 independent, 0 dependent."""
-        return self.S.smallest_pivot
+        """How near the constraints are to being dependent: 1 independent, 0 dependent.
+
+        A row that vanishes (its d and diagonal together) shows by its size against the largest row: it is
+        noise when G is at 1e-8 of that, well below any mixture of units and masses.
+        """
+        ratio, largest = self.S.smallest_pivot, ca.SX(0)
+        for a in self.S.diagonal:
+            largest = ca.fmax(largest, a)
+        for a in self.S.diagonal:
+            ratio = ca.fmin(ratio, a / (VANISHED * largest) * DEPENDENT)
+        return ratio
 
 
 def schur(M: SX, G: SX) -> Schur:

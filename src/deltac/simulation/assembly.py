@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.constraints import Rows, constraint_rows
-from deltac.dynamics.independence import independence, row_names
+from deltac.dynamics.independence import independence, row_names, without_rounding
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
 from deltac.errors import InputError, closest
@@ -22,7 +22,9 @@ from deltac.simulation.feasibility import violation
 from deltac.simulation.flow import quaternions
 
 Array: TypeAlias = NDArray[np.float64]
-TOLERANCE = 1e-12
+TOLERANCE = 1e-15
+"""Newton's steps go on until the violation is below this, or falls no more."""
+
 MOST_ITERATIONS = 200
 
 
@@ -149,7 +151,7 @@ def _least(M: Array, G: Array, target: Array, movable: NDArray[np.bool_]) -> Arr
     step = np.zeros(G.shape[1])
     if movable.any() and len(target):
         root = np.linalg.cholesky(M[np.ix_(movable, movable)])
-        scaled = np.linalg.solve(root, G[:, movable].T).T
+        scaled = np.linalg.solve(root, without_rounding(G[:, movable]).T).T
         step[movable] = np.linalg.solve(root.T, np.linalg.lstsq(scaled, target, rcond=1e-10)[0])
     return step
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.forces import channels, total_force
+from deltac.dynamics.kkt import VANISHED
 from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
@@ -23,7 +24,7 @@ from deltac.simulation.solvers.solver import Parts, Solver
 
 Array: TypeAlias = NDArray[np.float64]
 CUT_OFF = 1e-8
-"""Singular values of the constraints below this fraction of the largest are taken as zero."""
+"""Singular values of G M⁻¹ Gᵀ (of unit diagonal) below this fraction of the largest count as zero."""
 
 
 class CarefulStep:
@@ -54,20 +55,27 @@ class CarefulStep:
         )
 
     def __call__(self, t: float, x: Array, h: float) -> Array:
-        """The state one step later, on the constraints if the run is projected."""
-        after = self._step(self._rate, t, x, h, self._parts)
-        for place in quaternions(self._flow.system.mechanism):
-            after[place] /= np.linalg.norm(after[place])
-        return self._projected(t + h, after) if self._flow.projecting else after
+        """The state one step later, on the constraints if the run is projected; NaN if it blows up."""
+        try:
+            with np.errstate(all="ignore"):
+                after = self._step(self._rate, t, x, h, self._parts)
+                for place in quaternions(self._flow.system.mechanism):
+                    after[place] /= np.linalg.norm(after[place])
+                return self._projected(t + h, after) if self._flow.projecting else after
+        except np.linalg.LinAlgError:
+            return np.full_like(x, np.nan)
 
     def _evaluated(self, t: float, x: Array) -> list[Array]:
-        return [np.array(value) for value in self._pieces(t, x, self._p)]
+        values = [np.array(value) for value in self._pieces(t, x, self._p)]
+        if not all(np.isfinite(value).all() for value in values):
+            raise np.linalg.LinAlgError("the equations of motion are not finite")
+        return values
 
     def _rate(self, t: float, x: Array) -> Array:
         M, G, r, gamma, _, _, qdot, _ = self._evaluated(t, x)
         response = np.linalg.solve(M, np.hstack([r, G.T]))
         S = G @ response[:, 1:]
-        lam = np.linalg.lstsq(S, -gamma - G @ response[:, :1], rcond=CUT_OFF)[0]
+        lam = _solved(S, -gamma - G @ response[:, :1])
         udot = response[:, :1] + response[:, 1:] @ lam
         P = np.array(self._powers(t, x, self._p, udot, lam))
         still = np.zeros((len(x) - len(qdot) - len(udot) - len(P), 1))
@@ -89,4 +97,13 @@ class CarefulStep:
 def _least(M: Array, G: Array, violation: Array) -> Array:
     """The change of speeds, least in the mass metric, that removes a violation as far as G can."""
     response = np.linalg.solve(M, G.T)
-    return -response @ np.linalg.lstsq(G @ response, violation, rcond=CUT_OFF)[0]
+    return -response @ _solved(G @ response, violation)
+
+
+def _solved(S: Array, b: Array) -> Array:
+    """The least λ of S λ = b as far as it can be met, every row scaled to unit size, vanished ones out."""
+    size = np.diag(S)
+    present = size > VANISHED * size.max()
+    scale = np.where(present, 1.0 / np.sqrt(np.where(present, size, 1.0)), 0.0)[:, None]
+    solved: Array = scale * np.linalg.lstsq(scale * S * scale.T, scale * b, rcond=CUT_OFF)[0]
+    return solved

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TypeAlias
 
 import casadi as ca
@@ -34,8 +33,8 @@ def constraint_start(
 ) -> tuple[int, ...]:
     """The independent rows to build the equations on.
 
-    Raises InputError for a state that violates a constraint, for constraints that leave no freedom, and
-    for a stabilisation that is unknown or does not go with the solver. Warns of a singular start.
+    Raises InputError for a state that violates a constraint, for constraints that leave no freedom, for a
+    singular start, and for a stabilisation that is unknown or does not go with the solver.
     """
     _check_stabilisation(stabilisation)
     if not mechanism.constraints:
@@ -63,10 +62,9 @@ def constraint_start(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
         )
     if found.singular:
-        warnings.warn(
+        raise InputError(
             f"the start of {mechanism.name!r} is a singular configuration: its constraints are dependent "
-            "there, and more than one motion may begin; give it a state nearby to choose",
-            stacklevel=3,
+            "there, and more than one motion may begin; give it a state nearby to choose"
         )
     return found.independent
 

@@ -61,13 +61,25 @@ class FixedStepper:
 
     @cached_property
     def _single_step(self) -> Any:
-        """(x, k; p, t0, h) -> x one step later and the smallest pivot met, as a CasADi function."""
+        """(x, k; p, t0, h) -> x one step later, and the smallest pivot met on the way."""
         flow, step = self.flow, self.solver.step
         assert step is not None
-        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
+        tied = flow.bound is not None and flow.equations is None
+        met = flow.bound.schur.smallest_pivot if flow.bound is not None and tied else ca.SX(1)
+        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot, met], {"cse": True})
         k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
-        after = step(lambda t, x: f(t, x, flow.p), t0 + k * h, flow.x, h, _masks(flow))
+        pivots: list[SX] = []
+
+        def rate(t: SX, x: SX) -> SX:
+            xdot, met = f(t, x, flow.p)
+            pivots.append(met)
+            return xdot
+
+        after = step(rate, t0 + k * h, flow.x, h, _masks(flow))
         after, worst = _settled(flow, t0 + (k + 1) * h, flow.normalised(after))
+        if tied:  # a stage on a singular configuration spoils the step, wherever it ends
+            for met in pivots:
+                worst = ca.fmin(worst, met)
         return ca.Function("step", [flow.x, k, flow.p, t0, h], [after, worst])
 
     @property
@@ -194,14 +206,15 @@ def run_in_python(
     careful = None
     if flow.bound is not None and controller is None and flow.equations is None:
         careful = CarefulStep(flow, solver, parts, p)
-    x, message = x0.copy(), ""
+    x, message, before = x0.copy(), "", 1.0
     kept = [(t0, x0.copy(), rate.hold(t0, x0))]
     for k in range(steps):
         t, following = t0 + k * h, t0 + (k + 1) * h
         with np.errstate(all="ignore"):
             x_next, worst = settle(following, step(rate, t, x, h, parts))
-        if careful is not None and not worst > SMALLEST_PIVOT:
+        if careful is not None and not min(worst, before) > SMALLEST_PIVOT:
             x_next = careful(t, x, h)
+        before = worst
         if not np.isfinite(x_next).all():
             message = _stopped(following, t)
             if k % every:

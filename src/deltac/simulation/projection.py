@@ -12,10 +12,11 @@ from typing import Any
 
 import casadi as ca
 
+from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX
 from deltac.simulation.flow import Flow, quaternions
 
-SMALLEST_PIVOT = 1e-11
+SMALLEST_PIVOT = DEPENDENT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from deltac.report.audit_figure import audit_figure
 from deltac.report.figures import Curve, angles_figure, testing_figure, torque_figure
 from deltac.report.files import output_folder, write_figure, write_json
 
 __all__ = [
     "Curve",
     "angles_figure",
+    "audit_figure",
     "output_folder",
     "testing_figure",
     "torque_figure",

@@ -1,0 +1,308 @@
+"""`audit`: a log of whatever simulator against a model: where the energy went, and what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis import checks
+from deltac.diagnosis.equations import EquationTerms, equation_terms
+from deltac.diagnosis.factors import EXPLAINS, explanations
+from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.judgement import Measures, judge
+from deltac.diagnosis.logs import Log, read_log
+from deltac.diagnosis.models import load_model
+from deltac.diagnosis.verdict import Verdict
+from deltac.energy import Ledger, balance
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.importers import ImportReport
+
+Array: TypeAlias = NDArray[np.float64]
+
+TOLERANCE = 1e-3
+"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+
+EXACT = 1.0 - 1e-6
+"""Share of the squared residual that an explanation must reach where the residual comes and goes."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the audit's table: energy (J) at the end of the run, its share of the turnover, origin.
+
+    `energy` is a work for channels, a change for energies; positive into the system.
+    """
+
+    name: str
+    energy: float
+    share: float
+    basis: str
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """What an audit found.
+
+    Attributes:
+        ledger: where the energy went; `ledger.basis` says "measured", "computed", "assumed zero" or
+            "derived" of every term.
+        verdict: what it means.
+        run: the log that was judged, its columns in the model's order; of a log read in parts, some rows.
+        mechanism: the model it was judged against.
+        import_report: what the model's file held that the model does not, None for other models.
+        function: the testing function that the verdict rests on.
+        left_over: ΔC with the work of corrections that the simulator applied (T,), J.
+        tolerance: accepted |left_over| as a fraction of the energy turned over.
+    """
+
+    ledger: Ledger
+    verdict: Verdict
+    run: Trajectory
+    mechanism: Mechanism
+    import_report: ImportReport | None
+    function: str
+    left_over: Array
+    tolerance: float
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed, causes first."""
+        return self.verdict.findings
+
+    @property
+    def relative(self) -> float:
+        """Largest |left_over| as a fraction of the energy turned over."""
+        largest = float(np.abs(self.left_over).max())
+        return largest / self.ledger.turnover if self.ledger.turnover > 0.0 else 0.0
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 the balance holds within the tolerance, 1 it does not, 3 unresolved.
+
+        A mistake in the model that stays within the tolerance is named by the verdict and is status 0,
+        unless a channel of the model moved more energy than that otherwise than in the log, or one is
+        missing.
+        """
+        if self.verdict.kind == "unresolved":
+            return 3
+        differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
+        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        kept = self.verdict.kind == "consistent" or small
+        return 0 if kept and not differs else 1
+
+    def rows(self) -> tuple[Row, ...]:
+        """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
+        ledger = self.ledger
+        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+
+        def row(name: str, energy: float, basis: str) -> Row:
+            return Row(name, energy, energy / unit, basis)
+
+        channels = sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
+        rows = [row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")) for n, w in channels]
+        rows += [row(n, 0.0, b) for n, b in ledger.basis.items() if b == "assumed zero"]
+        K, V = ledger.kinetic, ledger.potential_energy
+        delta_c = ledger.delta_c[self.function]
+        change = float(K[-1] - K[0] + V[-1] - V[0])
+        rows += [
+            row("ΔK", float(K[-1] - K[0]), "computed"),
+            row("ΔV", float(V[-1] - V[0]), "computed"),
+            row("Q", change - float(delta_c[-1]), "the works, without those of V"),
+            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), self._bar()),
+        ]
+        if self.left_over is not delta_c:
+            rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
+        return tuple(rows)
+
+    def table(self) -> str:
+        """The table as text."""
+        rows = self.rows()
+        width = max(len(row.name) for row in rows)
+        lines = [f"{'':{width}}  {'work (J)':>12}  {'share':>8}  basis"]
+        lines += [
+            f"{row.name:{width}}  {row.energy:12.5g}  {100 * row.share:7.3g}%  {row.basis}"
+            for row in rows
+        ]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the time histories, for JSON."""
+        ledger = self.ledger
+        return {
+            "verdict": self.verdict.kind,
+            "confidence": self.verdict.confidence,
+            "evidence": list(self.verdict.evidence),
+            "findings": [vars(finding) for finding in self.findings],
+            "limits": list(self.verdict.limits),
+            "status": self.status,
+            "tolerance": self.tolerance,
+            "relative": self.relative,
+            "turnover": ledger.turnover,
+            "method": ledger.method,
+            "testing_function": self.function,
+            "delta_c": {n: float(np.abs(x).max()) for n, x in ledger.delta_c.items()},
+            "error_bar": {n: float(x.max()) for n, x in ledger.error_bar.items()},
+            "table": [vars(row) for row in self.rows()],
+            "samples": len(self.run),
+            "ignored_by_import": [str(r) for r in self.import_report.ignored]
+            if self.import_report
+            else [],
+        }
+
+    def _bar(self) -> str:
+        return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
+
+    def __repr__(self) -> str:
+        return (
+            f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
+            f"{100 * self.relative:.2g} % of {self.ledger.turnover:.4g} J turned over; "
+            f"{len(self.findings)} findings)"
+        )
+
+
+_BEYOND_TOLERANCE = (
+    "channel-differs",
+    "channel-not-in-model",
+    "prescribed-departs",
+    "missing-contact",
+)
+
+
+def audit(
+    model: Any,
+    log: Any,
+    *,
+    tolerance: float = TOLERANCE,
+    work: str | None = None,
+    mapping: Any = None,
+) -> Audit:
+    """Judge a log against a model.
+
+    Args:
+        model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
+            mujoco.MjModel or MjSpec, or ``file.py:callable``.
+        log: a Trajectory, or the path of a log.
+        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
+            has that, discrete where it holds every step of an engine that holds its forces over a step.
+        mapping: path of a mapping file, for logs whose columns have other names or units.
+
+    Returns:
+        The audit: ledger, verdict, findings.
+
+    Raises:
+        InputError: model or log cannot be read, or the log is not of this model.
+    """
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
+    log_read = read_log(mechanism, log, work, mapping)
+    run, ledger, findings = log_read.run, log_read.ledger, list(log_read.findings)
+    function = _function(ledger)
+    left_over = _with_corrections(ledger, function)
+    missing = checks.assumed_zero(run, loaded.import_report)
+    basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
+    if _derived(run, "u"):
+        basis["u"] = "derived"
+    if _derived(run, "udot"):
+        basis["u̇"] = "derived"
+    ledger = replace(ledger, basis=basis)
+    findings += checks.suspicious_conventions(mechanism, log_read.consecutive)
+    findings += checks.violations(mechanism, run, ledger, tolerance)
+    findings += checks.assumed_zero_finding(missing)
+    terms = None
+    if basis["u̇"] == "measured" and len(mechanism.free.u):
+        terms = equation_terms(mechanism, run)
+        findings += _of_equations(
+            mechanism, log_read, terms, tolerance, loaded.import_report, findings
+        )
+    measures = Measures(
+        turnover=ledger.turnover,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        left=float(np.abs(left_over).max()),
+        bar=float(ledger.error_bar[function].max()),
+        tolerance=tolerance,
+        spacing=float(np.median(np.diff(log_read.consecutive.t))),
+        step=run.provenance.step,
+        method=ledger.method,
+        bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
+    )
+    ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
+    return Audit(
+        ledger=ledger,
+        verdict=judge(measures, terms, tuple(ranked)),
+        run=run,
+        mechanism=mechanism,
+        import_report=loaded.import_report,
+        function=function,
+        left_over=left_over,
+        tolerance=tolerance,
+    )
+
+
+def _of_equations(
+    mechanism: Mechanism,
+    log: Log,
+    terms: EquationTerms,
+    tolerance: float,
+    import_report: ImportReport | None,
+    known: list[Finding],
+) -> list[Finding]:
+    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
+    if any(f.weight == "doubt" for f in known):
+        return checks.blame(terms)
+    whole = log.consecutive is log.run
+    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
+    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
+    if stale:
+        return stale + checks.blame(terms)
+    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
+    now_and_then = checks.intermittent(terms, log.run, tolerance)
+    # What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    simple = explanations(mechanism, terms, EXACT if now_and_then else EXPLAINS)
+    return found + (simple or now_and_then) + checks.blame(terms)
+
+
+def _function(ledger: Ledger) -> str:
+    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
+    for name in ("wang", "liu-huston", "kane-levinson-1990"):
+        if name in ledger.delta_c:
+            return name
+    return next(iter(ledger.delta_c))
+
+
+def _with_corrections(ledger: Ledger, function: str) -> Array:
+    """ΔC with what the simulator itself added to keep its scheme going: that is error, not force."""
+    delta_c = ledger.delta_c[function]
+    corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
+    return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
+
+
+def _derived(run: Trajectory, what: str) -> bool:
+    return what in run.provenance.notes.get("derived", "").split(";")
+
+
+def _reach(work: Array) -> float:
+    return float(np.ptp(work))
+
+
+def _bar_growth(mechanism: Mechanism, run: Trajectory, function: str) -> Callable[[], float]:
+    """How many times larger the error bar is on every second sample, if it is asked for."""
+
+    def growth() -> float:
+        bars = [
+            balance(mechanism, rows, "samples", testing=(function,)).error_bar[function].max()
+            for rows in (run, run.every(2))
+        ]
+        return float(bars[1] / bars[0]) if bars[0] > 0.0 else 1.0
+
+    return growth

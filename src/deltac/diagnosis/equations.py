@@ -1,0 +1,274 @@
+"""The equations of motion at the samples of a log, term by term: no integration is involved.
+
+Kane's equations say F_r + F*_r = 0 for every free speed. What is left of them at the logged states,
+accelerations and forces is a mistake in the model, in a force, or a missing channel; not the
+integrator's, which only moves from one state to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.resolution import resolution
+from deltac.dynamics.forces import channels
+from deltac.dynamics.recursions import accelerations, crba, gather, rnea, velocities
+from deltac.dynamics.spatial import SX, cross_force, rigid_inertia
+from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+
+MOST_ROWS = 3000
+"""Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
+
+PERTURBATIONS = 2
+CLEAR = 50.0
+"""A residual this many times above what the log's digits allow is no rounding."""
+
+LEAST = 1e-6
+"""Relative residuals below this are not called a mistake: constraint solvers stop there."""
+
+
+@dataclass(frozen=True, eq=False)
+class EquationTerms:
+    """Terms of F_r + F*_r (T, n) at T samples for the n free speeds, N or N·m.
+
+    Attributes:
+        speeds: the names of the free speeds (n).
+        rows: which samples of the log.
+        forces: F_r of each channel.
+        own: the model's own force of channels that the log replaced.
+        residual: the sum of forces, inertia forces and constraint forces.
+        scale: typical size of the terms that are added up, for each speed (n,).
+        precision: residual (n,) that the log's number of digits, or rounding, explains.
+    """
+
+    speeds: tuple[str, ...]
+    rows: NDArray[np.intp]
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    forces: Mapping[str, Array]
+    own: Mapping[str, Array]
+    residual: Array
+    scale: Array
+    precision: Array
+    evaluator: Evaluator
+
+    @property
+    def size(self) -> Array:
+        """Root mean square of the residual of each speed (n,)."""
+        return np.asarray(np.sqrt(np.mean(self.residual**2, axis=0)))
+
+    @property
+    def relative(self) -> Array:
+        """`size` as a fraction of `scale` (n,)."""
+        return np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=self.scale > 0)
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """Which speeds have a residual that neither rounding nor the log's digits explain (n,)."""
+        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
+
+    @property
+    def share_of_energy(self) -> Array:
+        """What the residual adds to ΔC: −∫ Σ u_r (F_r + F*_r) dt (T,), J, by trapezoids."""
+        power = -np.einsum("ij,ij->i", self.u, self.residual)
+        steps = 0.5 * (power[1:] + power[:-1]) * np.diff(self.t)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def weighted(self, values: Array) -> Array:
+        """Divided by the scale of each speed, so that N and N·m may be added up."""
+        weight = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.scale > 0)
+        return values * weight
+
+
+class Evaluator:
+    """Kane's equations of a mechanism with a log's forces, as functions of arrays of samples."""
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism = mechanism
+        free = mechanism.free
+        self.log = LoggedForces.of(run)
+        start = (float(run.t[0]), run.q[0, free.q])
+        self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+        s = self.symbols.system
+        at = s.free_u
+        given = {part.name for part in self.symbols.parts}
+        self.own_names = [p.name for p in channels(s) if p.name in self.log.places and not p.logged]
+        own = {p.name: p.force for p in channels(s)}
+        zero = ca.SX.zeros(len(at))
+        bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))
+        self._outputs: dict[str, SX] = {
+            "inertia": -(rnea(s, self.symbols.udot) - bias)[at],
+            "bias": -bias[at],
+            "constraint": zero,
+            **{f"force {p.name}": p.force[at] for p in self.symbols.parts},
+            **{f"own {name}": own[name][at] for name in self.own_names},
+        }
+        bound = self.symbols.constrained
+        if bound is not None:
+            G = bound.rows.G
+            self._outputs["constraint"] = ca.mtimes(G.T, self.symbols.reactions.multipliers)
+        self.channels = tuple(given)
+        self._function = self._compiled(self._outputs)
+
+    def _compiled(self, outputs: Mapping[str, SX]) -> ca.Function:
+        s = self.symbols.system
+        columns = [s.t, s.q, s.u, s.udot, self.symbols.logged]
+        return ca.Function("terms", columns, [ca.densify(ca.vec(x)) for x in outputs.values()])
+
+    def __call__(self, samples: Sampled) -> dict[str, Array]:
+        """All terms (T, n) by name."""
+        return dict(zip(self._outputs, self._evaluate(self._function, samples)))
+
+    def _evaluate(self, function: ca.Function, samples: Sampled) -> list[Array]:
+        columns = [samples.t[None, :], samples.q.T, samples.u.T, samples.udot.T, samples.logged.T]
+        found = function.map(len(samples.t)).call([ca.DM(c) for c in columns])
+        return [np.array(x).T for x in found]
+
+    def body_terms(self, samples: Sampled) -> dict[tuple[str, str], Array]:
+        """F*_r and gravity (T, n) that each body accounts for, ("all" | "mass", body) -> terms.
+
+        "all" belongs to its mass with its inertia, "mass" to its mass alone at an unchanged inertia.
+        """
+        s = self.symbols.system
+        weight = "gravity" in self.channels and "gravity" not in self.log.places
+        base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if weight else None
+        V = velocities(s, s.u_all)
+        A = accelerations(s, V, self.symbols.udot, base)
+        outputs: dict[tuple[str, str], SX] = {}
+        for k, link in enumerate(s.links):
+            if s.mechanism.body(link.joint.child).massless:
+                continue
+            point = rigid_inertia(link.mass, link.centre, ca.SX.zeros(3, 3))
+            for what, inertia in (("all", link.inertia), ("mass", point)):
+                F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
+                outputs[what, link.joint.child] = -gather(s, {k: F})[s.free_u]
+        named = {f"{what} {body}": x for (what, body), x in outputs.items()}
+        return dict(zip(outputs, self._evaluate(self._compiled(named), samples)))
+
+    def projected(self, samples: Sampled, terms: Sequence[Array]) -> list[Array]:
+        """What constraints leave of generalized forces (T, n): x − Gᵀλ(x), as they do of residuals."""
+        bound = self.symbols.constrained
+        if bound is None or self.symbols.with_measured is not None:
+            return list(terms)
+        s = self.symbols.system
+        M = crba(s)[s.free_u, s.free_u]
+        count, n = bound.rows.G.shape
+        matrices = self._evaluate(self._compiled({"M": M, "G": bound.rows.G}), samples)
+        # vec() stacks columns: the transpose, row by row.
+        mass = matrices[0].reshape(-1, n, n)
+        Gt = matrices[1].reshape(-1, n, count)
+        MinvGt = np.linalg.solve(mass, Gt)
+        inner = np.einsum("tni,tnj->tij", Gt, MinvGt)
+        made = []
+        for x in terms:
+            multipliers = np.linalg.solve(inner, np.einsum("tni,tn->ti", MinvGt, x)[..., None])
+            made.append(x - (Gt @ multipliers)[..., 0])
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Columns of a log that the equations need: free q, u, u̇, and the logged forces (T, m)."""
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    logged: Array
+
+    @staticmethod
+    def of(mechanism: Mechanism, run: Trajectory, log: LoggedForces) -> Sampled:
+        """All samples of a run that has accelerations."""
+        assert run.udot is not None
+        free = mechanism.free
+        forces = [values for values in log.values(run).values()]
+        logged = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
+        return Sampled(run.t, run.q[:, free.q], run.u[:, free.u], run.udot[:, free.u], logged)
+
+    def take(self, rows: NDArray[np.intp]) -> Sampled:
+        """Some of the samples."""
+        return Sampled(self.t[rows], self.q[rows], self.u[rows], self.udot[rows], self.logged[rows])
+
+
+def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
+    """The terms of the equations of motion at (at most `MOST_ROWS`) samples of a run with u̇."""
+    evaluator = Evaluator(mechanism, run)
+    everything = Sampled.of(mechanism, run, evaluator.log)
+    rows = np.unique(np.linspace(0, len(run) - 1, min(len(run), MOST_ROWS)).astype(np.intp))
+    samples = everything.take(rows)
+    found = evaluator(samples)
+    forces = {n.removeprefix("force "): x for n, x in found.items() if n.startswith("force ")}
+    own = {n.removeprefix("own "): x for n, x in found.items() if n.startswith("own ")}
+    residual = total(found)
+    magnitude = np.sum([np.abs(x) for x in _terms(found)], axis=0)
+    scale = np.sqrt(np.mean(magnitude**2, axis=0))
+    units = [mechanism.speeds[int(k)].unit for k in mechanism.free.u]
+    return EquationTerms(
+        speeds=tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u),
+        rows=rows,
+        t=samples.t,
+        q=samples.q,
+        u=samples.u,
+        udot=samples.udot,
+        forces=forces,
+        own=own,
+        residual=residual,
+        scale=_floored(scale, units),
+        precision=_precision(evaluator, everything, rows, residual, scale),
+        evaluator=evaluator,
+    )
+
+
+def total(found: Mapping[str, Array]) -> Array:
+    """F_r + F*_r of an evaluator's terms."""
+    return np.asarray(np.sum(_terms(found), axis=0))
+
+
+def _terms(found: Mapping[str, Array]) -> list[Array]:
+    return [x for name, x in found.items() if not name.startswith("own ")]
+
+
+def _floored(scale: Array, units: Sequence[str]) -> Array:
+    """No scale far below the largest of its unit: what is zero but for rounding has no size."""
+    floored = scale.copy()
+    for unit in set(units):
+        same = np.array([u == unit for u in units])
+        floored[same] = np.maximum(floored[same], LEAST * scale[same].max(initial=0.0))
+    return floored
+
+
+def _precision(
+    evaluator: Evaluator,
+    everything: Sampled,
+    rows: NDArray[np.intp],
+    residual: Array,
+    scale: Array,
+) -> Array:
+    """How much the residual moves when every number of the log moves by half its last digit."""
+    rng = np.random.default_rng(0)
+    digits = {name: resolution(getattr(everything, name))[rows] for name in _COLUMNS}
+    exact = everything.take(rows)
+    squares = np.zeros(residual.shape[1])
+    for _ in range(PERTURBATIONS):
+        moved = {
+            name: getattr(exact, name) + rng.uniform(-1, 1, half.shape) * half
+            for name, half in digits.items()
+        }
+        difference = total(evaluator(replace(exact, **moved))) - residual
+        squares += np.mean(difference**2, axis=0)
+    rounding = 4.0 * np.finfo(np.float64).eps * scale
+    return np.asarray(np.sqrt(squares / PERTURBATIONS) + rounding)
+
+
+_COLUMNS = ("q", "u", "udot", "logged")

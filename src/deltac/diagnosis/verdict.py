@@ -1,0 +1,56 @@
+"""The verdict: can this motion be trusted, and if not, what is wrong?"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from typing import Literal
+
+from deltac.diagnosis.findings import Finding
+
+Kind = Literal["consistent", "integration-error", "equation-error", "unresolved"]
+Confidence = Literal["high", "medium", "low"]
+
+MEANINGS: dict[str, str] = {
+    "consistent": "The energy balance holds: motion, model and logged forces belong together.",
+    "integration-error": "The equations hold at the samples, but energy is not kept: the step or the "
+    "integrator is to blame, not the model.",
+    "equation-error": "The motion does not obey the model's equations: a parameter, a force or a missing "
+    "channel is to blame, not the integrator.",
+    "unresolved": "The log does not tell.",
+}
+
+LIMITS: tuple[str, ...] = (
+    "an error shared by motion and model, such as one wrong mass used in both",
+    "a wrong force that does no work, unless the log has accelerations",
+    "accuracy, where a stabilised or symplectic method keeps ΔC bounded at large steps",
+    "what happened between the samples",
+)
+"""What no energy test sees; printed with every verdict."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a test of a motion came to.
+
+    kind        "consistent", "integration-error", "equation-error" or "unresolved"
+    confidence  "high", "medium" or "low"
+    evidence    the numbers it rests on, a sentence each
+    findings    what was noticed, causes first
+    limits      what the test cannot see
+    """
+
+    kind: Kind
+    confidence: Confidence
+    evidence: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    limits: tuple[str, ...] = LIMITS
+
+    def explain(self, width: int = 96) -> str:
+        """The verdict in words, with evidence, findings and limits, a paragraph each."""
+        lines = [f"{self.kind} (confidence {self.confidence}). {MEANINGS[self.kind]}"]
+        lines += [f"- {sentence}." for sentence in self.evidence]
+        for heading, weights in (("Cause", ("cause",)), ("Doubt", ("doubt",)), ("Note", ("note",))):
+            lines += [f"{heading}: {f}." for f in self.findings if f.weight in weights]
+        lines.append(f"Not seen by this test: {'; '.join(self.limits)}.")
+        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)

@@ -1,0 +1,110 @@
+"""`deltac audit`: what it prints, and its exit status."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac import cli
+
+MODEL = "triple-pendulum"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs of a good, a coarse and a mistaken run, and one in degrees."""
+    folder = tmp_path_factory.mktemp("logs")
+    p = dc.problems.load(MODEL)
+    good = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-3, solver="ode5", testing=())
+    good.write(folder / "good.parquet")
+    coarse = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-2, solver="ode1", testing=())
+    coarse.write(folder / "coarse.csv")
+    replace(good, q=np.degrees(good.q)).write(folder / "degrees.parquet")
+    wrong = dc.problems.load(MODEL, damping=0.01)
+    damped = dc.simulate(
+        wrong.mechanism, wrong.state, duration=1.0, step=1e-3, solver="ode5", testing=()
+    )
+    replace(damped, forces={}).write(folder / "damped.parquet")
+    return folder
+
+
+def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["audit", *arguments])
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+@pytest.mark.parametrize(
+    ("log", "status", "said"),
+    [
+        ("good.parquet", 0, "consistent"),
+        ("coarse.csv", 1, "integration-error"),
+        ("damped.parquet", 1, "equation-error"),
+        ("degrees.parquet", 3, "degrees in place of radians"),
+    ],
+)
+def test_status_and_verdict(
+    logs: Path, log: str, status: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found, out, err = run(MODEL, str(logs / log), capsys=capsys)
+    assert (found, err) == (status, ""), out
+    assert said in " ".join(out.split())
+    assert "gravity" in out  # the table
+    assert "Not seen by this test" in out
+
+
+def test_json_and_figure(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "audit.png"
+    status, out, _ = run(
+        MODEL, str(logs / "damped.parquet"), "--json", "--figure", str(picture), capsys=capsys
+    )
+    held = json.loads(out)
+    assert held["status"] == status == 1
+    assert {f["kind"] for f in held["findings"] if f["weight"] == "cause"} == {"missing-damper"}
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_tolerance_decides(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    coarse = str(logs / "coarse.csv")
+    assert run(MODEL, coarse, "--tolerance", "0.9", capsys=capsys)[0] == 0
+
+
+def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["audit", MODEL, str(logs / "good.parquet"), "--explain-log", "--json"])
+    assert not stop.value.code
+    read = {entry["column"]: entry["meaning"] for entry in json.loads(capsys.readouterr().out)}
+    assert read["time"] == "time"
+    assert read["q.joint1"] == "q.joint1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["no-such-model", "good.parquet"], "unknown model"),
+        ([MODEL, "god.parquet"], "good.parquet"),
+        (["simple-pendulum", "good.parquet"], "joint2"),
+        ([MODEL, "good.parquet", "--tolerance", "0"], "tolerance is 0"),
+        ([MODEL, "good.parquet", "--work", "guess"], "known: in-loop"),
+        ([MODEL, "good.parquet", "--figure", "a.svg"], ".png"),
+        ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "does not exist"),
+    ],
+)
+def test_bad_input_is_status_2(
+    logs: Path,
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(logs)
+    status, out, err = run(*arguments, capsys=capsys)
+    assert (status, out) == (2, "")
+    assert said in err
+    assert "Traceback" not in err

@@ -1,0 +1,366 @@
+"""What `audit` says of MuJoCo runs that are right, and of logs and models with a planted mistake."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac import Audit, Finding, Trajectory, audit
+
+mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
+
+from mujoco_models import (  # noqa: E402
+    ARM,
+    BOX,
+    HOPPER,
+    arm_run,
+    box_run,
+    hopper_run,
+    model_of,
+    scaled,
+    with_changes,
+    without,
+)
+
+
+def causes(found: Audit) -> list[Finding]:
+    return [f for f in found.findings if f.weight == "cause"]
+
+
+def the_cause(found: Audit, kind: str) -> Finding:
+    """The only cause, of that kind, of an equation error."""
+    assert found.verdict.kind == "equation-error", found.verdict.explain()
+    assert [f.kind for f in causes(found)] == [kind], found.verdict.explain()
+    return causes(found)[0]
+
+
+# --- right logs are not accused -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("xml", "run"),
+    [(ARM, arm_run), (HOPPER, hopper_run), (BOX, box_run)],
+    ids=["arm", "hopper", "box"],
+)
+def test_right_runs_are_consistent(xml: str, run: Any) -> None:
+    found = audit(model_of(xml), run())
+    assert found.verdict.kind == "consistent", found.verdict.explain()
+    assert found.status == 0
+    assert not [f for f in found.findings if f.weight != "note"]
+    assert "Not seen by this test" in found.verdict.explain()
+
+
+def test_a_coarse_step_is_the_integrators_fault() -> None:
+    from deltac.recorders import run_mujoco
+
+    run = run_mujoco(model_of(ARM), 2.0, step=0.01, integrator="euler")
+    found = audit(model_of(ARM), run)
+    assert found.verdict.kind == "integration-error", found.verdict.explain()
+    assert found.status == 1
+    assert not causes(found)
+    assert "0.01 s" in found.verdict.explain()
+
+
+def test_corrections_count_as_error_not_as_force() -> None:
+    found = audit(model_of(ARM), arm_run("euler"))
+    delta_c = found.ledger.delta_c[found.function]
+    correction = found.ledger.work["correction implicit"]
+    assert np.ptp(correction) > 0.0
+    np.testing.assert_allclose(found.left_over, delta_c + correction, rtol=0, atol=1e-15)
+    assert "ΔC with corrections" in found.table()
+
+
+def test_work_is_discrete_where_an_engine_held_its_forces() -> None:
+    assert audit(model_of(HOPPER), hopper_run()).ledger.method == "discrete"
+    assert audit(model_of(HOPPER), hopper_run().every(2)).ledger.method == "samples"
+    assert audit(model_of(ARM), arm_run()).ledger.method == "samples"
+
+
+# --- planted mistakes -----------------------------------------------------------------------------
+
+
+def test_damping_missing_in_the_model_but_logged() -> None:
+    found = audit(with_changes(ARM, damping=0.0), arm_run())
+    assert found.verdict.kind == "equation-error"
+    assert found.status == 1
+    assert {f.element for f in causes(found)} == {"damper shoulder", "damper elbow"}
+    assert {f.kind for f in causes(found)} == {"channel-not-in-model"}
+
+
+def test_damping_that_nobody_mentions_is_measured() -> None:
+    found = audit(with_changes(ARM, damping=0.0), without(arm_run(), "damper"))
+    assert found.verdict.kind == "equation-error"
+    measured = {f.element: f.factor for f in causes(found) if f.kind == "missing-damper"}
+    assert measured == pytest.approx({"shoulder": 0.05, "elbow": 0.02}, rel=1e-9)  # as in ARM
+
+
+def test_other_damping_than_the_models() -> None:
+    found = audit(with_changes(ARM, dof_damping=[2.0, 1.0]), arm_run())
+    cause = the_cause(found, "channel-differs")
+    assert cause.element == "damper shoulder"
+    assert cause.factor == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1.02, 0.98])
+def test_masses_off_by_two_percent(factor: float) -> None:
+    model = with_changes(ARM, body_mass=factor, body_inertia=factor)
+    cause = the_cause(audit(model, arm_run()), "mass-scale")
+    assert cause.factor == pytest.approx(1.0 / factor, rel=1e-9)
+
+
+def test_one_body_heavier_by_two_percent() -> None:
+    model = with_changes(ARM, body_mass=[1.0, 1.0, 1.02])
+    cause = the_cause(audit(model, arm_run()), "body-mass")
+    assert cause.element == "lower"
+    assert cause.factor == pytest.approx(1.0 / 1.02, rel=1e-9)
+
+
+@pytest.mark.parametrize(("xml", "run"), [(ARM, arm_run), (BOX, box_run)], ids=["arm", "box"])
+def test_gravity_of_two_countries(xml: str, run: Any) -> None:
+    cause = the_cause(audit(with_changes(xml, gravity=9.8), run()), "gravity")
+    assert cause.factor == pytest.approx(9.81 / 9.8, rel=1e-9)
+    assert "9.81 m/s² instead of 9.8 m/s²" in cause.what
+
+
+def test_a_wrong_gear() -> None:
+    found = audit(model_of(ARM), scaled(arm_run(), "actuator m1", 1.1))
+    cause = the_cause(found, "actuator-gear")
+    assert found.status == 1
+    assert cause.element == "actuator m1"
+    assert cause.factor == pytest.approx(1.0 / 1.1, rel=1e-9)
+
+
+@pytest.mark.parametrize("withheld", ["contact floor:foot1", "contact"])
+def test_a_contact_that_is_withheld(withheld: str) -> None:
+    found = audit(model_of(HOPPER), without(hopper_run(), withheld))
+    cause = the_cause(found, "missing-contact")
+    assert found.status == 1
+    assert "pushes upward" in cause.evidence
+    touch = hopper_run().forces["contact floor:foot1"].any(axis=1)
+    first = hopper_run().t[np.flatnonzero(touch)[0]]
+    assert f"({first:.4g} to" in cause.evidence  # the moment the feet touch
+
+
+# --- logs that cannot be judged -------------------------------------------------------------------
+
+
+def test_a_decimated_log_is_not_accused() -> None:
+    found = audit(model_of(ARM), arm_run().every(20))  # 500 Hz to 25 Hz
+    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    assert found.status == 3
+    assert not [f for f in found.findings if f.weight != "note"]
+    assert "25 Hz" in found.verdict.explain()
+    advised = re.search(r"sample at about (\d+) Hz", " ".join(found.verdict.explain().split()))
+    assert advised is not None, found.verdict.explain()
+    # Taken at its word: the next higher rate that divides 500 Hz suffices.
+    enough = audit(model_of(ARM), arm_run().every(int(500 / float(advised[1]))))
+    assert enough.verdict.kind == "consistent", enough.verdict.explain()
+
+
+def test_a_decimated_log_of_a_wrong_model_still_is() -> None:
+    found = audit(with_changes(ARM, gravity=9.8), arm_run().every(20))
+    assert the_cause(found, "gravity").factor == pytest.approx(9.81 / 9.8, rel=1e-9)
+
+
+def test_degrees_are_named() -> None:
+    found = audit(model_of(ARM), replace(arm_run(), q=np.degrees(arm_run().q)))
+    assert found.verdict.kind == "unresolved"
+    assert {f.kind for f in found.findings if f.weight == "doubt"} == {"degrees"}
+    assert not causes(found)
+
+
+def test_quaternions_scalar_last_are_named() -> None:
+    q = np.array(box_run().q)
+    q[:, 3:] = box_run().q[:, [4, 5, 6, 3]]
+    found = audit(model_of(BOX), replace(box_run(), q=q))
+    assert found.verdict.kind == "unresolved"
+    assert [f.kind for f in found.findings if f.weight == "doubt"] == ["quaternion-order"]
+    assert not causes(found)
+
+
+@pytest.mark.parametrize("what", ["forces", "accelerations", "forces and accelerations"])
+def test_values_one_row_old_are_named(what: str) -> None:
+    def late(x: np.ndarray) -> np.ndarray:
+        return np.vstack([x[:1], x[:-1]])
+
+    run = arm_run()
+    assert run.udot is not None
+    if "forces" in what:
+        run = replace(run, forces={n: late(f) for n, f in run.forces.items()})
+    if "accelerations" in what:
+        run = replace(run, udot=late(arm_run().udot))
+    found = audit(model_of(ARM), run)
+    assert found.verdict.kind == "unresolved"
+    doubts = [f for f in found.findings if f.weight == "doubt"]
+    assert [f.kind for f in doubts] == ["stale-stage"]
+    assert f"the log's {what} are one row old" in doubts[0].what
+
+
+def test_without_accelerations_a_mistake_is_seen_but_not_placed() -> None:
+    wrong = scaled(replace(arm_run(), udot=None), "actuator m1", 1.1)
+    found = audit(model_of(ARM), wrong)
+    assert found.verdict.kind == "unresolved"
+    assert "udot" in found.verdict.explain()
+    assert found.ledger.basis["u̇"] == "derived"
+    right = audit(model_of(ARM), replace(arm_run(), udot=None))
+    assert (right.verdict.kind, right.verdict.confidence) == ("consistent", "medium")
+
+
+def test_a_run_in_which_nothing_moves() -> None:
+    still = dc.problems.load("simple-pendulum")
+    state = still.mechanism.state()
+    run = dc.simulate(still.mechanism, state, duration=0.1, step=1e-2, solver="ode4")
+    found = audit(still, run)
+    assert found.verdict.kind == "unresolved"
+    assert "nothing moves" in found.verdict.explain()
+
+
+# --- names, precision, tables ---------------------------------------------------------------------
+
+
+def test_columns_in_another_order_are_put_right() -> None:
+    run = box_run()
+    turned = replace(
+        run,
+        q=run.q[:, ::-1],
+        u=run.u[:, ::-1],
+        udot=run.udot[:, ::-1],
+        coordinates=run.coordinates[::-1],
+        speeds=run.speeds[::-1],
+    )
+    found = audit(model_of(BOX), turned)
+    assert [f.kind for f in found.findings] == ["order"]
+    np.testing.assert_array_equal(found.left_over, audit(model_of(BOX), run).left_over)
+
+
+def test_a_log_of_another_model_is_refused_with_the_closest_names() -> None:
+    run = replace(arm_run(), coordinates=("sholder", "elbow"), speeds=("sholder", "elbow"))
+    with pytest.raises(dc.InputError, match=r"'sholder'; did you mean 'shoulder'\?"):
+        audit(model_of(ARM), run)
+
+
+@pytest.mark.parametrize("decimals", [5, 8])
+def test_rounded_logs_are_not_accused(decimals: int) -> None:
+    """A log in text with few digits does not close its equations better than they allow."""
+    run = arm_run()
+    assert run.udot is not None
+    rounded = replace(
+        run,
+        q=run.q.round(decimals),
+        u=run.u.round(decimals),
+        udot=run.udot.round(decimals),
+        forces={n: f.round(decimals) for n, f in run.forces.items()},
+    )
+    assert not causes(audit(model_of(ARM), rounded))
+    # The same digits do not hide two percent.
+    wrong = audit(with_changes(ARM, body_mass=1.02, body_inertia=1.02), rounded)
+    cause = the_cause(wrong, "mass-scale")
+    assert cause.factor == pytest.approx(1.0 / 1.02, rel=1e-2 if decimals == 5 else 1e-4)
+
+
+def test_single_precision_logs_are_not_accused() -> None:
+    run = arm_run()
+    assert run.udot is not None
+
+    def single(x: np.ndarray) -> np.ndarray:
+        return x.astype(np.float32).astype(np.float64)
+
+    low = replace(
+        run,
+        q=single(run.q),
+        u=single(run.u),
+        udot=single(run.udot),
+        forces={n: single(f) for n, f in run.forces.items()},
+    )
+    assert audit(model_of(ARM), low).verdict.kind == "consistent"
+
+
+def test_the_table_adds_up() -> None:
+    found = audit(model_of(ARM), arm_run())
+    rows = {row.name: row for row in found.rows()}
+    # Q is what flowed in through channels that are not potentials: summed here from the table itself.
+    flowed = sum(
+        row.energy for name, row in rows.items() if name.startswith(("actuator", "damper"))
+    )
+    assert rows["Q"].energy == pytest.approx(flowed, abs=1e-12)
+    total = rows["ΔK"].energy + rows["ΔV"].energy - rows["Q"].energy
+    assert rows["ΔC = ΔK + ΔV − Q"].energy == pytest.approx(total, abs=1e-12)
+    assert rows["damper elbow"].basis == "measured"
+    assert rows["gravity"].basis == "computed"
+
+
+def test_channels_that_the_log_lacks_are_assumed_zero() -> None:
+    found = audit(model_of(ARM), without(arm_run(), "actuator m2"))
+    assert found.ledger.basis["actuator m2"] == "assumed zero"
+    assert "assumed-zero" in [f.kind for f in found.findings]
+    assert found.verdict.kind == "equation-error"
+
+
+# --- our own runs, models by name -----------------------------------------------------------------
+
+
+def test_problems_by_name_and_logs_by_path(tmp_path: Path) -> None:
+    problem = dc.problems.load("triple-pendulum")
+    run = dc.simulate(problem.mechanism, problem.state, duration=1.0, step=1e-3, solver="ode5")
+    run.write(tmp_path / "run.parquet")
+    found = audit("triple-pendulum", tmp_path / "run.parquet")
+    assert (found.verdict.kind, found.ledger.method) == ("consistent", "in-loop")
+    euler = dc.simulate(problem.mechanism, problem.state, duration=1.0, step=1e-3, solver="ode1")
+    assert audit(problem, euler).verdict.kind == "integration-error"
+
+
+def test_a_log_read_in_parts_has_the_same_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deltac.diagnosis import logs
+
+    hopper_run().write(tmp_path / "run.parquet")
+    whole = audit(model_of(HOPPER), tmp_path / "run.parquet")
+    monkeypatch.setattr(logs, "LARGE", 1000)
+    monkeypatch.setattr(logs, "PART", 200 * len(hopper_run().to_frame().columns))
+    parts = audit(model_of(HOPPER), tmp_path / "run.parquet")
+    assert "read-in-parts" in [f.kind for f in parts.findings]
+    assert parts.verdict.kind == whole.verdict.kind
+    assert parts.relative == pytest.approx(whole.relative, rel=1e-9)
+    for a, b in zip(parts.rows(), whole.rows(), strict=True):
+        assert (a.name, a.basis[:4]) == (b.name, b.basis[:4])
+        assert a.energy == pytest.approx(b.energy, abs=1e-12 * whole.ledger.turnover)
+
+
+def test_prescribed_motion_that_was_not_followed() -> None:
+    problem = dc.problems.load("driven-triple-pendulum")
+    run = dc.simulate(problem.mechanism, problem.state, duration=1.0, step=1e-3, solver="ode5")
+    q = np.array(run.q)
+    driven = next(e.index for e in problem.mechanism.coordinates if e.prescribed)
+    q[:, driven] *= 1.05
+    found = audit(problem, replace(run, q=q))
+    assert found.verdict.kind == "equation-error"
+    assert "prescribed-departs" in [f.kind for f in causes(found)]
+    assert audit(problem, run).verdict.kind == "consistent"
+
+
+def test_arguments_that_make_no_sense() -> None:
+    with pytest.raises(dc.InputError, match="tolerance is 2"):
+        audit(model_of(ARM), arm_run(), tolerance=2)
+    with pytest.raises(dc.InputError, match="expected a Trajectory or a path"):
+        audit(model_of(ARM), 3)
+    with pytest.raises(dc.InputError, match="mapping= is for log files"):
+        audit(model_of(ARM), arm_run(), mapping="map.toml")
+    with pytest.raises(dc.InputError, match="model: found int"):
+        audit(3, arm_run())
+
+
+def test_json_holds_plain_values() -> None:
+    import json
+
+    found: Audit = audit(with_changes(ARM, gravity=9.8), arm_run())
+    held = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert held["verdict"] == "equation-error"
+    assert held["findings"][0]["kind"] == "gravity"
+    assert isinstance(arm_run(), Trajectory)

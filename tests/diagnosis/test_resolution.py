@@ -1,0 +1,39 @@
+"""The last digit of numbers, recognised from the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deltac.diagnosis.resolution import resolution
+
+RNG = np.random.default_rng(1)
+VALUES = RNG.normal(size=1000) * 10.0 ** RNG.integers(-3, 3, size=1000)
+
+
+@pytest.mark.parametrize("decimals", [2, 6, 9])
+def test_fixed_decimals(decimals: int) -> None:
+    half = resolution(VALUES.round(decimals)[:, None])
+    np.testing.assert_allclose(half, 0.5 * 10.0**-decimals)
+    assert np.all(np.abs(VALUES.round(decimals) - VALUES) <= half[:, 0] * (1 + 1e-6))
+
+
+@pytest.mark.parametrize("digits", [4, 7, 10])
+def test_significant_digits(digits: int) -> None:
+    written = np.array([float(f"{x:.{digits - 1}e}") for x in VALUES])
+    half = resolution(written[:, None])[:, 0]
+    assert np.all(np.abs(written - VALUES) <= half * (1 + 1e-6))
+    assert np.all(half <= 5.0 * 10.0**-digits * np.abs(written) * (1 + 1e-9))
+
+
+def test_single_and_double_precision() -> None:
+    single = VALUES.astype(np.float32).astype(float)
+    half = resolution(np.column_stack([single, VALUES]))
+    assert np.all(np.abs(single - VALUES) <= half[:, 0])
+    np.testing.assert_array_equal(half[:, 1], np.finfo(float).eps * np.abs(VALUES))
+
+
+def test_zeros_and_constants_have_no_error_to_speak_of() -> None:
+    half = resolution(np.column_stack([np.zeros(50), np.full(50, 0.25)]))
+    assert np.all(half[:, 0] == 0.0)
+    assert np.all(half[:, 1] <= 1e-15)

@@ -13,7 +13,6 @@ from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, rigid_inertia
 from deltac.errors import InputError, closest
 from deltac.mechanism.bodies import GROUND
-from deltac.mechanism.forces import JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
 
@@ -130,11 +129,10 @@ class System:
         """Where each motor without a law finds its values in `inputs`."""
         places: dict[str, slice] = {}
         start = 0
-        for element in self.mechanism.elements:
-            if isinstance(element, JointTorque) and element.torque is None:
-                count = len(self.mechanism.joint(element.joint).speeds)
-                places[element.name] = slice(start, start + count)
-                start += count
+        for motor in self.mechanism.motors:
+            count = len(self.mechanism.joint(motor.joint).speeds)
+            places[motor.name] = slice(start, start + count)
+            start += count
         return places
 
 
@@ -172,11 +170,7 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
             s_dot = ca.jacobian(s, t)
             q_all[start_q + k], u_all[start_u + k] = s, s_dot
             udot_all[start_u + k] = ca.jacobian(s_dot, t)
-    count = sum(
-        len(mechanism.joint(element.joint).speeds)
-        for element in mechanism.elements
-        if isinstance(element, JointTorque) and element.torque is None
-    )
+    count = sum(len(mechanism.joint(motor.joint).speeds) for motor in mechanism.motors)
     inputs = ca.SX.sym("inputs", count)
     return _assembled(
         mechanism, tuple(vary), t, q, u, udot, inputs, p, q_all, u_all, udot_all, values

@@ -14,7 +14,7 @@ from deltac.mechanism import validation
 from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
-from deltac.mechanism.forces import Element, JointDamper, JointSpring
+from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate, rate
 from deltac.mechanism.quantities import Quantity, Vector, vector
@@ -92,6 +92,11 @@ class Mechanism:
             if joint.damping:
                 own.append(JointDamper(joint.name, joint.name, joint.damping))
         return (*own, *self.forces)
+
+    @cached_property
+    def motors(self) -> tuple[JointTorque, ...]:
+        """The joint torques without a law, whose values come from a controller or a log."""
+        return tuple(e for e in self.elements if isinstance(e, JointTorque) and e.torque is None)
 
     @cached_property
     def children(self) -> Mapping[str, tuple[Joint, ...]]:

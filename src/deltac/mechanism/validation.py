@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from deltac.errors import InputError, closest
 from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraint_checks import check_constraint
+from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.forces import (
     Element,
     GravityCompensation,
@@ -123,6 +124,7 @@ def check(mechanism: Mechanism) -> None:
     for element in mechanism.elements:
         _check_element(mechanism, element)
     _check_driven_springs(mechanism)
+    _of_type(mechanism.constraints, Constraint, "constraints", "deltac.distance(...)")
     unique(mechanism.constraints, "constraints")
     for constraint in mechanism.constraints:
         check_constraint(mechanism, constraint)

@@ -19,7 +19,7 @@ from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow, constraint_forces, quaternions
 from deltac.simulation.solvers.solver import Parts, Solver
 
 Array: TypeAlias = NDArray[np.float64]
@@ -27,15 +27,15 @@ CUT_OFF = 1e-8
 """Singular values of G M⁻¹ Gᵀ (of unit diagonal) below this fraction of the largest count as zero."""
 
 
-class CarefulStep:
-    """One step of a solver with multipliers by least squares, and a projection to match."""
+class LeastSquares:
+    """The motion of a constrained mechanism with multipliers by numeric least squares."""
 
-    def __init__(self, flow: Flow, solver: Solver, parts: Parts, p: Array) -> None:
+    def __init__(self, flow: Flow, p: Array) -> None:
         """Prepare the pieces of the equations of motion; they are evaluated by CasADi."""
         bound = flow.bound
-        assert bound is not None and solver.step is not None and flow.equations is None
+        assert bound is not None and flow.equations is None
         system = flow.system
-        self._flow, self._step, self._parts, self._p = flow, solver.step, parts, p
+        self._flow, self._p = flow, p
         free = system.free_u
         forces = channels(system)
         udot = ca.SX(system.udot_all)
@@ -50,38 +50,26 @@ class CarefulStep:
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         known = terms(system, system.udot_all, forces, None, bound, Reactions(driving, lam))
         powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
-        self._powers = ca.Function(
-            "P", [flow.t, flow.x, flow.p, system.udot, lam], [ca.vertcat(ca.SX(0, 1), *powers)]
-        )
+        given = [flow.t, flow.x, flow.p, system.udot, lam]
+        self._powers = ca.Function("P", given, [ca.vertcat(ca.SX(0, 1), *powers)])
+        seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
+        self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
 
-    def __call__(self, t: float, x: Array, h: float) -> Array:
-        """The state one step later, on the constraints if the run is projected; NaN if it blows up."""
-        try:
-            with np.errstate(all="ignore"):
-                after = self._step(self._rate, t, x, h, self._parts)
-                for place in quaternions(self._flow.system.mechanism):
-                    after[place] /= np.linalg.norm(after[place])
-                return self._projected(t + h, after) if self._flow.projecting else after
-        except np.linalg.LinAlgError:
-            return np.full_like(x, np.nan)
-
-    def _evaluated(self, t: float, x: Array) -> list[Array]:
-        values = [np.array(value) for value in self._pieces(t, x, self._p)]
-        if not all(np.isfinite(value).all() for value in values):
-            raise np.linalg.LinAlgError("the equations of motion are not finite")
-        return values
-
-    def _rate(self, t: float, x: Array) -> Array:
-        M, G, r, gamma, _, _, qdot, _ = self._evaluated(t, x)
-        response = np.linalg.solve(M, np.hstack([r, G.T]))
-        S = G @ response[:, 1:]
-        lam = _solved(S, -gamma - G @ response[:, :1])
-        udot = response[:, :1] + response[:, 1:] @ lam
+    def rate(self, t: float, x: Array) -> Array:
+        """ẋ; raises LinAlgError where it is not finite."""
+        qdot, udot, lam = self._motion(t, x)
         P = np.array(self._powers(t, x, self._p, udot, lam))
         still = np.zeros((len(x) - len(qdot) - len(udot) - len(P), 1))
         return np.concatenate([qdot, udot, P, still]).ravel()
 
-    def _projected(self, t: float, x: Array) -> Array:
+    def observed(self, t: float, x: Array) -> dict[str, Array]:
+        """What a trajectory records of a state: u̇, driving and constraint forces, full vectors."""
+        _, udot, lam = self._motion(t, x)
+        values = (np.array(value).ravel() for value in self._seen(t, x, self._p, udot, lam))
+        return dict(zip(("udot", "driving", *self._flow.reactions), values))
+
+    def projected(self, t: float, x: Array) -> Array:
+        """The state back on the constraints, the change of the energies booked."""
         q_part, u_part, z_part = self._flow.parts
         before = np.array(self._energies(t, x, self._p)).ravel()
         x = x.copy()
@@ -92,6 +80,40 @@ class CarefulStep:
         x[u_part] += _least(M, G, psi).ravel()
         x[z_part] += np.array(self._energies(t, x, self._p)).ravel() - before
         return x
+
+    def _motion(self, t: float, x: Array) -> tuple[Array, Array, Array]:
+        """q̇, u̇ and λ as columns."""
+        M, G, r, gamma, _, _, qdot, _ = self._evaluated(t, x)
+        response = np.linalg.solve(M, np.hstack([r, G.T]))
+        lam = _solved(G @ response[:, 1:], -gamma - G @ response[:, :1])
+        return qdot, response[:, :1] + response[:, 1:] @ lam, lam
+
+    def _evaluated(self, t: float, x: Array) -> list[Array]:
+        values = [np.array(value) for value in self._pieces(t, x, self._p)]
+        if not all(np.isfinite(value).all() for value in values):
+            raise np.linalg.LinAlgError("the equations of motion are not finite")
+        return values
+
+
+class CarefulStep:
+    """One step of a solver with multipliers by least squares, and a projection to match."""
+
+    def __init__(self, flow: Flow, solver: Solver, parts: Parts, p: Array) -> None:
+        """Prepare the motion by least squares; `parts` are the solver's masks."""
+        assert solver.step is not None
+        self._flow, self._step, self._parts = flow, solver.step, parts
+        self._motion = LeastSquares(flow, p)
+
+    def __call__(self, t: float, x: Array, h: float) -> Array:
+        """The state one step later, on the constraints if the run is projected; NaN if it blows up."""
+        try:
+            with np.errstate(all="ignore"):
+                after = self._step(self._motion.rate, t, x, h, self._parts)
+                for place in quaternions(self._flow.system.mechanism):
+                    after[place] /= np.linalg.norm(after[place])
+                return self._motion.projected(t + h, after) if self._flow.projecting else after
+        except np.linalg.LinAlgError:
+            return np.full_like(x, np.nan)
 
 
 def _least(M: Array, G: Array, violation: Array) -> Array:

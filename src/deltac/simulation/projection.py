@@ -33,14 +33,16 @@ def projection(flow: Flow) -> Any:
     q_part, u_part, z_part = flow.parts
     W = ca.jacobian(system.qdot, system.u)
     place = [flow.t, system.q, system.p]
-    first = ca.Function("first", place, [ca.mtimes(W, bound.schur.least(rows.phi)), _pivot(flow)])
+    first = ca.Function(
+        "first", place, [ca.mtimes(W, bound.schur.least(rows.phi)), smallest_pivot(flow)]
+    )
     second = ca.Function(
         "second",
         [flow.t, system.q, system.u, system.p],
         [
             ca.mtimes(W, bound.schur.least(rows.phi)),
             bound.schur.least(rows.psi),
-            _pivot(flow),
+            smallest_pivot(flow),
         ],
     )
     energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
@@ -57,10 +59,11 @@ def projection(flow: Flow) -> Any:
 @lru_cache(maxsize=64)
 def pivot(flow: Flow) -> Any:
     """(t, x; p) -> the smallest pivot of the constraints there, as a CasADi function."""
-    return ca.Function("pivot", [flow.t, flow.x, flow.p], [_pivot(flow)])
+    return ca.Function("pivot", [flow.t, flow.x, flow.p], [smallest_pivot(flow)])
 
 
-def _pivot(flow: Flow) -> SX:
+def smallest_pivot(flow: Flow) -> SX:
+    """How near the constraints are to being dependent: 1 independent, 0 dependent."""
     assert flow.bound is not None
     return flow.bound.schur.smallest_pivot
 

@@ -10,18 +10,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.errors import DeltacError, InputError
+from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.forces import JointTorque
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import LONG_RUN, FixedStepper, Motion, StageRate, run_in_python
+from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.kept import Kept
+from deltac.simulation.observation import observer, recorded
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory
 
@@ -129,7 +129,7 @@ def simulate(
         message=motion.message,
         notes=_notes(mechanism, equations, controller),
     )
-    return _trajectory(mechanism, flow, observe, motion, p, provenance)
+    return recorded(mechanism, flow, observe, motion, p, provenance)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
@@ -165,85 +165,9 @@ def _compiled(
         flow = build_flow(mechanism, testing, equations, speeds, vary, rows, stabilisation)
         fixed = solver.family == "fixed"
         stepper = FixedStepper(flow, solver, steps >= LONG_RUN) if fixed else None
-        return flow, stepper, _observer(flow)
+        return flow, stepper, observer(flow)
 
     return _KEPT.get(key, make)
-
-
-def _observer(flow: Flow) -> Kernel:
-    """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
-    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
-    return Kernel(
-        {name: column for name, column in inputs.items() if column.shape[0]},
-        {
-            "q": flow.q_all,
-            "u": flow.u_all,
-            "udot": flow.udot_all,
-            "driving": flow.driving,
-            **flow.reactions,
-        },
-        flow.p,
-        name="observation",
-    )
-
-
-def _trajectory(
-    mechanism: Mechanism,
-    flow: Flow,
-    observe: Kernel,
-    motion: Motion,
-    p: Array,
-    provenance: Provenance,
-) -> Trajectory:
-    """The samples of a motion as a trajectory of the mechanism."""
-    q_part, u_part, integrals = flow.parts
-    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
-    if flow.inputs.shape[0]:
-        arrays["inputs"] = motion.inputs
-    if flow.given.shape[0]:
-        assert flow.equations is not None
-        arrays["given"] = np.array(
-            [
-                flow.equations(t, x[q_part].copy(), x[u_part].copy())
-                for t, x in zip(motion.t, motion.x)
-            ]
-        )
-    seen = observe(parameters=p, **arrays)
-    rows, nu = len(motion.t), len(mechanism.speeds)
-    q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
-    good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
-    if not good.all():  # the last state before a run broke down may have no acceleration
-        stop = int(np.argmin(good))
-        if stop == 0:
-            raise DeltacError(
-                f"the accelerations are not finite at the start; {provenance.message}"
-            )
-        rows = stop
-    forces: dict[str, Array] = {}
-    for joint in mechanism.joints:
-        if joint.prescribed:
-            place = mechanism.speeds.of(joint.name)
-            force = np.zeros((rows, nu))
-            force[:, place] = driving[:rows, place]
-            forces[f"prescribed {joint.name}"] = force
-    forces.update({name: seen[name].reshape(len(motion.t), -1)[:rows] for name in flow.reactions})
-    for name, place_in in flow.system.input_places.items():
-        element = next(e for e in _motors(mechanism) if e.name == name)
-        force = np.zeros((rows, nu))
-        force[:, mechanism.speeds.of(element.joint)] = motion.inputs[:rows, place_in]
-        forces[f"actuator {name}"] = force
-    table = motion.x[:rows, integrals]
-    return Trajectory(
-        t=motion.t[:rows],
-        q=q[:rows],
-        u=u[:rows],
-        udot=udot[:rows],
-        forces=forces,
-        integrals={name: table[:, k] for k, name in enumerate(flow.integrals)},
-        coordinates=mechanism.coordinates.names,
-        speeds=mechanism.speeds.names,
-        provenance=provenance,
-    )
 
 
 # --- checks, before anything is computed ---------------------------------------------------------
@@ -280,7 +204,7 @@ def _check(
             )
     elif tolerance is not None:
         _positive(tolerance, "tolerance")
-    motors = [motor.name for motor in _motors(mechanism)]
+    motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
         raise InputError(
             f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
@@ -340,13 +264,8 @@ def _notes(
     if equations is not None:
         notes["equations"] = equations.name
     if controller is not None and controller.hold:
-        notes["held"] = ";".join(f"actuator {motor.name}" for motor in _motors(mechanism))
+        notes["held"] = ";".join(f"actuator {motor.name}" for motor in mechanism.motors)
     return notes
-
-
-def _motors(mechanism: Mechanism) -> list[JointTorque]:
-    """The joint torques without a law."""
-    return [e for e in mechanism.elements if isinstance(e, JointTorque) and e.torque is None]
 
 
 def _positive(value: float, what: str) -> float:

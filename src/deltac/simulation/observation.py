@@ -1,0 +1,141 @@
+"""What is recorded of a run: the solver's states as a trajectory of the whole mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import DeltacError
+from deltac.kernels import Kernel
+from deltac.mechanism.mechanism import Mechanism
+from deltac.simulation.careful import LeastSquares
+from deltac.simulation.fixed import Motion
+from deltac.simulation.flow import Flow
+from deltac.simulation.projection import SMALLEST_PIVOT, smallest_pivot
+from deltac.trajectories import Provenance, Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+NEARLY_DEPENDENT = 1e-3
+"""Smallest pivot of the constraints at a sample that an adaptive run is told of."""
+
+
+def observer(flow: Flow) -> Kernel:
+    """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
+    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
+    return Kernel(
+        {name: column for name, column in inputs.items() if column.shape[0]},
+        {
+            "q": flow.q_all,
+            "u": flow.u_all,
+            "udot": flow.udot_all,
+            "driving": flow.driving,
+            **flow.reactions,
+            **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
+        },
+        flow.p,
+        name="observation",
+    )
+
+
+def recorded(
+    mechanism: Mechanism,
+    flow: Flow,
+    observe: Kernel,
+    motion: Motion,
+    p: Array,
+    provenance: Provenance,
+) -> Trajectory:
+    """The samples of a motion as a trajectory of the mechanism."""
+    q_part, u_part, integrals = flow.parts
+    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
+    if flow.inputs.shape[0]:
+        arrays["inputs"] = motion.inputs
+    if flow.given.shape[0]:
+        assert flow.equations is not None
+        arrays["given"] = np.array(
+            [
+                flow.equations(t, x[q_part].copy(), x[u_part].copy())
+                for t, x in zip(motion.t, motion.x)
+            ]
+        )
+    seen = observe(parameters=p, **arrays)
+    rows, nu = len(motion.t), len(mechanism.speeds)
+    singular = _singular(flow, seen, motion, p)
+    note = _where(singular) if singular.size else _near(seen, motion, provenance)
+    q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
+    good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
+    if not good.all():  # the last state before a run broke down may have no acceleration
+        stop = int(np.argmin(good))
+        if stop == 0:
+            raise DeltacError(
+                f"the accelerations are not finite at the start; {provenance.message}"
+            )
+        rows = stop
+    forces: dict[str, Array] = {}
+    for joint in mechanism.joints:
+        if joint.prescribed:
+            place = mechanism.speeds.of(joint.name)
+            force = np.zeros((rows, nu))
+            force[:, place] = driving[:rows, place]
+            forces[f"prescribed {joint.name}"] = force
+    forces.update({name: seen[name].reshape(len(motion.t), -1)[:rows] for name in flow.reactions})
+    for name, place_in in flow.system.input_places.items():
+        element = next(e for e in mechanism.motors if e.name == name)
+        force = np.zeros((rows, nu))
+        force[:, mechanism.speeds.of(element.joint)] = motion.inputs[:rows, place_in]
+        forces[f"actuator {name}"] = force
+    if note:
+        provenance = replace(provenance, notes={**provenance.notes, "singular": note})
+    table = motion.x[:rows, integrals]
+    return Trajectory(
+        t=motion.t[:rows],
+        q=q[:rows],
+        u=u[:rows],
+        udot=udot[:rows],
+        forces=forces,
+        integrals={name: table[:, k] for k, name in enumerate(flow.integrals)},
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        provenance=provenance,
+    )
+
+
+def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> Array:
+    """Times of samples at which the constraints are dependent; there, what was seen is seen anew.
+
+    The factorisation fails at such a sample, but least squares tell what the mechanism does.
+    """
+    if "pivot" not in seen or flow.equations is not None:
+        return np.empty(0)
+    flagged = np.flatnonzero(~(seen["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1))
+    if flagged.size and not flow.inputs.shape[0]:
+        again = LeastSquares(flow, p)
+        for k in flagged:
+            for name, value in again.observed(float(motion.t[k]), motion.x[k]).items():
+                seen[name][k] = value
+    return motion.t[flagged]
+
+
+def _near(seen: dict[str, Array], motion: Motion, provenance: Provenance) -> str:
+    """What an adaptive run near a singular configuration has to know, or an empty text.
+
+    Fixed steps that meet one are taken again by least squares; the others pass it unguarded.
+    """
+    if provenance.step is not None or "pivot" not in seen:
+        return ""
+    nearest = int(np.argmin(seen["pivot"]))
+    if seen["pivot"][nearest] > NEARLY_DEPENDENT:
+        return ""
+    return (
+        f"the constraints are nearly dependent at t = {motion.t[nearest]:.9g} s, where {provenance.solver} "
+        "may change to another branch of the motion; compare with a fixed-step solver"
+    )
+
+
+def _where(times: Array) -> str:
+    """In words, when a run was at a singular configuration."""
+    shown = ", ".join(f"{t:.9g}" for t in times[:5])
+    return f"the constraints are dependent at t = {shown}{' s, …' if len(times) > 5 else ' s'}"

@@ -17,12 +17,26 @@ from deltac.problems.problem import Problem, Reference
 __all__ = ["Problem", "Reference", "load", "names"]
 
 _MODULES = (
+    "andrews_squeezer",
+    "ball_on_rising_table",
+    "ball_on_table",
     "bead_on_hoop",
+    "bicycle",
+    "bricard",
+    "chaotic_double_body",
+    "chaplygin_sleigh",
+    "disc_on_moving_plane",
+    "double_pendulum",
     "driven_pendulum",
     "driven_triple_pendulum",
+    "elastic_pendulum",
     "free_particle",
     "heavy_top",
+    "knife_edge",
+    "n_four_bar",
+    "rolling_disc",
     "simple_pendulum",
+    "spherical_pendulum",
     "torque_free_box",
     "triple_pendulum",
 )

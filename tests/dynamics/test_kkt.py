@@ -113,12 +113,12 @@ def test_the_pivot_of_dependent_rows_is_at_rounding() -> None:
 
 
 @pytest.mark.parametrize(
-    ("size", "flagged"), [(1.0, False), (1e-6, False), (1e-14, True), (0, True)]
+    ("size", "flagged"), [(1.0, False), (1e-3, False), (1e-6, True), (0, True)]
 )
 def test_a_row_that_vanishes_is_flagged_though_it_keeps_its_direction(
     size: float, flagged: bool
 ) -> None:
-    """At 1e-14 of the other row it is rounding; at 1e-6 it may be a matter of units."""
+    """At 1e-6 of the other row, the errors of a step turn it about; at 1e-3 it may be a matter of units."""
     G = np.array([[size, 0, 0], [0, 1.0, 0]])
     pivot = numbers(schur(ca.SX.eye(3), ca.SX(ca.DM(G))).smallest_pivot).item()
     assert (not pivot > DEPENDENT) == flagged

@@ -39,13 +39,12 @@ def _list(library: list[Problem], as_json: bool) -> None:
         print_json([_description(problem) for problem in library])
         return
     table = new_table()
-    for column in ("name", "title", "class", "dof", "conserved", "references"):
+    for column in ("name", "class", "dof", "conserved", "refs"):
         table.add_column(column, no_wrap=column == "name")  # a name is to be copied
     for problem in library:
         known = _description(problem)
         table.add_row(
             problem.name,
-            problem.title,
             problem.classification,
             str(known["dof"]),
             ", ".join(problem.conserved) or "–",
@@ -59,7 +58,7 @@ def _description(problem: Problem) -> dict[str, Any]:
         "name": problem.name,
         "title": problem.title,
         "class": problem.classification,
-        "dof": len(problem.mechanism.free.u),
+        "dof": problem.freedom,
         "conserved": list(problem.conserved),
         "source": problem.source,
         "reference": [

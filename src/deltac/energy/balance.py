@@ -12,7 +12,14 @@ from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable, testing_functions
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
-from deltac.energy.quadrature import Between, Integral, Samples, integrate
+from deltac.energy.quadrature import (
+    Between,
+    Integral,
+    Powers,
+    Samples,
+    at_samples,
+    integrate,
+)
 from deltac.energy.samples import checked_samples, violations
 from deltac.energy.terms import (
     LoggedForces,
@@ -68,14 +75,13 @@ def balance(
     symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
     energies = _at_samples(energy_kernel(symbols), samples, log)
     kernel = power_kernel(symbols, functions)
-    powers = _at_samples(kernel, samples, log)
     names = list(kernel.output_names)
-
-    def power_between(t: Array, between: Between) -> Array:
-        given: dict[str, Array] = {"t": t, **between.values, "udot": between.rates["u"]}
-        return _stacked(kernel, names, given, log)
-
-    integral = integrate(samples, power_between)
+    power_at = _evaluation(kernel, log)
+    known = at_samples(samples, power_at)
+    powers = dict(zip(names, known))
+    rates = ("u",) if "udot" in kernel.input_names else ()
+    barred = slice(sum(n.startswith("power ") for n in names), None)
+    integral = integrate(samples, power_at, known, rates, barred)
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
@@ -96,12 +102,13 @@ def balance(
             elif discrete is not None:
                 flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
-                flowed, bar = _column(integral, names, f"P {name}")
+                flowed = integral.value[:, names.index(f"P {name}")]
+                bar = _bar(integral, names, f"P {name}")
                 flowed = flowed + _projected(run, potential=function.name != "liu-huston")
             delta_c[name] = E - E[0] - (flowed - flowed[0])
             bars[name] = bar + rounding
     works = {
-        n: _column(integral, names, f"power {n}")[0] if discrete is None else discrete.work[n]
+        n: integral.value[:, names.index(f"power {n}")] if discrete is None else discrete.work[n]
         for n in channel_names
     }
     if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
@@ -219,31 +226,34 @@ def _start(samples: Samples) -> tuple[float, Array]:
 
 
 def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str, Array]:
-    given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
-    for name, (values, rates) in samples.smooth.items():
-        given[name] = values
-        if name == "u":
-            given["udot"] = rates
-    return _evaluated(kernel, given, log)
+    """The outputs of a kernel at the samples, (T,) for each scalar and (T, n) for a column."""
+    found = at_samples(samples, _evaluation(kernel, log))
+    places = kernel.output_slices.items()
+    return {name: found[p][0] if p.stop - p.start == 1 else found[p].T for name, p in places}
 
 
-def _evaluated(kernel: Kernel, given: Mapping[str, Array], log: LoggedForces) -> dict[str, Array]:
-    arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
-    if "logged" in kernel.input_names:
-        arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)
-    return kernel(**arrays)
+def _evaluation(kernel: Kernel, log: LoggedForces) -> Powers:
+    """A kernel as a function of times and quantities there; its outputs as columns (rows, m)."""
+
+    def evaluate(t: Array, between: Between) -> Array:
+        given = {"t": t[:, None], **between.values}
+        if "udot" in kernel.input_names:
+            given["udot"] = between.rates["u"]
+        x = np.empty((kernel.n_in, len(t)))
+        for name, where in kernel.input_slices.items():
+            if name != "logged":
+                x[where] = given[name].T
+                continue
+            for channel, place in log.columns.items():
+                x[where][place] = given[f"force {channel}"].T
+        return kernel.flat(x).T
+
+    return evaluate
 
 
-def _stacked(
-    kernel: Kernel, names: Sequence[str], given: Mapping[str, Array], log: LoggedForces
-) -> Array:
-    found = _evaluated(kernel, given, log)
-    return np.stack([np.broadcast_to(found[n], given["t"].shape) for n in names], axis=1)
-
-
-def _column(integral: Integral, names: Sequence[str], name: str) -> tuple[Array, Array]:
-    k = names.index(name)
-    return integral.value[:, k], integral.bar[:, k]
+def _bar(integral: Integral, names: Sequence[str], name: str) -> Array:
+    """Bars are there for the last columns only."""
+    return integral.bar[:, names.index(name) - len(names)]
 
 
 def _turnover(
@@ -263,7 +273,7 @@ def _momenta(
     bars: dict[str, Array] = {}
     for key in names:
         if key.startswith("momentum "):
-            impulse, bar = _column(integral, names, key)
+            impulse, bar = integral.value[:, names.index(key)], _bar(integral, names, key)
             h = energies[key]
             name = key.removeprefix("momentum ")
             departures[name] = h - h[0] - impulse

@@ -1,30 +1,50 @@
 """Integrals of powers along sampled motions, with an error bar (theory: the integral "on samples").
 
-Between samples the motion is interpolated by Hermite polynomials through values and rates of the
-nearest samples (two for the low order, four for the high one), and the power is summed over the
-Gauss–Lobatto nodes of every interval. The error is estimated by leaving out every second sample.
+Two kinds of rules. `lagrange` goes by the powers at the samples alone: polynomials through eight of them,
+of order eight, and nothing else to evaluate. `hermite` interpolates the motion between samples, through
+values and rates of the nearest (two for the low order, four for the high one), and sums the power over
+the Gauss–Lobatto nodes of every interval: three more evaluations each, and far smaller constants where
+samples are sparse. The error is estimated by leaving out every second sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Powers = Callable[[Array, "Between"], Array]
+from deltac.energy.interpolation import (
+    blocks,
+    hermite_kernel,
+    lagrange_kernel,
+    window_times,
+    windows_of,
+)
 
-_INNER = np.sqrt(3.0 / 7.0)
-NODES = 0.5 * (1.0 + np.array([-1.0, -_INNER, 0.0, _INNER, 1.0]))
-WEIGHTS = 0.5 * np.array([1 / 10, 49 / 90, 32 / 45, 49 / 90, 1 / 10])
+Array: TypeAlias = NDArray[np.float64]
+Powers: TypeAlias = Callable[[Array, "Between"], Array]
+"""(times, between) -> (rows, m)."""
+
+_INNER = float(np.sqrt(3.0 / 7.0))
+INNER = (0.5 - 0.5 * _INNER, 0.5, 0.5 + 0.5 * _INNER)
+INNER_WEIGHTS = (49 / 180, 32 / 90, 49 / 180)
+OUTER_WEIGHT = 1 / 20
 """Gauss–Lobatto rule with five nodes on [0, 1], exact to degree 7 (Abramowitz, Stegun 25.4.32)."""
 
 ORDERS = {2: 4, 4: 8}
-"""Samples in a window -> order of the interpolation error in the spacing."""
+"""Samples in a window of `hermite` -> order of the interpolation error in the spacing."""
 
-ROWS_AT_ONCE = 16384
+SAMPLED = 8
+"""Samples in a window of `lagrange`, and its order."""
+
+ROWS_AT_ONCE = 520
+"""Intervals in a batch: they stay in cache, and their columns are not a power of two apart."""
+
+EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -75,122 +95,190 @@ def spline_rate(t: Array, y: Array) -> Array:
 
 
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
-    """∫ from the first sample to each of them: (T, m) for `powers` (times, between) -> (rows, m)."""
-    parts = []
-    count = len(samples.t) - 1
-    for start in range(0, count, ROWS_AT_ONCE):
-        rows = np.arange(start, min(start + ROWS_AT_ONCE, count))
-        parts.append(_intervals(samples, powers, window, rows))
-    total = np.concatenate(parts)
-    return np.concatenate([np.zeros((1, total.shape[1])), np.cumsum(total, axis=0)])
+    """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
+    known = at_samples(samples, powers)
+    return _sums(hermite(samples, powers, known, window, samples.smooth)).T
 
 
-def _intervals(samples: Samples, powers: Powers, window: int, rows: NDArray[np.intp]) -> Array:
-    """∫ over each of the intervals that start at `rows`."""
-    t = samples.t
-    width = t[rows + 1] - t[rows]
-    first = np.clip(rows - (window // 2 - 1), 0, max(0, len(t) - window))
-    places = first[:, None] + np.arange(min(window, len(t)))
-    # Time in units of the interval, from its start: divided differences stay of order one.
-    nodes = (t[places] - t[rows, None]) / width[:, None]
-    smooth = {
-        name: _hermite(nodes, y[places], dy[places] * width[:, None, None])
-        for name, (y, dy) in samples.smooth.items()
-    }
-    plain = {name: _newton(nodes, y[places]) for name, y in samples.plain.items()}
-    doubled = np.repeat(nodes, 2, axis=1)
-    total: Array | None = None
-    for node, weight in zip(NODES, WEIGHTS):
-        values: dict[str, Array] = {name: y[rows] for name, y in samples.held.items()}
-        rates: dict[str, Array] = {}
-        for name, coefficients in smooth.items():
-            values[name], slope = _evaluate(doubled, coefficients, node)
-            rates[name] = slope / width[:, None]
-        for name, coefficients in plain.items():
-            values[name], _ = _evaluate(nodes, coefficients, node)
-        part = weight * powers(t[rows] + node * width, Between(values, rates))
-        total = part if total is None else total + part
-    assert total is not None
-    return total * width[:, None]
+def at_samples(samples: Samples, powers: Powers) -> Array:
+    """The powers at the samples themselves, (m, T)."""
+    count = len(samples.t)
+    starts = range(0, count, ROWS_AT_ONCE)
+    rows = [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
+    return np.concatenate([powers(*_known(samples, r, r)).T for r in rows], axis=1)
 
 
-def _hermite(nodes: Array, y: Array, dy: Array) -> Array:
-    """Newton coefficients (rows, 2m, n) through values and rates at m nodes, each counted twice."""
-    z = np.repeat(nodes, 2, axis=1)[:, :, None]
-    table = np.repeat(y, 2, axis=1)
-    coefficients = [table[:, 0]]
-    first = np.empty_like(table[:, 1:])
-    first[:, 0::2] = dy
-    first[:, 1::2] = (table[:, 2::2] - table[:, 1:-1:2]) / (z[:, 2::2] - z[:, 1:-1:2])
-    table = first
-    for order in range(1, z.shape[1]):
-        coefficients.append(table[:, 0])
-        if order + 1 < z.shape[1]:
-            table = np.diff(table, axis=1) / (z[:, order + 1 :] - z[:, : -order - 1])
-    return np.stack(coefficients, axis=1)
+def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
+    """Times and quantities at samples; what is held is that of other rows."""
+    values = {name: y[rows] for name, (y, _) in samples.smooth.items()}
+    values |= {name: y[rows] for name, y in samples.plain.items()}
+    values |= {name: y[held] for name, y in samples.held.items()}
+    return samples.t[rows], Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
 
 
-def _newton(nodes: Array, y: Array) -> Array:
-    """Newton coefficients (rows, m, n) of the polynomial through m values."""
-    z, table = nodes[:, :, None], y
-    coefficients = [table[:, 0]]
-    for order in range(1, nodes.shape[1]):
-        table = np.diff(table, axis=1) / (z[:, order:] - z[:, :-order])
-        coefficients.append(table[:, 0])
-    return np.stack(coefficients, axis=1)
+def lagrange(samples: Samples, known: Array) -> Array:
+    """∫ over each interval (m, T−1) of polynomials through the powers `known` (m, T) at the samples."""
+    t, window = samples.t, min(SAMPLED, len(samples.t))
+    kernel = lagrange_kernel(window, len(known))
+    total = np.empty((len(known), len(t) - 1))
+    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
+        x = np.empty((kernel.n_in, stop - start))
+        z, width, f = (x[where] for where in kernel.input_slices.values())
+        window_times(t, start, first, z, width)
+        windows_of([known.T], first, window, f)
+        total[:, start:stop] = kernel.flat(x)
+    return total
 
 
-def _evaluate(nodes: Array, coefficients: Array, x: float) -> tuple[Array, Array]:
-    """Value and derivative of Newton polynomials at `x`, by Horner's scheme."""
-    count = coefficients.shape[1]
-    value = coefficients[:, count - 1]
-    slope = np.zeros_like(value)
-    for k in reversed(range(count - 1)):
-        step = (x - nodes[:, k])[:, None]
-        slope = slope * step + value
-        value = value * step + coefficients[:, k]
-    return value, slope
+def hermite(
+    samples: Samples,
+    powers: Powers,
+    known: Array,
+    window: int,
+    rates: Collection[str],
+    columns: slice = slice(None),
+) -> Array:
+    """∫ over each interval (m, T−1): Lobatto's rule along motions interpolated in a window of samples.
+
+    `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
+    need rates of; `columns` picks among the powers.
+    """
+    t, window = samples.t, min(window, len(samples.t))
+    names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
+    values, slopes = ([samples.smooth[name][k] for name in names] for k in (0, 1))
+    plain = list(samples.plain.values())
+    sizes = {name: y.shape[1] for name, y in zip([*names, *samples.plain], [*values, *plain])}
+    rated = {f"rate {name}": sizes[name] for name in names if name in rates}
+    kernel = hermite_kernel(
+        window,
+        sum(y.shape[1] for y in values),
+        sum(rated.values()),
+        sum(f.shape[1] for f in plain),
+        INNER,
+    )
+    places = _places(sizes | rated)
+    total = np.empty((len(known[columns]), len(t) - 1))
+    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
+        x = np.empty((kernel.n_in, stop - start))
+        z, width, y, dy, f = (x[where] for where in kernel.input_slices.values())
+        window_times(t, start, first, z, width)
+        windows_of(values, first, window, y)
+        windows_of(slopes, first, window, dy)
+        windows_of(plain, first, window, f)
+        found = kernel.flat(x)
+        here, after = slice(start, stop), slice(start + 1, stop + 1)
+        end = known[columns, after]
+        if samples.held:  # what acts at the end is still that of the start
+            end = powers(*_known(samples, after, here)).T[columns]
+        part = OUTER_WEIGHT * (known[columns, here] + end)
+        for node, weight, where in zip(INNER, INNER_WEIGHTS, kernel.output_slices.values()):
+            at = {name: found[where][place].T for name, place in places.items()}
+            at |= {name: held[here] for name, held in samples.held.items()}
+            between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
+            part += weight * powers(t[here] + node * width[0], between).T[columns]
+        np.multiply(part, width, out=total[:, here])
+    return total
+
+
+def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
+    ends = [0, *accumulate(sizes.values())]
+    return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
+
+
+def _sums(intervals: Array) -> Array:
+    """Cumulated from zero, (m, T−1) -> (m, T)."""
+    total = np.zeros((intervals.shape[0], intervals.shape[1] + 1))
+    np.cumsum(intervals, axis=1, out=total[:, 1:])
+    return total
 
 
 @dataclass(frozen=True)
 class Integral:
-    """Cumulated integrals `value` (T, m) with error bars `bar` (T, m), through `window` samples."""
+    """Cumulated integrals `value` (T, m), error bars `bar` (T, n) of the columns asked for, the rule."""
 
     value: Array
     bar: Array
-    window: int
+    rule: str
 
 
-def integrate(samples: Samples, powers: Powers) -> Integral:
-    """Cumulated integrals with error bars, by the window whose bars are smaller.
+@dataclass(frozen=True)
+class _Rule:
+    """∫ over each interval from samples, the powers there and a choice of columns; its order."""
+
+    name: str
+    order: int
+    intervals: Callable[[Samples, Array, slice], Array]
+
+
+def integrate(
+    samples: Samples,
+    powers: Powers,
+    known: Array | None = None,
+    rates: Collection[str] | None = None,
+    barred: slice = slice(None),
+) -> Integral:
+    """Cumulated integrals with error bars, by the rule whose bars are smaller.
+
+    The powers at the samples suffice where the bar of `lagrange` is down to rounding, or where forces are
+    known no better than that. Else the motion is interpolated, in the window that does better.
 
     The bar at a time is the largest difference so far between using all and every second sample,
     divided by 2^(p/2 − 1), where p is the order observed with every fourth sample too: half of it is
     counted on, for a single halving shows it but roughly. Where rates had to be derived none is: the
     ends of a spline have their own.
+
+    Args:
+        known: the powers (m, T) at the samples; evaluated if None.
+        rates: names of what the powers need rates of; by default all that is smooth.
+        barred: the columns whose bars are wanted; the choice goes by them.
     """
-    found = [_estimated(samples, powers, window) for window in ORDERS]
-    low, high = found
-    return high if high.bar[-1].sum() <= low.bar[-1].sum() else low
+    known = at_samples(samples, powers) if known is None else known
+    thinned = {1: (samples, known)}
+    for n in (2, 4):
+        thin = samples.every(n)
+        # Derived rates are others when samples are left out.
+        thinned[n] = thin, at_samples(thin, powers) if samples.derived else known[:, ::n]
+    rated = samples.smooth.keys() if rates is None else rates
+
+    def interpolated(window: int) -> _Rule:
+        return _Rule(
+            f"hermite {window}",
+            ORDERS[window],
+            lambda s, at, columns: hermite(s, powers, at, window, rated, columns),
+        )
+
+    found: list[Integral] = []
+    if len(samples.t) > 4 * SAMPLED and not samples.held:
+        sampled = _Rule("samples", SAMPLED, lambda s, at, columns: lagrange(s, at[columns]))
+        found.append(_estimated(sampled, thinned, barred))
+        flow = np.trapezoid(np.abs(known[barred]), samples.t)
+        if found[0].bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
+            return found[0]
+    found += [_estimated(interpolated(window), thinned, barred) for window in (4, 2)]
+    return min(found, key=lambda integral: float(integral.bar[-1].sum()))
 
 
-def _estimated(samples: Samples, powers: Powers, window: int) -> Integral:
-    fine = cumulated(samples, powers, window)
-    if len(samples.t) < 5:  # nothing can be left out: as much error as integral
-        return Integral(fine, np.maximum.accumulate(np.abs(fine), axis=0), window)
-    half = cumulated(samples.every(2), powers, window)
-    error = fine[::2] - half
-    bar_even = np.maximum.accumulate(np.abs(error), axis=0)
-    if len(samples.t) >= 9 and not samples.derived:
+def _estimated(
+    rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], barred: slice
+) -> Integral:
+    fine = _sums(rule.intervals(*thinned[1], slice(None)))
+    count = fine.shape[1]
+    if count < 5:  # nothing can be left out: as much error as integral
+        bar = np.maximum.accumulate(np.abs(fine[barred]), axis=1)
+        return Integral(fine.T, bar.T, rule.name)
+    half = _sums(rule.intervals(*thinned[2], barred))
+    error = fine[barred, ::2] - half
+    bar_even = np.maximum.accumulate(np.abs(error), axis=1)
+    if count >= 9 and not thinned[1][0].derived:
         # Sums over intervals: in a cumulated error contributions may cancel by chance.
         finer = _variation(error)
-        coarser = _variation(half[::2] - cumulated(samples.every(4), powers, window))
+        coarser = _variation(half[:, ::2] - _sums(rule.intervals(*thinned[4], barred)))
         ratio = coarser / np.where(finer > 0.0, finer, 1.0)
-        bar_even = bar_even / np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0 ** ORDERS[window] / 4.0))
+        bar_even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))[:, None]
     # Windows reach beyond their interval: each sample has the bar of the even one after the next.
-    index = np.minimum((np.arange(len(samples.t)) + 3) // 2, len(bar_even) - 1)
-    return Integral(fine, bar_even[index], window)
+    index = np.minimum((np.arange(count) + 3) // 2, bar_even.shape[1] - 1)
+    return Integral(fine.T, bar_even[:, index].T, rule.name)
 
 
 def _variation(error: Array) -> Array:
-    return np.asarray(np.abs(np.diff(error, axis=0)).sum(axis=0))
+    return np.asarray(np.abs(np.diff(error, axis=1)).sum(axis=1))

@@ -192,7 +192,10 @@ def power_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -
         )
     for balance in momentum_balances(s):
         outputs[f"momentum {balance.name}"] = balance.force(symbols.parts)
-    return Kernel(symbols.inputs, outputs, name="powers")
+    inputs = symbols.inputs
+    if "udot" in inputs and not ca.depends_on(ca.vertcat(*outputs.values()), inputs["udot"]):
+        del inputs["udot"]  # then nobody need interpolate it
+    return Kernel(inputs, outputs, name="powers")
 
 
 def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:

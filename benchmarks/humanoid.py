@@ -121,12 +121,20 @@ def _group(name: str) -> str:
     return {"root": "root", "abdomen": "trunk", "chest": "trunk"}.get(name, "arms")
 
 
+_shared: tuple[Array, ...] = ()
+
+
 def in_parallel(work: Any, *arrays: Array) -> Array:
-    """`work` on blocks of rows, in a process for each core; the results joined."""
-    cores = os.cpu_count() or 1
-    blocks = list(zip(*(np.array_split(a, cores) for a in arrays), strict=True))
+    """`work` on blocks of rows, in a process for each core, which share the arrays; the results joined."""
+    global _shared
+    _shared, cores = arrays, os.cpu_count() or 1
+    ends = np.linspace(0, len(arrays[0]), cores + 1).astype(int).tolist()
     with multiprocessing.get_context("fork").Pool(cores) as pool:
-        return np.concatenate(pool.starmap(work, blocks))
+        return np.concatenate(pool.starmap(_on_rows, [(work, *e) for e in zip(ends, ends[1:])]))
+
+
+def _on_rows(work: Any, start: int, stop: int) -> Array:
+    return np.asarray(work(*(a[start:stop] for a in _shared)))
 
 
 def _inverse(q: Array, u: Array, udot: Array) -> Array:

@@ -30,7 +30,9 @@ def __getattr__(name: str) -> Any:
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     subpackage = module == __name__
-    value = import_module(f"{module}.{name}") if subpackage else getattr(import_module(module), name)
+    value = (
+        import_module(f"{module}.{name}") if subpackage else getattr(import_module(module), name)
+    )
     globals()[name] = value
     return value
 

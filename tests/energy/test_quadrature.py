@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.energy import quadrature
-from deltac.energy.quadrature import Between, Samples, cumulated, integrate
+from deltac.energy.quadrature import (
+    Between,
+    Samples,
+    at_samples,
+    cumulated,
+    integrate,
+    lagrange,
+)
 from machines import robot, workshop
 
 Array = NDArray[np.float64]
@@ -61,6 +68,40 @@ def test_windows_reproduce_the_polynomials_they_should() -> None:
     for window in quadrature.ORDERS:
         found = cumulated(samples, lambda t, b: b.values["y"] * b.rates["y"], window)[:, 0]
         np.testing.assert_allclose(found, y[:, 0] ** 2 / 2, atol=1e-14)
+
+
+@pytest.mark.parametrize("spacing", ["even", "uneven"])
+def test_order_of_the_powers_alone(spacing: str) -> None:
+    """Polynomials through eight samples: order 8, and exact to degree 7 whatever the spacing."""
+    rng = np.random.default_rng(5)
+    errors = []
+    for count in (41, 81):
+        t = np.linspace(0, 2, count)
+        if spacing == "uneven":
+            t[1:-1] += rng.uniform(-0.2, 0.2, count - 2) * (2 / (count - 1))
+        samples = analytic(t)
+        found = lagrange(samples, at_samples(samples, integrand))[:, -1]
+        errors.append(np.abs(found - reference(2.0)).max())
+        powers = lagrange(samples, t[None, :] ** np.arange(8)[:, None])
+        exact = t[None, :] ** np.arange(1, 9)[:, None] / np.arange(1, 9)[:, None]
+        np.testing.assert_allclose(powers, exact, rtol=1e-13, atol=1e-13)
+    assert np.log2(errors[0] / errors[1]) > quadrature.SAMPLED - 1.5
+
+
+def test_the_powers_alone_serve_where_the_log_is_smooth_and_dense() -> None:
+    dense = integrate(analytic(np.linspace(0, 2, 1001)), integrand)
+    assert dense.rule == "samples"
+    exact = np.array([reference(s) for s in np.linspace(0, 2, 1001)])
+    np.testing.assert_allclose(dense.value, exact, atol=1e-13)
+    t = np.linspace(0, 2, 1001)
+    kinked = Samples(t, {}, {"z": np.abs(t - 0.777)[:, None]}, {})
+    assert integrate(kinked, lambda t, b: b.values["z"]).rule != "samples"
+    held = Samples(t, {}, {}, {"f": np.cos(t)[:, None]})
+    found = integrate(held, lambda t, b: b.values["f"])
+    assert found.rule != "samples"
+    np.testing.assert_allclose(
+        found.value[1:, 0], np.cumsum(np.cos(t[:-1]) * np.diff(t)), rtol=1e-13
+    )
 
 
 def test_held_values_are_constant_until_the_next_sample() -> None:

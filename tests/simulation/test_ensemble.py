@@ -37,7 +37,9 @@ def test_members_equal_single_runs(
     mechanism, (Q, U) = double_pendulum(), starts(5)
     runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record_every=10)
     for k in range(5):
-        one = dc.simulate(mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record_every=10)
+        one = dc.simulate(
+            mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record_every=10
+        )
         np.testing.assert_allclose(runs.t, one.t, rtol=1e-15)
         np.testing.assert_allclose(runs.q[:, k], one.q, rtol=0, atol=1e-12)
         np.testing.assert_allclose(runs.u[:, k], one.u, rtol=0, atol=1e-11)

@@ -19,13 +19,15 @@ from deltac.energy.quadrature import (
     Samples,
     at_samples,
     integrate,
+    row_blocks,
 )
 from deltac.energy.samples import checked_samples, violations
 from deltac.energy.terms import (
     LoggedForces,
-    energy_kernel,
+    energies,
+    ledger_kernel,
     ledger_symbols,
-    power_kernel,
+    powers,
     residual_kernel,
     variants,
 )
@@ -73,22 +75,24 @@ def balance(
     log = LoggedForces.of(run)
     samples, basis = checked_samples(mechanism, run, log)
     symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
-    energies = _at_samples(energy_kernel(symbols), samples, log)
-    kernel = power_kernel(symbols, functions)
-    names = list(kernel.output_names)
-    power_at = _evaluation(kernel, log)
-    known = at_samples(samples, power_at)
-    powers = dict(zip(names, known))
+    energy, power = energies(symbols), powers(symbols, functions)
+    # One kernel for all that is wanted at the samples; between them powers alone.
+    sampled = at_samples(samples, _evaluation(ledger_kernel(symbols, energy | power), log))
+    energy_at = dict(zip(energy, sampled))
+    known = sampled[len(energy) :]
+    kernel = ledger_kernel(symbols, power)
+    names = list(power)
+    channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
+    channel_powers = dict(zip(channel_names, known))
     rates = ("u",) if "udot" in kernel.input_names else ()
-    barred = slice(sum(n.startswith("power ") for n in names), None)
-    integral = integrate(samples, power_at, known, rates, barred)
+    barred = slice(len(channel_names), None)
+    integral = integrate(samples, _evaluation(kernel, log), known, rates, barred)
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
-    channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
-    potential = {n.removeprefix("V "): e for n, e in energies.items() if n.startswith("V ")}
+    potential = {n.removeprefix("V "): e for n, e in energy_at.items() if n.startswith("V ")}
     V = sum(potential.values(), start=np.zeros(len(run)))
-    turnover = _turnover(run, energies, V, [powers[f"power {n}"] for n in channel_names])
-    parts = Energies(energies["K2"], energies["K1"], energies["K0"], V)
+    parts = Energies(energy_at["K2"], energy_at["K1"], energy_at["K0"], V)
+    turnover = _turnover(run, parts, known[: len(channel_names)])
     scale = sum(float(np.abs(e).max()) for e in (parts.K2, parts.K1, parts.K0, V)) + turnover
     rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
     discrete = discrete_work(symbols, run, samples, log) if method == "discrete" else None
@@ -113,7 +117,7 @@ def balance(
     }
     if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
         works["correction projection"] = _projected(run, potential=True)
-    momentum, momentum_bar = _momenta(energies, integral, names)
+    momentum, momentum_bar = _momenta(energy_at, integral, names)
     return Ledger(
         t=run.t,
         method=method,
@@ -121,7 +125,7 @@ def balance(
         K1=parts.K1,
         K0=parts.K0,
         potential=potential,
-        power={n: powers[f"power {n}"] for n in channel_names},
+        power=channel_powers,
         work=works,
         delta_c=delta_c,
         error_bar=bars,
@@ -133,6 +137,7 @@ def balance(
             **{n: "measured" if n in run.forces else "computed" for n in channel_names},
             **basis,
         },
+        rule="discrete" if discrete is not None else integral.rule,
     )
 
 
@@ -256,26 +261,25 @@ def _bar(integral: Integral, names: Sequence[str], name: str) -> Array:
     return integral.bar[:, names.index(name) - len(names)]
 
 
-def _turnover(
-    run: Trajectory, energies: Mapping[str, Array], V: Array, powers: Sequence[Array]
-) -> float:
-    """∫Σ|P| dt (trapezoids: a scale, not a balance) + range(K) + range(V)."""
-    K = energies["K2"] + energies["K1"] + energies["K0"]
-    flow = sum((np.abs(p) for p in powers), start=np.zeros(len(run)))
-    return float(np.trapezoid(flow, run.t) + np.ptp(K) + np.ptp(V))
+def _turnover(run: Trajectory, parts: Energies, powers: Array) -> float:
+    """∫Σ|P| dt (trapezoids: a scale, not a balance) + range(K) + range(V), of powers (m, T)."""
+    flow = np.empty(len(run))
+    for rows in row_blocks(len(run)):
+        np.abs(powers[:, rows]).sum(axis=0, out=flow[rows])
+    return float(np.trapezoid(flow, run.t) + np.ptp(parts.K) + np.ptp(parts.V))
 
 
 def _momenta(
-    energies: Mapping[str, Array], integral: Integral, names: Sequence[str]
+    energy: Mapping[str, Array], integral: Integral, names: Sequence[str]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """h(t) − h(0) − ∫ force dt of every momentum balance, with its bar."""
     departures: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     for key in names:
-        if key.startswith("momentum "):
+        if key.startswith("rate "):
             impulse, bar = integral.value[:, names.index(key)], _bar(integral, names, key)
-            h = energies[key]
-            name = key.removeprefix("momentum ")
+            name = key.removeprefix("rate ")
+            h = energy[f"momentum {name}"]
             departures[name] = h - h[0] - impulse
             bars[name] = bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())
     return departures, bars

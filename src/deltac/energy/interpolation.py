@@ -19,10 +19,14 @@ from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
 
 Array: TypeAlias = NDArray[np.float64]
+Block: TypeAlias = tuple[int, int, int]
+"""(start, stop, first): intervals start to stop, the window of interval k starts at first + k − start."""
 
 
 @lru_cache(maxsize=32)
-def hermite_kernel(window: int, smooth: int, rated: int, plain: int, nodes: tuple[float, ...]) -> Kernel:
+def hermite_kernel(
+    window: int, smooth: int, rated: int, plain: int, nodes: tuple[float, ...]
+) -> Kernel:
     """Values and rates at nodes of an interval, from a window of samples.
 
     Inputs: times z (window), the interval's `width` (s); of each sample in turn the values `y` (smooth)
@@ -85,8 +89,8 @@ def _lagrange(z: SX, x: SX) -> tuple[SX, SX]:
     return ca.vertcat(*polynomials), ca.vertcat(*slopes)
 
 
-def blocks(samples: int, window: int, size: int) -> Iterator[tuple[int, int, int]]:
-    """Cut the intervals into (start, stop, first): the window of interval k starts at first + k − start.
+def blocks(samples: int, window: int, size: int) -> Iterator[Block]:
+    """Cut the intervals into blocks of at most `size`.
 
     Windows lie around their interval, but for the first and the last few of them.
     """

@@ -34,6 +34,9 @@ class Ledger:
         violation: departure of prescribed joints from their laws, of quaternions from unit length (T,).
         basis: where each channel's force is from: "measured" (logged) or "computed" (from the model); and
             "u̇": "measured" or "derived".
+        rule: how works were integrated between samples: "samples" by the powers there, through eight of
+            them; "hermite 4", "hermite 2" at three nodes more in every interval, of motions interpolated
+            through so many samples; "discrete".
     """
 
     t: Array
@@ -51,6 +54,7 @@ class Ledger:
     momentum_bar: Mapping[str, Array]
     violation: Mapping[str, Array]
     basis: Mapping[str, str]
+    rule: str = ""
 
     @property
     def kinetic(self) -> Array:

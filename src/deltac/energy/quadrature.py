@@ -45,6 +45,7 @@ ROWS_AT_ONCE = 520
 """Intervals in a batch: they stay in cache, and their columns are not a power of two apart."""
 
 EPS = float(np.finfo(np.float64).eps)
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -97,15 +98,24 @@ def spline_rate(t: Array, y: Array) -> Array:
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
     """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
     known = at_samples(samples, powers)
-    return _sums(hermite(samples, powers, known, window, samples.smooth)).T
+    return hermite(samples, powers, known, window, samples.smooth).T
+
+
+def row_blocks(count: int) -> list[slice]:
+    """Rows in blocks that stay in cache; kernels spread each over the cores."""
+    starts = range(0, count, ROWS_AT_ONCE)
+    return [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
 
 
 def at_samples(samples: Samples, powers: Powers) -> Array:
     """The powers at the samples themselves, (m, T)."""
-    count = len(samples.t)
-    starts = range(0, count, ROWS_AT_ONCE)
-    rows = [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
-    return np.concatenate([powers(*_known(samples, r, r)).T for r in rows], axis=1)
+    first, *others = row_blocks(len(samples.t))
+    start = powers(*_known(samples, first, first)).T
+    found = np.empty((len(start), len(samples.t)))
+    found[:, first] = start
+    for rows in others:
+        found[:, rows] = powers(*_known(samples, rows, rows)).T
+    return found
 
 
 def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
@@ -117,17 +127,17 @@ def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
 
 
 def lagrange(samples: Samples, known: Array) -> Array:
-    """∫ over each interval (m, T−1) of polynomials through the powers `known` (m, T) at the samples."""
+    """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     t, window = samples.t, min(SAMPLED, len(samples.t))
     kernel = lagrange_kernel(window, len(known))
-    total = np.empty((len(known), len(t) - 1))
+    total = np.zeros_like(known)
     for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
         x = np.empty((kernel.n_in, stop - start))
         z, width, f = (x[where] for where in kernel.input_slices.values())
         window_times(t, start, first, z, width)
         windows_of([known.T], first, window, f)
-        total[:, start:stop] = kernel.flat(x)
-    return total
+        total[:, start + 1 : stop + 1] = kernel.flat(x)
+    return np.cumsum(total, axis=1, out=total)
 
 
 def hermite(
@@ -138,7 +148,7 @@ def hermite(
     rates: Collection[str],
     columns: slice = slice(None),
 ) -> Array:
-    """∫ over each interval (m, T−1): Lobatto's rule along motions interpolated in a window of samples.
+    """∫ from the first sample on (m, T): Lobatto's rule along motions interpolated in a window.
 
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of; `columns` picks among the powers.
@@ -157,7 +167,7 @@ def hermite(
         INNER,
     )
     places = _places(sizes | rated)
-    total = np.empty((len(known[columns]), len(t) - 1))
+    total = np.zeros_like(known[columns])
     for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
         x = np.empty((kernel.n_in, stop - start))
         z, width, y, dy, f = (x[where] for where in kernel.input_slices.values())
@@ -176,8 +186,8 @@ def hermite(
             at |= {name: held[here] for name, held in samples.held.items()}
             between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
             part += weight * powers(t[here] + node * width[0], between).T[columns]
-        np.multiply(part, width, out=total[:, here])
-    return total
+        np.multiply(part, width, out=total[:, after])
+    return np.cumsum(total, axis=1, out=total)
 
 
 def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
@@ -185,29 +195,31 @@ def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
     return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
 
-def _sums(intervals: Array) -> Array:
-    """Cumulated from zero, (m, T−1) -> (m, T)."""
-    total = np.zeros((intervals.shape[0], intervals.shape[1] + 1))
-    np.cumsum(intervals, axis=1, out=total[:, 1:])
-    return total
-
-
 @dataclass(frozen=True)
 class Integral:
-    """Cumulated integrals `value` (T, m), error bars `bar` (T, n) of the columns asked for, the rule."""
+    """Cumulated integrals by a rule.
+
+    `value` (T, m); error bars `bar` (T, n) of the columns asked for; `order`: that in the spacing which
+    the errors show, over all these columns, zero where it was not observed.
+    """
 
     value: Array
     bar: Array
     rule: str
+    order: float
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """∫ over each interval from samples, the powers there and a choice of columns; its order."""
+    """Cumulated integrals from samples, the powers there and a choice of columns.
+
+    `order` in the spacing; `window`: the samples that an interval is seen through.
+    """
 
     name: str
     order: int
-    intervals: Callable[[Samples, Array, slice], Array]
+    window: int
+    sums: Callable[[Samples, Array, slice], Array]
 
 
 def integrate(
@@ -219,8 +231,9 @@ def integrate(
 ) -> Integral:
     """Cumulated integrals with error bars, by the rule whose bars are smaller.
 
-    The powers at the samples suffice where the bar of `lagrange` is down to rounding, or where forces are
-    known no better than that. Else the motion is interpolated, in the window that does better.
+    The powers at the samples suffice where the bar of `lagrange` is down to rounding. Otherwise the motion
+    is interpolated too, in either window; and `lagrange`, whose windows are wide, is left out of the
+    choice where the log is not seen to be smooth.
 
     The bar at a time is the largest difference so far between using all and every second sample,
     divided by 2^(p/2 − 1), where p is the order observed with every fourth sample too: half of it is
@@ -228,6 +241,8 @@ def integrate(
     ends of a spline have their own.
 
     Args:
+        samples: what is known of the motion.
+        powers: (times, between) -> (rows, m).
         known: the powers (m, T) at the samples; evaluated if None.
         rates: names of what the powers need rates of; by default all that is smooth.
         barred: the columns whose bars are wanted; the choice goes by them.
@@ -244,16 +259,21 @@ def integrate(
         return _Rule(
             f"hermite {window}",
             ORDERS[window],
+            window,
             lambda s, at, columns: hermite(s, powers, at, window, rated, columns),
         )
 
     found: list[Integral] = []
     if len(samples.t) > 4 * SAMPLED and not samples.held:
-        sampled = _Rule("samples", SAMPLED, lambda s, at, columns: lagrange(s, at[columns]))
-        found.append(_estimated(sampled, thinned, barred))
+        sampled = _Rule(
+            "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, at[columns])
+        )
+        first = _estimated(sampled, thinned, barred)
         flow = np.trapezoid(np.abs(known[barred]), samples.t)
-        if found[0].bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
-            return found[0]
+        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
+            return first
+        if first.order >= SAMPLED / 2:
+            found.append(first)
     found += [_estimated(interpolated(window), thinned, barred) for window in (4, 2)]
     return min(found, key=lambda integral: float(integral.bar[-1].sum()))
 
@@ -261,23 +281,26 @@ def integrate(
 def _estimated(
     rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], barred: slice
 ) -> Integral:
-    fine = _sums(rule.intervals(*thinned[1], slice(None)))
+    fine = rule.sums(*thinned[1], slice(None))
     count = fine.shape[1]
     if count < 5:  # nothing can be left out: as much error as integral
         bar = np.maximum.accumulate(np.abs(fine[barred]), axis=1)
-        return Integral(fine.T, bar.T, rule.name)
-    half = _sums(rule.intervals(*thinned[2], barred))
+        return Integral(fine.T, bar.T, rule.name, 0.0)
+    half = rule.sums(*thinned[2], barred)
     error = fine[barred, ::2] - half
     bar_even = np.maximum.accumulate(np.abs(error), axis=1)
+    order = 0.0
     if count >= 9 and not thinned[1][0].derived:
         # Sums over intervals: in a cumulated error contributions may cancel by chance.
         finer = _variation(error)
-        coarser = _variation(half[:, ::2] - _sums(rule.intervals(*thinned[4], barred)))
+        coarser = _variation(half[:, ::2] - rule.sums(*thinned[4], barred))
         ratio = coarser / np.where(finer > 0.0, finer, 1.0)
+        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
         bar_even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))[:, None]
-    # Windows reach beyond their interval: each sample has the bar of the even one after the next.
-    index = np.minimum((np.arange(count) + 3) // 2, bar_even.shape[1] - 1)
-    return Integral(fine.T, bar_even[:, index].T, rule.name)
+    # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
+    seen = np.arange(count) + max(rule.window, 4) // 2
+    index = np.minimum((seen + 1) // 2, bar_even.shape[1] - 1)
+    return Integral(fine.T, bar_even[:, index].T, rule.name, order)
 
 
 def _variation(error: Array) -> Array:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
-from deltac.energy.quadrature import Samples, spline_rate
-from deltac.energy.terms import LoggedForces
+from deltac.energy.quadrature import Samples, row_blocks, spline_rate
+from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
 from deltac.mechanism.joints import KINDS
@@ -34,10 +34,10 @@ def checked_samples(
     if len(run) < 2:
         raise InputError("the run has a single sample; a balance needs at least two")
     free = mechanism.free
-    q, u = run.q[:, free.q], run.u[:, free.u]
+    q, u = columns(run.q, free.q), columns(run.u, free.u)
     basis = {"u̇": "measured"}
     if run.udot is not None:
-        udot = run.udot[:, free.u]
+        udot = columns(run.udot, free.u)
     else:
         basis["u̇"] = "derived"
         udot = spline_rate(run.t, u)
@@ -81,7 +81,10 @@ def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Arr
     kernel = Kernel(
         {"t": system.t, "q": system.q, "u": system.u}, {"qdot": system.qdot}, name="rates"
     )
-    return kernel(t=t, q=q, u=u)["qdot"].reshape(q.shape)
+    rates = np.empty(q.shape)
+    for rows in row_blocks(len(t)):
+        rates[rows] = kernel(t=t[rows], q=q[rows], u=u[rows])["qdot"].reshape(-1, q.shape[1])
+    return rates
 
 
 def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:

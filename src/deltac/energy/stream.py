@@ -139,7 +139,8 @@ def _joined(parts: Sequence[Ledger]) -> Ledger:
         }
         for group in _CARRIED + _BARS + _PLAIN
     }
-    return replace(parts[0], **arrays, **groups)
+    rule = ", ".join(dict.fromkeys(part.rule for part in parts))
+    return replace(parts[0], **arrays, **groups, rule=rule)
 
 
 def _rows(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:

@@ -53,7 +53,7 @@ class LoggedForces:
         columns: dict[str, slice] = {}
         start = 0
         for name, force in run.forces.items():
-            acting = [int(k) for k in np.flatnonzero(np.any(force != 0.0, axis=0))]
+            acting = [int(k) for k in np.flatnonzero(_any_nonzero(force))]
             places[name] = acting
             columns[name] = slice(start, start + len(acting))
             start += len(acting)
@@ -61,7 +61,24 @@ class LoggedForces:
 
     def values(self, run: Trajectory) -> dict[str, np.ndarray]:
         """The columns of each channel (T, n)."""
-        return {name: run.forces[name][:, places] for name, places in self.places.items()}
+        return {name: columns(run.forces[name], places) for name, places in self.places.items()}
+
+
+def columns(values: np.ndarray, places: Sequence[int] | np.ndarray) -> np.ndarray:
+    """Columns of (T, n); a view of neighbouring ones, since logs are long."""
+    if not len(places):
+        return values[:, :0]
+    first, last = int(places[0]), int(places[-1])
+    neighbours = np.array_equal(places, np.arange(first, last + 1))
+    return values[:, first : last + 1] if neighbours else values[:, places]
+
+
+def _any_nonzero(force: np.ndarray) -> np.ndarray:
+    """Which columns of (T, n) have something in them (n,), several rows at a time."""
+    at_once = 64  # rows of a few columns are too short for loops over them to be fast
+    rows = len(force) // at_once * at_once
+    bulk = (force[:rows].reshape(-1, at_once * force.shape[1]) != 0.0).any(axis=0)
+    return np.asarray(bulk.reshape(at_once, -1).any(axis=0) | (force[rows:] != 0.0).any(axis=0))
 
 
 @dataclass(frozen=True)
@@ -161,21 +178,20 @@ def _measured(
     return Reactions(driving, multipliers)
 
 
-def energy_kernel(symbols: LedgerSymbols) -> Kernel:
-    """K2, K1, K0 and the potential of every source, of (t, q, u)."""
-    s, k = symbols.system, symbols.computed
+def energies(symbols: LedgerSymbols) -> dict[str, SX]:
+    """K2, K1, K0, the potential of every source, and every momentum."""
+    k = symbols.computed
     outputs = {"K2": k.K2, "K1": k.K1, "K0": k.K0}
     for part in symbols.parts:
         if part.potential is not None:
             outputs[f"V {part.name}"] = part.potential
-    for balance in momentum_balances(s):
+    for balance in momentum_balances(symbols.system):
         outputs[f"momentum {balance.name}"] = balance.momentum
-    inputs = {n: c for n, c in (("t", s.t), ("q", s.q), ("u", s.u)) if c.shape[0]}
-    return Kernel(inputs, outputs, name="energies")
+    return outputs
 
 
-def power_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:
-    """Power of every channel and of every testing function, and the rate of every momentum."""
+def powers(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> dict[str, SX]:
+    """Power of every channel, then of every testing function, and the rate of every momentum."""
     s = symbols.system
     outputs = {f"power {n}": p for n, p in channel_powers(s, symbols.parts).items()}
     driven = prescribed_channels(s, symbols.reactions.driving)
@@ -191,11 +207,16 @@ def power_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -
             {f"P {name}": function.P(k) for name, k in variants(symbols, function.name).items()}
         )
     for balance in momentum_balances(s):
-        outputs[f"momentum {balance.name}"] = balance.force(symbols.parts)
+        outputs[f"rate {balance.name}"] = balance.force(symbols.parts)
+    return outputs
+
+
+def ledger_kernel(symbols: LedgerSymbols, outputs: Mapping[str, SX]) -> Kernel:
+    """Energies, powers or both; accelerations are among the inputs only where they matter."""
     inputs = symbols.inputs
     if "udot" in inputs and not ca.depends_on(ca.vertcat(*outputs.values()), inputs["udot"]):
-        del inputs["udot"]  # then nobody need interpolate it
-    return Kernel(inputs, outputs, name="powers")
+        del inputs["udot"]  # then nobody need interpolate them
+    return Kernel(inputs, outputs, name="ledger")
 
 
 def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:

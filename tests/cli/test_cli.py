@@ -40,6 +40,8 @@ def test_version_and_help_by_typers_runner() -> None:
         (["reproduce", "--only", "5.1"], "4.1, 4.2, 4.3, 4.4, 4.5, 4.6, 4.7, 4.8, 4.9, 4.10"),
         (["reproduce", "--only", ","], "known: 4.1"),
         (["problems", "tripel-pendulum"], "triple-pendulum"),
+        (["problems", "n-four-bar", "--set", "m=4"], "no option 'm'; known: n"),
+        (["problems", "n-four-bar", "--set", "4"], "--set n=40"),
     ],
 )
 def test_bad_input_is_status_2_with_a_message_on_stderr(
@@ -152,6 +154,15 @@ def test_problems_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert listed["triple-pendulum"]["dof"] == 3
     assert listed["driven-triple-pendulum"]["dof"] == 2
     assert listed["triple-pendulum"]["conserved"] == ["energy"]
+
+
+def test_a_variant_of_a_problem_is_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = run("problems", "n-four-bar", "--set", "n=1", "--json", capsys=capsys)
+    told = json.loads(out)
+    assert status == 0
+    assert told["title"].startswith("1 four-bars")
+    drift = next(r for r in told["reference"] if r["quantity"] == "largest energy error")
+    assert drift["measured"] < 1e-3  # the community's threshold, J
 
 
 def test_a_problem_is_compared_with_its_references(capsys: pytest.CaptureFixture[str]) -> None:

@@ -98,7 +98,8 @@ def n_four_bar(n: int = 2) -> Values:
         Mc = (mpmath.mpf(n + 1) / 2 + n) * mpmath.mpf("9.81")
         bottom = mpmath.sqrt(1 + 4 * Mc / I)  # rate at the bottom; 1 rad/s at the top
         m = 4 * Mc / I / bottom**2
-        values: Values = {"energy at 10 s": float(I / 2 + Mc)}
+        # The force is that of a potential, so exact motion keeps the energy.
+        values: Values = {"energy at 10 s": float(I / 2 + Mc), "largest energy error": 0.0}
         for t in (1, 5, 10):
             phase = bottom * t / 2 + mpmath.ellipk(m)
             sine, cosine = (mpmath.ellipfun(kind, phase, m=m) for kind in ("sn", "cn"))

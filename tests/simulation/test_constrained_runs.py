@@ -456,3 +456,22 @@ def test_a_run_that_blows_up_keeps_what_it_had() -> None:
     assert np.isfinite(run.q).all() and len(run) >= 1
     if not run.provenance.completed:
         assert any(issubclass(w.category, dc.SimulationStopped) for w in caught)
+
+
+def test_a_mechanism_at_the_end_of_its_reach_stops_with_words() -> None:
+    """Two unit links from the ground to a point that moves away: reach 2, of which 0.5 at the start."""
+    mechanism = dc.Mechanism(
+        [dc.rod("upper", 1.0, 1.0), dc.rod("lower", 1.0, 1.0)],
+        [
+            dc.revolute("shoulder", "ground", "upper"),
+            dc.revolute("elbow", "upper", "lower", position=(1, 0, 0)),
+        ],
+        constraints=[dc.distance("winch", "ground", "lower", "0.5+t", point2=(1, 0, 0))],
+    )
+    start = dc.assemble(mechanism, mechanism.state({"shoulder": 1.0, "elbow": -2.6})).state
+    with pytest.warns(dc.SimulationStopped, match=r"'winch' can no longer be met at t = 1\.[45]"):
+        run = dc.simulate(mechanism, start, 3.0, 1e-3, "ode4")
+    assert not run.provenance.completed
+    assert 1.45 < run.t[-1] < 1.55
+    tip = np.abs(np.exp(1j * run.q[:, 0]) + np.exp(1j * (run.q[:, 0] + run.q[:, 1])))
+    np.testing.assert_allclose(tip, 0.5 + run.t, rtol=0, atol=1e-3)

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 def command(
     name: Annotated[str | None, typer.Argument(metavar="NAME", show_default=False)] = None,
+    options: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Choose a variant, as in --set n=40."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the problem library; or run the problem NAME and compare it with its references.
@@ -28,10 +32,31 @@ def command(
         return
     from deltac.studies.references import compare
 
-    problem = problems.load(name)
+    problem = problems.load(name, **_options(options or []))
     compared = compare(problem)
     (_print_json if as_json else _print)(problem, compared)
     raise typer.Exit(0 if all(row.agrees for row in compared) else 1)
+
+
+def _options(given: list[str]) -> dict[str, Any]:
+    """Options of a problem: whole numbers, numbers, true and false, else text."""
+    from deltac.errors import InputError
+
+    found: dict[str, Any] = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        if not (key and equals):
+            raise InputError(f"--set {text!r}: expected OPTION=VALUE, for example --set n=40")
+        found[key] = value
+        for kind in (int, float):
+            try:
+                found[key] = kind(value)
+                break
+            except ValueError:
+                continue
+        if value.lower() in ("true", "false"):
+            found[key] = value.lower() == "true"
+    return found
 
 
 def _list(library: list[Problem], as_json: bool) -> None:

@@ -13,7 +13,7 @@ from deltac.mechanism.bodies import (
     rod,
     sphere,
 )
-from deltac.mechanism.constraints import (
+from deltac.mechanism.constraining import (
     angle,
     distance,
     gear,

@@ -28,7 +28,8 @@ def check_constraint(mechanism: Mechanism, constraint: Constraint) -> None:
     parameters = tuple(mechanism.parameters)
     in_time = ["t", *parameters]
     coordinates = [*in_time, *(f"q.{name}" for name in mechanism.coordinates.names)]
-    what = f"{type(constraint).__name__.lower()} constraint {constraint.name!r}"
+    kind = {"MotionConstraint": "motion", "PointOn": "point-on"}.get(type(constraint).__name__)
+    what = f"{kind or type(constraint).__name__.lower()} constraint {constraint.name!r}"
 
     def laws(values: tuple[object, ...], allowed: list[str], part: str) -> None:
         for law in values:

@@ -140,7 +140,8 @@ def _joint(
     if parent == child:
         raise InputError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:
-        raise InputError(f"joint {name!r}: the ground cannot be a child; swap parent and child")
+        order = "free(name, child)" if kind == "free" else f"{kind}(name, parent, child)"
+        raise InputError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
     shape = KINDS[kind]
     # A quaternion turns as one: one stiffness, and no law of its own.
     springs = len(shape.coordinates) - (3 if shape.quaternion is not None else 0)

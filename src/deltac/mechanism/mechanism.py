@@ -238,7 +238,7 @@ def _fill(
             values[place] = array
             named.update(entries.names[place])
         else:
-            options = [*entries.names, *sorted(joints)]
+            options = list(dict.fromkeys([*entries.names, *sorted(joints)]))
             raise InputError(f"unknown {what} {name!r} of the state{closest(name, options)}")
     return _checked_finite(values, entries, what), named
 

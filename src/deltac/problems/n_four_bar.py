@@ -8,8 +8,8 @@ import numpy as np
 
 from deltac.errors import InputError
 from deltac.mechanism import Mechanism, loop_revolute, revolute, rod
-from deltac.problems.measures import FloatArray, Signal, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
+from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -50,6 +50,17 @@ def problem(n: int = 2) -> Problem:
     inertia, moment = _reduced(n)
     start = 0.5 * inertia + moment
     reference = [instant("energy", 10.0, energy(mechanism), start, "J", "exact", 1e-13 * start)]
+    reference.append(
+        Reference(
+            quantity="largest energy error",
+            value=0.0,
+            unit="J",
+            kind="exact",
+            accuracy=1e-12 * start,
+            at=None,
+            measure=_drift(n),
+        )
+    )
     for t, (x, y) in TIP.get(n, {}).items():
         reference += [
             instant("tip x", t, _x, x, "m", "exact", 5e-16),
@@ -93,6 +104,11 @@ def _x(run: Trajectory) -> FloatArray:
 
 def _y(run: Trajectory) -> FloatArray:
     return np.sin(run.coordinate("crank0"))
+
+
+def _drift(n: int) -> Measure:
+    """The largest departure of the energy from its start: the community's measure."""
+    return lambda run: float(np.ptp(_energy(n)(run)))
 
 
 def _energy(n: int) -> Signal:

@@ -18,6 +18,9 @@ from deltac.simulation.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.trajectories import Provenance, Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
+LOST = 1e-3
+"""A projected state this far off a constraint (m or rad) is not on it."""
+
 NEARLY_DEPENDENT = 1e-3
 """Smallest pivot of the constraints at a sample that an adaptive run is told of."""
 
@@ -101,6 +104,33 @@ def recorded(
         speeds=mechanism.speeds.names,
         provenance=provenance,
     )
+
+
+def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:
+    """The motion up to where its constraints can no longer be met, and words for it.
+
+    A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
+    what comes after is no motion.
+    """
+    if not flow.projecting or flow.bound is None:
+        return motion
+    rows = flow.bound.rows
+    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
+    kernel = Kernel(inputs, {"phi": rows.phi}, name="violation")
+    given = {"p": p} if flow.p.shape[0] else {}
+    phi = np.abs(kernel(t=motion.t, x=motion.x, **given)["phi"].reshape(len(motion.t), -1))
+    lost = ~(phi <= LOST).all(axis=1)
+    if not lost.any():
+        locked = "; or the mechanism is locked, and its constraints cannot be met any further"
+        return replace(motion, message=motion.message + locked) if motion.message else motion
+    first = max(1, int(np.argmax(lost)))
+    name = rows.names[int(np.nanargmax(phi[first]))]
+    message = (
+        f"stopped: constraint {name!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
+        f"{np.nanmax(phi[first]):.2g} m or rad): the mechanism is locked or at the end of its reach. What "
+        "was computed until then is kept; let the motion end earlier, or change the constraint"
+    )
+    return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
 
 
 def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> Array:

@@ -21,7 +21,7 @@ from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.kept import Kept
-from deltac.simulation.observation import observer, recorded
+from deltac.simulation.observation import observer, recorded, while_assembled
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory
 
@@ -116,6 +116,7 @@ def simulate(
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             quad = found.name == "taylor-quad"
             motion = run_taylor(flow, p, x0, times, tolerance, progress, quad=quad)
+    motion = while_assembled(flow, motion, p)
     if motion.message:
         warnings.warn(motion.message, SimulationStopped, stacklevel=2)
     provenance = Provenance(
@@ -236,6 +237,10 @@ def _check_start(
     p: Array,
 ) -> None:
     """The accelerations at the start must be finite: else the mass matrix is singular."""
+    if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
+        raise InputError(
+            "the state is not finite; make it by mechanism.state(...), which says where"
+        )
     if not np.isfinite(x0).all():
         raise InputError("the coordinate map has no finite own coordinates for the initial state")
     if flow.traced and controller is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+
 from deltac.errors import InputError
 from deltac.simulation.solvers.explicit import TABLEAUS, explicit_step
 from deltac.simulation.solvers.solver import Solver
@@ -50,7 +52,9 @@ def find_solver(name: str) -> Solver:
         listed = ", ".join(
             s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()
         )
-        raise InputError(f"unknown solver {name!r}; known: {listed}")
+        match = difflib.get_close_matches(name, [*SOLVERS, *_BY_ALIAS], n=1)
+        hint = f"; did you mean {match[0]!r}?" if match else ""
+        raise InputError(f"unknown solver {name!r}{hint}; known: {listed}")
     return solver
 
 

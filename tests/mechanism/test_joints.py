@@ -99,7 +99,10 @@ def test_quaternions_place_a_joint_as_matrices_do() -> None:
     ("make", "words"),
     [
         (lambda: revolute("hip", "a", "a"), ["'hip'", "'a'", "itself"]),
-        (lambda: revolute("hip", "a", "ground"), ["'hip'", "ground", "swap"]),
+        (
+            lambda: revolute("hip", "a", "ground"),
+            ["'hip'", "ground", "the order is revolute(name, parent, child)"],
+        ),
         (lambda: revolute(" hip", "ground", "a"), ["' hip'", "blanks"]),
         (lambda: revolute("hip", "ground", "a", "q"), ["'hip'", "'q'", "known: x, y, z"]),
         (lambda: revolute("hip", "ground", "a", [NAN, 0, 1]), ["'hip'", "nan"]),

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.terms import Energies
-from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable, testing_functions
+from deltac.dynamics.testing_functions import (
+    TESTING_FUNCTIONS,
+    TestingFunction,
+    applicable,
+    testing_functions,
+)
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
 from deltac.energy.quadrature import (
@@ -23,6 +29,7 @@ from deltac.energy.quadrature import (
 )
 from deltac.energy.samples import checked_samples, violations
 from deltac.energy.terms import (
+    LedgerSymbols,
     LoggedForces,
     energies,
     ledger_kernel,
@@ -33,6 +40,7 @@ from deltac.energy.terms import (
 )
 from deltac.errors import InputError
 from deltac.kernels import Kernel
+from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -74,14 +82,11 @@ def balance(
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
     log = LoggedForces.of(run)
     samples, basis = checked_samples(mechanism, run, log)
-    symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
-    energy, power = energies(symbols), powers(symbols, functions)
-    # One kernel for all that is wanted at the samples; between them powers alone.
-    sampled = at_samples(samples, _evaluation(ledger_kernel(symbols, energy | power), log))
-    energy_at = dict(zip(energy, sampled))
-    known = sampled[len(energy) :]
-    kernel = ledger_kernel(symbols, power)
-    names = list(power)
+    compiled = _compiled(mechanism, log, functions, speeds, _start(samples))
+    symbols, kernel, names = compiled.symbols, compiled.between, compiled.powers
+    sampled = at_samples(samples, _evaluation(compiled.at_samples, log))
+    energy_at = dict(zip(compiled.energies, sampled))
+    known = sampled[len(compiled.energies) :]
     channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
     channel_powers = dict(zip(channel_names, known))
     rates = ("u",) if "udot" in kernel.input_names else ()
@@ -223,6 +228,42 @@ def _projected(run: Trajectory, *, potential: bool) -> Array:
         if name in run.integrals:
             total = total + run.integrals[name] - run.integrals[name][0]
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """The kernels of a ledger: all that is wanted at the samples, and powers alone between them."""
+
+    symbols: LedgerSymbols
+    energies: list[str]
+    powers: list[str]
+    at_samples: Kernel
+    between: Kernel
+
+
+_KEPT: Kept[_Compiled] = Kept(16)
+
+
+def _compiled(
+    mechanism: Mechanism,
+    log: LoggedForces,
+    functions: Sequence[TestingFunction],
+    speeds: CoordinateMap | None,
+    start: tuple[float, Array],
+) -> _Compiled:
+    """Traced and compiled once for logs of the same mechanism that hold the same forces."""
+
+    def make() -> _Compiled:
+        symbols = ledger_symbols(mechanism, log, speeds, start)
+        energy, power = energies(symbols), powers(symbols, functions)
+        both = ledger_kernel(symbols, energy | power)
+        return _Compiled(symbols, list(energy), list(power), both, ledger_kernel(symbols, power))
+
+    # Where the run starts decides which rows of the constraints are independent.
+    where = (start[0], start[1].tobytes()) if mechanism.constraints else None
+    forces = tuple((name, tuple(places)) for name, places in log.places.items())
+    names = tuple(function.name for function in functions)
+    return _KEPT.get((mechanism.digest(), forces, names, speeds, where), make)
 
 
 def _start(samples: Samples) -> tuple[float, Array]:

@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
+from deltac.kernels.kept import Kept
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.careful import CarefulStep
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import FixedStepper, numeric_masks, settle_kernel
 from deltac.simulation.flow import Flow, build_flow
-from deltac.simulation.kept import Kept
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.simulation.solvers.solver import Parts

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from deltac.errors import InputError
 from deltac.kernels import Kernel
+from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -20,7 +21,6 @@ from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
-from deltac.simulation.kept import Kept
 from deltac.simulation.observation import observer, recorded, while_assembled
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.trajectories import Provenance, Trajectory

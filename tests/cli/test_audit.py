@@ -108,3 +108,35 @@ def test_bad_input_is_status_2(
     assert (status, out) == (2, "")
     assert said in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("u.joint1", 1e160), ("q.joint1", -1e200), ("udot.joint2", 1e300), ("u.joint2", np.nan)],
+)
+def test_garbage_among_the_numbers_is_bad_input(
+    column: str, value: float, logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import polars
+
+    frame = polars.read_parquet(logs / "good.parquet")
+    x = frame[column].to_numpy().copy()
+    x[7] = value
+    frame.with_columns(polars.Series(column, x)).write_parquet(tmp_path / "damaged.parquet")
+    status, out, err = run(MODEL, str(tmp_path / "damaged.parquet"), "--json", capsys=capsys)
+    assert (status, out) == (2, "")
+    assert f"'{column}'" in err and "row 7 " in err
+
+
+def test_what_the_import_left_to_the_log_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
+    from mujoco_models import ARM, arm_run
+
+    (tmp_path / "arm.xml").write_text(ARM)
+    arm_run().write(tmp_path / "arm.parquet")
+    status, out, _ = run(str(tmp_path / "arm.xml"), str(tmp_path / "arm.parquet"), capsys=capsys)
+    told = " ".join(out.split())
+    assert status == 0
+    assert "2 left to the log, 0 assumed" in told and "Left to the log: m1 (actuator)" in told

@@ -82,3 +82,10 @@ def test_a_file_that_does_not_run(tmp_path: Path) -> None:
     path.write_text("import no_such_package_at_all\n")
     with pytest.raises(dc.InputError, match="bad.py cannot be run: ModuleNotFoundError"):
         load_model(f"{path}:f")
+
+
+@pytest.mark.parametrize("text", ["import sys; sys.exit(3)", "def make(): raise SystemExit('no')"])
+def test_a_file_that_wants_to_exit(tmp_path: Path, text: str) -> None:
+    (tmp_path / "quits.py").write_text(text)
+    with pytest.raises(dc.InputError, match="quits.py.*(cannot be run|failed): SystemExit"):
+        load_model(f"{tmp_path / 'quits.py'}:make")

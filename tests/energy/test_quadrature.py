@@ -73,12 +73,11 @@ def test_windows_reproduce_the_polynomials_they_should() -> None:
 @pytest.mark.parametrize("spacing", ["even", "uneven"])
 def test_order_of_the_powers_alone(spacing: str) -> None:
     """Polynomials through eight samples: order 8, and exact to degree 7 whatever the spacing."""
-    rng = np.random.default_rng(5)
     errors = []
     for count in (41, 81):
         t = np.linspace(0, 2, count)
         if spacing == "uneven":
-            t[1:-1] += rng.uniform(-0.2, 0.2, count - 2) * (2 / (count - 1))
+            t += 0.1 * np.sin(np.pi * t)
         samples = analytic(t)
         found = lagrange(samples, at_samples(samples, integrand))[:, -1]
         errors.append(np.abs(found - reference(2.0)).max())

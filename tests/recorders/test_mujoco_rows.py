@@ -234,6 +234,7 @@ def test_files_and_specs(tmp_path: Any) -> None:
         ({"duration": float("nan")}, "duration=nan"),
         ({"duration": 0.1, "step": 0.0}, "step=0.0"),
         ({"duration": 0.1, "step": 0.03}, "does not divide the duration"),
+        ({"duration": 2.0, "step": 0.003}, "step=0.00299850.* nearest duration .* 2.001$"),
         ({"duration": 0.1, "integrator": "eular"}, "did you mean 'euler'"),
         ({"duration": 0.1, "channels": "some"}, "unknown channels='some'"),
     ],

@@ -10,9 +10,9 @@ import pytest
 
 import deltac as dc
 from deltac.kernels import kernel as kernels
+from deltac.kernels.kept import Kept
 from deltac.simulation import SimulationStopped, fixed
 from deltac.simulation.flow import build_flow
-from deltac.kernels.kept import Kept
 from deltac.simulation.solvers import find_solver
 from machines import pendulum, robot, workshop
 

@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, new_table, number, print_json, print_table
+from deltac.cli.output import Json, new_table, number, print_json, print_table, print_text
 
 if TYPE_CHECKING:
     from deltac.diagnosis import Audit
+    from deltac.importers import ImportReport
+
+SHOWN = 6
+"""Remarks of an import that are printed; --json has all of them."""
 
 
 def command(
@@ -72,8 +76,20 @@ def _print(found: Audit, figure: Path | None) -> None:
     print_table(table)
     typer.echo("")
     typer.echo(found.verdict.explain())
+    if found.import_report is not None:
+        _print_import(found.import_report)
     if figure is not None:
         typer.echo(f"figure: {figure}")
+
+
+def _print_import(report: ImportReport) -> None:
+    """What the model is an import of, in short."""
+    counts = f"{len(report.read)} elements read, {len(report.ignored)} left to the log"
+    print_text(f"Model: {report.source}, {counts}, {len(report.assumed)} assumed.")
+    for heading, remarks in (("Left to the log", report.ignored), ("Assumed", report.assumed)):
+        shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
+        if remarks:
+            print_text(f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}.")
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:

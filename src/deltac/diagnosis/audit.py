@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -9,18 +10,20 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis import checks
+from deltac.diagnosis import checks, motors
+from deltac.diagnosis.equalities import withheld_equalities
 from deltac.diagnosis.equations import EquationTerms, equation_terms
 from deltac.diagnosis.factors import EXPLAINS, explanations
-from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.judgement import Measures, judge
-from deltac.diagnosis.logs import Log, read_log
+from deltac.diagnosis.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.models import load_model
 from deltac.diagnosis.verdict import Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+from deltac.trajectories.suspicions import gap_rows
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
@@ -134,9 +137,9 @@ class Audit:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON."""
+        """All but the time histories, for JSON: what is not finite is None."""
         ledger = self.ledger
-        return {
+        held = {
             "verdict": self.verdict.kind,
             "confidence": self.verdict.confidence,
             "evidence": list(self.verdict.evidence),
@@ -155,7 +158,12 @@ class Audit:
             "ignored_by_import": [str(r) for r in self.import_report.ignored]
             if self.import_report
             else [],
+            "assumed_by_import": [str(r) for r in self.import_report.assumed]
+            if self.import_report
+            else [],
         }
+        plain: dict[str, Any] = _finite(held)
+        return plain
 
     def _bar(self) -> str:
         return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
@@ -163,7 +171,7 @@ class Audit:
     def __repr__(self) -> str:
         return (
             f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
-            f"{100 * self.relative:.2g} % of {self.ledger.turnover:.4g} J turned over; "
+            f"{percent(self.relative)} of {self.ledger.turnover:.4g} J turned over; "
             f"{len(self.findings)} findings)"
         )
 
@@ -173,6 +181,9 @@ _BEYOND_TOLERANCE = (
     "channel-not-in-model",
     "prescribed-departs",
     "missing-contact",
+    "missing-equality",
+    "constraint-violation",
+    "constraint-drift",
 )
 
 
@@ -219,27 +230,35 @@ def audit(
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive)
     findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.assumed_zero_finding(missing)
+    findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
     terms = None
     if basis["u̇"] == "measured" and len(mechanism.free.u):
         terms = equation_terms(mechanism, run)
         findings += _of_equations(
             mechanism, log_read, terms, tolerance, loaded.import_report, findings
         )
+    held = held_between_rows(log_read)
     measures = Measures(
         turnover=ledger.turnover,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(left_over).max()),
-        bar=float(ledger.error_bar[function].max()),
+        bar=float(ledger.error_bar[function].max()) + held,
+        held=held,
         tolerance=tolerance,
         spacing=float(np.median(np.diff(log_read.consecutive.t))),
         step=run.provenance.step,
         method=ledger.method,
+        outside_gaps=_outside_gaps(mechanism, log_read, function),
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
     )
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
+    verdict = judge(measures, terms, tuple(ranked))
     return Audit(
         ledger=ledger,
-        verdict=judge(measures, terms, tuple(ranked)),
+        verdict=replace(
+            verdict, limits=(*verdict.limits, *motors.limits(run, loaded.import_report))
+        ),
         run=run,
         mechanism=mechanism,
         import_report=loaded.import_report,
@@ -263,13 +282,15 @@ def _of_equations(
     whole = log.consecutive is log.run
     nearby = terms if whole else equation_terms(mechanism, log.consecutive)
     stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    if stale:
-        return stale + checks.blame(terms)
+    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
+    if misread:
+        return misread + checks.blame(terms)
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     # What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
     simple = explanations(mechanism, terms, EXACT if now_and_then else EXPLAINS)
-    return found + (simple or now_and_then) + checks.blame(terms)
+    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
+    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 
 
 def _function(ledger: Ledger) -> str:
@@ -287,12 +308,38 @@ def _with_corrections(ledger: Ledger, function: str) -> Array:
     return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
 
 
+def _finite(value: Any) -> Any:
+    """Nested lists and dicts with None for what no JSON can hold."""
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _derived(run: Trajectory, what: str) -> bool:
     return what in run.provenance.notes.get("derived", "").split(";")
 
 
 def _reach(work: Array) -> float:
     return float(np.ptp(work))
+
+
+def _outside_gaps(
+    mechanism: Mechanism, log: Log, function: str
+) -> Callable[[], tuple[float, float]] | None:
+    """Largest |ΔC| of the parts of a log between its gaps, and its bar; None without gaps."""
+    run = log.consecutive
+    if log.ledger.method == "in-loop" or not len(gap_rows(run.t)):
+        return None
+
+    def outside() -> tuple[float, float]:
+        parts = stretches(mechanism, run)
+        found = [(float(np.abs(_with_corrections(p, function)).max()), p) for p in parts]
+        left, worst = max(found, key=lambda item: item[0], default=(0.0, None))
+        return left, float(worst.error_bar[function].max()) if worst else 0.0
+
+    return outside
 
 
 def _bar_growth(mechanism: Mechanism, run: Trajectory, function: str) -> Callable[[], float]:

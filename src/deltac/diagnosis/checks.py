@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.equations import CLEAR, EquationTerms, Sampled, total
-from deltac.diagnosis.findings import Finding, Weight
+from deltac.diagnosis.equations import CLEAR, EquationTerms, Sampled, equation_terms, total
+from deltac.diagnosis.findings import Finding, Weight, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory, suspicions
@@ -20,8 +21,7 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-OWNED = ("gravity", "spring", "damper", "actuator")
-"""Kinds of channels whose forces a model claims to know; all others it leaves to the log."""
+DEGREE = float(np.pi / 180.0)
 
 PASSIVE = ("spring", "damper")
 """Kinds that a simulator takes from its model alone: active there, they belong in ours."""
@@ -51,7 +51,9 @@ def differing_channels(
 def _difference(
     name: str, own: Array | None, logged: Array, energy: float, turnover: float
 ) -> Finding:
-    moved = f"{energy:.3g} J went through the difference, {100 * energy / turnover:.2g} % of the turnover"
+    moved = (
+        f"{energy:.3g} J went through the difference, {percent(energy / turnover)} of the turnover"
+    )
     if own is None or not own.any():
         return Finding(
             "channel-not-in-model",
@@ -113,6 +115,34 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
                 )
             ]
     return []
+
+
+def all_in_degrees(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
+    """Angles, their speeds and accelerations in degrees together: then π/180 closes the equations."""
+    if not terms.significant.any():
+        return []
+    angles = [c.index for c in mechanism.coordinates if c.unit == "rad"]
+    speeds = [c.index for c in mechanism.speeds if c.unit == "rad/s"]
+    if not angles or run.udot is None:
+        return []
+    q, u, udot = (np.array(x) for x in (run.q, run.u, run.udot))
+    for values, places in ((q, angles), (u, speeds), (udot, speeds)):
+        values[:, places] *= DEGREE
+    turned = equation_terms(mechanism, replace(run, q=q, u=u, udot=udot))
+    left, was = float(turned.relative.max()), float(terms.relative.max())
+    if left > 0.05 * was:
+        return []
+    return [
+        Finding(
+            "degrees",
+            "the log seems to have angles, their speeds and accelerations in degrees in place of radians",
+            f"multiplied by π/180 they leave {percent(left)} of the terms of the equations of motion, else "
+            f"{percent(was)}",
+            'Say so in a mapping ([units] angle = "deg", angular_speed = "deg/s"), or multiply them by '
+            f"{DEGREE:.6g}",
+            "doubt",
+        )
+    ]
 
 
 def _size(terms: EquationTerms, residual: Array) -> float:
@@ -188,7 +218,7 @@ def blame(terms: EquationTerms) -> list[Finding]:
     units = {e.name: e.unit for e in terms.evaluator.mechanism.speeds}
     shown = ", ".join(
         f"{terms.speeds[k]} {terms.size[k]:.3g} {'N' if units[terms.speeds[k]] == 'm/s' else 'N·m'} "
-        f"({100 * terms.relative[k]:.2g} % of its terms)"
+        f"({percent(terms.relative[k])} of its terms)"
         for k in order[:4]
     )
     return [
@@ -240,13 +270,19 @@ def violations(
                 )
             )
         elif what in ("position", "velocity") and worst > 1e-6:
+            moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
+            large = worst > tolerance * float(moved.max(initial=0.0))
+            drifted = float(values[0]) < 0.5 * worst
             found.append(
                 Finding(
-                    "constraint-violation",
-                    f"constraint {element!r} is violated on {what} level",
+                    "constraint-drift" if drifted else "constraint-violation",
+                    f"constraint {element!r} is violated on {what} level"
+                    + (", more and more" if drifted else " from the start on" if large else ""),
                     evidence,
-                    "Use a projection or a smaller step, or log the constraint's force if it is soft",
-                    "note",
+                    "Use a projection or a smaller step, or log the constraint's force if it is soft"
+                    if drifted or not large
+                    else "Check the constraint's geometry in the model, and offsets of logged coordinates",
+                    "cause" if large else "note",
                     element,
                 )
             )
@@ -254,13 +290,20 @@ def violations(
 
 
 def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[str]:
-    """Channels that the importer left to the log and the log does not have."""
+    """Channels that the importer left to the log and the log does not have.
+
+    A recorder that tells which kinds of forces it looked for, and which of them acted, is believed.
+    """
     if import_report is None:
         return []
     channels = re.findall(r"channel '([^']+)'", " ".join(str(r) for r in import_report.ignored))
+    notes = run.provenance.notes
+    looked_for, acted = (notes.get(n, "").split(";") for n in ("looked_for", "acted"))
     missing: list[str] = []
     for name in dict.fromkeys(channels):
         generic = name.partition("<")[0]
+        if name.partition(" ")[0] in looked_for and not any(a.startswith(generic) for a in acted):
+            continue
         if name not in run.forces and not (
             "<" in name and any(f.startswith(generic) for f in run.forces)
         ):
@@ -272,11 +315,11 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     """One finding for all of them: a channel that never acted need not be logged."""
     if not missing:
         return []
+    number = "1 channel" if len(missing) == 1 else f"{len(missing)} channels"
     return [
         Finding(
             "assumed-zero",
-            f"the log has no force of {len(missing)} channels that the model's file has; they were taken "
-            "as zero",
+            f"the log has no force of {number} that the model's file has; taken as zero",
             ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
             "If one of them acted, log it",
             "note",

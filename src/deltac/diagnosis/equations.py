@@ -32,6 +32,9 @@ PERTURBATIONS = 2
 CLEAR = 50.0
 """A residual this many times above what the log's digits allow is no rounding."""
 
+NEGLIGIBLE = 1e-12
+"""Share of a momentum that rounding may change over a log."""
+
 LEAST = 1e-6
 """Relative residuals below this are not called a mistake: constraint solvers stop there."""
 
@@ -70,8 +73,9 @@ class EquationTerms:
 
     @property
     def relative(self) -> Array:
-        """`size` as a fraction of `scale` (n,)."""
-        return np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=self.scale > 0)
+        """`size` as a fraction of `scale` (n,); zero where the terms themselves are no more than rounding."""
+        real = self.scale > CLEAR * self.precision
+        return np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=real)
 
     @property
     def significant(self) -> NDArray[np.bool_]:
@@ -225,9 +229,21 @@ def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
         own=own,
         residual=residual,
         scale=_floored(scale, units),
-        precision=_precision(evaluator, everything, rows, residual, scale),
+        precision=_precision(evaluator, everything, rows, residual, scale)
+        + _inertial_rounding(evaluator, samples, units),
         evaluator=evaluator,
     )
+
+
+def _inertial_rounding(evaluator: Evaluator, samples: Sampled, units: Sequence[str]) -> Array:
+    """Forces (n,) that would change the momenta by no more than rounding in the time of the log.
+
+    The terms of a body that flies freely cancel, and have no size of their own to tell rounding by.
+    """
+    some = samples.take(np.linspace(0, len(samples.t) - 1, 20).astype(np.intp))
+    momentum = np.abs(evaluator(replace(some, udot=some.u))["inertia"]).max(axis=0)
+    time = max(float(np.ptp(samples.t)), float(np.finfo(np.float64).tiny))
+    return _floored(NEGLIGIBLE * momentum / time, units, 1.0)
 
 
 def total(found: Mapping[str, Array]) -> Array:
@@ -239,12 +255,12 @@ def _terms(found: Mapping[str, Array]) -> list[Array]:
     return [x for name, x in found.items() if not name.startswith("own ")]
 
 
-def _floored(scale: Array, units: Sequence[str]) -> Array:
-    """No scale far below the largest of its unit: what is zero but for rounding has no size."""
+def _floored(scale: Array, units: Sequence[str], share: float = LEAST) -> Array:
+    """No scale below a `share` of the largest of its unit: what is zero but for rounding has no size."""
     floored = scale.copy()
     for unit in set(units):
         same = np.array([u == unit for u in units])
-        floored[same] = np.maximum(floored[same], LEAST * scale[same].max(initial=0.0))
+        floored[same] = np.maximum(floored[same], share * scale[same].max(initial=0.0))
     return floored
 
 

@@ -32,3 +32,9 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.what} ({self.evidence}). {self.remedy}"
+
+
+def percent(share: float) -> str:
+    """A share in per cent, without exponents where it is large: "0.0021 %", "101 %"."""
+    value = 100.0 * float(share)
+    return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"

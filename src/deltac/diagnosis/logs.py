@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,19 @@ from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.parquet import parquet_size
+from deltac.trajectories.suspicions import gap_rows
+from deltac.trajectories.trajectory import row_name
 
-LARGE = 50_000_000
-"""Numbers in a Parquet log (400 MB) above which it is read in parts."""
+LARGE = 16_000_000
+"""Numbers in a Parquet log (128 MB; balancing takes several times that) above which it is read in parts."""
 
-PART = 8_000_000
+STRETCH = 16
+"""Rows that a part of a log has at least to be balanced on its own."""
+
+LARGEST = 1e50
+"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
+
+PART = 4_000_000
 """Numbers in such a part, about."""
 
 
@@ -70,18 +79,22 @@ def _size(path: Path) -> tuple[int, int]:
 
 def _whole(mechanism: Mechanism, given: Trajectory, work: str | None) -> Log:
     run, findings = in_model_order(mechanism, given)
+    _refuse_garbage(run)
     ledger = balance(mechanism, run, work or _work(run))
+    _refuse_undefined(ledger)
     return Log(run, run, ledger, tuple(findings))
 
 
 def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int) -> Log:
     def chunks() -> Iterator[Chunk]:
         for chunk in scan_trajectory(path, rows, OVERLAP, mapping, mechanism):
+            _refuse_garbage(chunk.run, chunk.first_row, chunk.rows)
             yield replace(chunk, run=in_model_order(mechanism, chunk.run)[0])
 
     given = next(scan_trajectory(path, rows, OVERLAP, mapping, mechanism)).run
     first, findings = in_model_order(mechanism, given)
     ledger, kept = balance_chunks(mechanism, chunks(), work or _work(first))
+    _refuse_undefined(ledger)
     note = Finding(
         "read-in-parts",
         "the log is large and was balanced in parts; statistics other than works and ΔC are of some rows",
@@ -89,6 +102,59 @@ def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, 
         "Nothing is to be done",
     )
     return Log(kept, first, ledger, (*findings, note))
+
+
+def stretches(mechanism: Mechanism, run: Trajectory) -> list[Ledger]:
+    """Ledgers of the parts of a log between its gaps; of few rows there is none."""
+    edges = [0, *(gap_rows(run.t) + 1), len(run)]
+    parts = [run.between(run.t[a], run.t[b - 1]) for a, b in pairwise(edges) if b - a >= STRETCH]
+    return [balance(mechanism, part, _work(part) or "samples") for part in parts]
+
+
+def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) -> None:
+    """InputError, naming column and row, for a number that is no measurement."""
+    columns = [("q", run.q, run.coordinates), ("u", run.u, run.speeds)]
+    columns += [("udot", run.udot, run.speeds)] if run.udot is not None else []
+    columns += [(f"force.{name}", force, run.speeds) for name, force in run.forces.items()]
+    for what, values, names in columns:
+        absurd = np.argwhere(np.abs(values) > LARGEST)
+        if len(absurd):
+            row, k = absurd[0]
+            raise InputError(
+                f"column '{what}.{names[k]}', {row_name(first + int(row), rows or len(run))}, t = "
+                f"{run.t[row]:g} s: found {values[row, k]:.4g}, which is beyond any physical quantity. The "
+                "file is damaged, or the run blew up: keep only the rows before it, or repair the source"
+            )
+
+
+def _refuse_undefined(ledger: Ledger) -> None:
+    """InputError, naming the time, where the energies of the logged states are not finite."""
+    groups = (ledger.potential, ledger.power, ledger.work, ledger.delta_c, ledger.error_bar)
+    named = {"K": ledger.kinetic, **{n: values for group in groups for n, values in group.items()}}
+    for name, values in named.items():
+        undefined = np.flatnonzero(~np.isfinite(values))
+        if undefined.size:
+            raise InputError(
+                f"the energy of {name!r} is {values[undefined[0]]} at t = {ledger.t[undefined[0]]:g} s: the "
+                "model has no energy in the state logged there (a quaternion of length zero, a singular "
+                "configuration, or forces out of all bounds). Repair or cut the log there"
+            )
+
+
+def held_between_rows(log: Log) -> float:
+    """Energy (J) that is not known where an engine held forces over steps of which some were not logged.
+
+    Held over a step h a force is on average h/2 older than one that is interpolated: ∫ (h/2) ḟᵀu dt.
+    """
+    run, step = log.run, log.run.provenance.step
+    if step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
+        return 0.0
+    held = [
+        run.forces[n] for n in run.provenance.notes.get("held", "").split(";") if n in run.forces
+    ]
+    mean = 0.5 * (run.u[1:] + run.u[:-1])
+    late = sum((np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in held), np.zeros(len(mean)))
+    return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
 
 
 def _work(run: Trajectory) -> str | None:

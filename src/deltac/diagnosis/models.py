@@ -89,7 +89,9 @@ def _callable(path: Path, name: str) -> Callable[[], Any]:
     sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a script may call sys.exit()
         raise InputError(f"model {path} cannot be run: {type(error).__name__}: {error}") from error
     finally:
         sys.path.pop(0)
@@ -106,7 +108,9 @@ def _made(function: Callable[[], Any], text: str) -> Model:
         made = function()
     except InputError as error:
         raise InputError(f"model {text}: {error}") from error
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(f"model {text} failed: {type(error).__name__}: {error}") from error
     if isinstance(made, tuple) and made and isinstance(made[0], Mechanism):  # what importers return
         return Model(made[0], import_report=made[1] if len(made) > 1 else None)

@@ -54,8 +54,12 @@ def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.n
     if unknown or missing:
         lines = [f"the log is not of model {model!r}: their {what}s differ"]
         if unknown:
-            hints = (f"{name!r}{closest(name, missing or ours.names)}" for name in unknown[:4])
-            lines.append("in the log only: " + "; ".join(hints) + _more(unknown))
+            hints = (closest(name, missing or ours.names) for name in unknown[:4])
+            told = (
+                repr(name) + (hint if "did you mean" in hint else "")
+                for name, hint in zip(unknown, hints, strict=False)
+            )
+            lines.append("in the log only: " + ", ".join(told) + _more(unknown))
         if missing:
             lines.append("in the model only: " + ", ".join(map(repr, missing[:4])) + _more(missing))
         lines.append("Rename the columns with a mapping file, or take the model of this log")

@@ -31,7 +31,8 @@ class Ledger:
         error_bar: how far ΔC may be off for other reasons than the motion: quadrature and rounding (T,).
         turnover: the energy turned over, ∫Σ|P| dt + range(K) + range(V): what ΔC is to be compared with.
         momentum: departure of each momentum balance (T,), kg·m/s or kg·m²/s; `momentum_bar` likewise.
-        violation: departure of prescribed joints from their laws, of quaternions from unit length (T,).
+        violation: departure of prescribed joints from their laws, of the motion from its constraints, of
+            quaternions from unit length (T,).
         basis: where each channel's force is from: "measured" (logged) or "computed" (from the model); and
             "u̇": "measured" or "derived".
         rule: how works were integrated between samples: "samples" by the powers there, through eight of

@@ -229,7 +229,7 @@ def integrate(
     rates: Collection[str] | None = None,
     barred: slice = slice(None),
 ) -> Integral:
-    """Cumulated integrals with error bars, by the rule whose bars are smaller.
+    """Cumulated integrals with error bars, by the rules whose bars are smaller.
 
     The powers at the samples suffice where the bar of `lagrange` is down to rounding. Otherwise the motion
     is interpolated too, in either window; and `lagrange`, whose windows are wide, is left out of the
@@ -263,7 +263,7 @@ def integrate(
             lambda s, at, columns: hermite(s, powers, at, window, rated, columns),
         )
 
-    found: list[Integral] = []
+    first = None
     if len(samples.t) > 4 * SAMPLED and not samples.held:
         sampled = _Rule(
             "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, at[columns])
@@ -272,10 +272,23 @@ def integrate(
         flow = np.trapezoid(np.abs(known[barred]), samples.t)
         if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
             return first
-        if first.order >= SAMPLED / 2:
-            found.append(first)
-    found += [_estimated(interpolated(window), thinned, barred) for window in (4, 2)]
-    return min(found, key=lambda integral: float(integral.bar[-1].sum()))
+    high, low = (_estimated(interpolated(window), thinned, barred) for window in (4, 2))
+    best = high if high.bar[-1].sum() <= low.bar[-1].sum() else low
+    if first is None or first.order < SAMPLED / 2:
+        return best
+    return _by_column(first, best, barred)
+
+
+def _by_column(first: Integral, second: Integral, barred: slice) -> Integral:
+    """Each column that has a bar by the rule with the smaller one, the others by that of their sum.
+
+    Forces that were logged and those of the model are not interpolated equally well.
+    """
+    a, b = first.bar[-1], second.bar[-1]
+    best = first if a.sum() < b.sum() else second
+    value = best.value.copy(order="K")
+    value[:, barred] = np.where(a < b, first.value[:, barred], second.value[:, barred])
+    return Integral(value, np.where(a < b, first.bar, second.bar), best.rule, best.order)
 
 
 def _estimated(

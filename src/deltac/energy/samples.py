@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import casadi as ca
@@ -42,7 +43,7 @@ def checked_samples(
         basis["u̇"] = "derived"
         udot = spline_rate(run.t, u)
     qdot = _coordinate_rates(mechanism, run.t, q, u)
-    held = set(filter(None, run.provenance.notes.get("held", "").split(";")))
+    held = _held(run)
     forces = {f"force {name}": values for name, values in log.values(run).items()}
     return Samples(
         t=run.t,
@@ -51,6 +52,17 @@ def checked_samples(
         held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
         derived=frozenset({"u"} if run.udot is None else ()),
     ), basis
+
+
+def _held(run: Trajectory) -> set[str]:
+    """Channels that were constant from each sample to the next: held over a step, and every step is here.
+
+    In a log with fewer rows than steps such a force changed in between, as any other.
+    """
+    step = run.provenance.step
+    if step is None or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01):
+        return set()
+    return set(filter(None, run.provenance.notes.get("held", "").split(";")))
 
 
 def _check_names(mechanism: Mechanism, run: Trajectory) -> None:

@@ -24,8 +24,8 @@ def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[
         if not model.eq_active0[e]:
             found.ignored.append(Remark(name, "equality, not active at the start"))
             continue
-        constraint = _constraint(model, e, name) if as_constraints else None
-        if constraint is not None:
+        constraint = _constraint(model, e, name)
+        if constraint is not None and as_constraints:
             made.append(constraint)
             found.read.append(Remark(name, "equality, as an exact constraint"))
             found.assumed.append(
@@ -36,6 +36,7 @@ def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[
                 )
             )
         else:
+            found.equalities += [constraint] if constraint is not None else []
             found.ignored.append(
                 Remark(
                     name,

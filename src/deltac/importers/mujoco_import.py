@@ -7,6 +7,7 @@ from typing import Any
 
 from deltac.errors import InputError
 from deltac.importers.equalities import read_equalities
+from deltac.importers.motors import motor_strengths
 from deltac.importers.mujoco_model import load_model
 from deltac.importers.passive import Findings, disabled, read_passive, total_armature
 from deltac.importers.report import ImportReport, Remark
@@ -57,7 +58,14 @@ def read_mechanism(
         gravity=NO_GRAVITY if weightless else vector(model.opt.gravity, "gravity"),
         name=_model_name(model, name),
     )
-    report = ImportReport(name, tuple(found.read), tuple(found.ignored), tuple(found.assumed))
+    report = ImportReport(
+        name,
+        tuple(found.read),
+        tuple(found.ignored),
+        tuple(found.assumed),
+        tuple(found.equalities),
+        motor_strengths(model),
+    )
     return mechanism, report
 
 

@@ -18,6 +18,7 @@ from deltac.importers.names import (
     tendon_names,
 )
 from deltac.importers.report import Remark
+from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.forces import (
     Element,
     JointSpring,
@@ -35,12 +36,16 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Findings:
-    """Force elements, and what was read, ignored and assumed, as reading goes on."""
+    """Force elements, and what was read, ignored and assumed, as reading goes on.
+
+    `equalities` are those left to the log, as the constraints that they would be.
+    """
 
     forces: list[Element] = field(default_factory=list)
     read: list[Remark] = field(default_factory=list)
     ignored: list[Remark] = field(default_factory=list)
     assumed: list[Remark] = field(default_factory=list)
+    equalities: list[Constraint] = field(default_factory=list)
 
 
 def total_armature(model: Any) -> Array:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from deltac.mechanism.constraints import Constraint
 
 
 @dataclass(frozen=True)
@@ -24,12 +27,17 @@ class ImportReport:
 
     Everything in `ignored` that does work must come from the log, in the channel that its consequence
     names, or it will show as an energy error.
+
+    `equalities`: those of `ignored` equalities that have a counterpart, as the exact constraints that
+    they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`).
     """
 
     source: str
     read: tuple[Remark, ...] = ()
     ignored: tuple[Remark, ...] = ()
     assumed: tuple[Remark, ...] = ()
+    equalities: tuple[Constraint, ...] = ()
+    strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def summary(self) -> str:
         """All remarks, one a line, under their three headings."""

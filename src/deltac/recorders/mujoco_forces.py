@@ -36,6 +36,9 @@ ROUNDING = 1e-9
 SOLVED = 1e-12
 """A residual of the constraint solver below this, relative to the forces, is not recorded."""
 
+OCCASIONAL = ("applied", "contact", "limit", "friction", "constraint")
+"""Kinds of channels that are there only if they acted; all others are always recorded."""
+
 SOLVER = "correction solver"
 """The force that the constraint solver left unbalanced: M q̈ + c − Σ forces."""
 

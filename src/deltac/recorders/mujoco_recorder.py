@@ -9,6 +9,8 @@ forward pass, and the replayed state must be the one that MuJoCo reached.
 from __future__ import annotations
 
 import copy
+import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import InputError, closest
+from deltac.importers.motors import motor_strengths
 from deltac.importers.names import coordinate_names, speed_names
 from deltac.recorders.builder import TrajectoryBuilder
 from deltac.recorders.mujoco_forces import (
+    OCCASIONAL,
     ROUNDING,
     Elements,
     Forces,
@@ -260,6 +264,9 @@ class MujocoRecorder:
         notes = {
             "stage": STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
             "held": ";".join(channels if solver != "rk4" else self._varied_channels(channels)),
+            "looked_for": ";".join(OCCASIONAL),
+            "acted": ";".join(n for n in channels if n.partition(" ")[0] in OCCASIONAL),
+            "strengths": json.dumps(motor_strengths(model)),
             "replay": f"every step was replayed; largest difference {self._off:.3g}",
         }
         steps = self._steps or {float(model.opt.timestep)}
@@ -349,8 +356,11 @@ def run_mujoco(
     h = float(own.opt.timestep)
     steps = round(_positive("duration", duration) / h)
     if steps < 1 or abs(steps * h - duration) > 1e-9 * duration:
+        near = duration / max(1, math.ceil(duration / h))
         raise InputError(
-            f"step {h:g} does not divide the duration {duration:g} (it goes {duration / h:.6g} times)"
+            f"step {h:g} does not divide the duration {duration:g} (it goes {duration / h:.6g} times); the "
+            f"next smaller one that does is step={near:.12g}, the nearest duration for this one "
+            f"{max(1, steps) * h:.12g}"
         )
     moving = mujoco.MjData(own)
     if data is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -185,6 +186,17 @@ def _require(column: str, where: str, target: str, raw: RawLog) -> None:
 
 
 def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputError:
+    for name in raw.columns:
+        said = re.fullmatch(r"(.*?)\s*[\[(](.*)[\])]", name)
+        if said and said[1] == target:
+            kind, _, element = target.partition(".")
+            key = f'"{element}"' if "." in element else element or kind
+            table = {"q": "[coordinates]", "u": "[speeds]"}.get(kind, "[log]")
+            return InputError(
+                f"no column {target!r}, but {name!r}. A name with its unit in brackets needs a mapping file, "
+                f"which then takes the unit from it: {table} {key} = "
+                f'{{ column = "{name}" }}'
+            )
     unused = [name for name in raw.columns if name not in {s.column for s in sources.values()}]
     hint = closest(target, unused)
     if "did you mean" not in hint and "." in target:
@@ -217,7 +229,7 @@ def _reading(
     written, note = source.unit, "unit from the mapping"
     if written is None and column in raw.units:
         written, note = raw.units[column], "unit from the file"
-    if written is None and not is_schema_name(column):
+    if written is None and column != target:
         written, note = named_unit(column), "unit from the column's name"
     if written is None and mapping is not None and mapping.units:
         if si is None:

@@ -364,6 +364,11 @@ def _matrices(p: FloatArray) -> FloatArray:
 # -- times ---------------------------------------------------------------------------------------
 
 
+def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
+    """The rows after which rows are missing: the next is far later than those around are apart."""
+    return np.flatnonzero(_wide(t))
+
+
 def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the intervals (T−1,) are far wider than both of their neighbours."""
     h = np.diff(t)
@@ -380,7 +385,7 @@ def _beside(h: FloatArray) -> FloatArray:
 
 def _gaps(t: FloatArray) -> Iterator[Suspicion]:
     """Rows that are missing."""
-    h, wide = np.diff(t), np.flatnonzero(_wide(t))
+    h, wide = np.diff(t), gap_rows(t)
     if not wide.size:
         return
     worst = int(wide[np.argmax(h[wide])])

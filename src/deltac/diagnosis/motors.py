@@ -1,0 +1,89 @@
+"""Motors of the model against those of the simulator: their forces are logged, so the ledger cannot tell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deltac.diagnosis.findings import Finding, percent
+from deltac.energy import Ledger
+from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.importers import ImportReport
+
+SAME = 1e-9
+"""Relative difference up to which two strengths are the same number."""
+
+
+def differing_gears(
+    run: Trajectory, ledger: Ledger, tolerance: float, import_report: ImportReport | None
+) -> list[Finding]:
+    """Motors whose force per unit of control was another in the simulator than it is in the model.
+
+    A recorded run tells the strengths of its simple motors. A difference is a cause where it moved more
+    energy than the tolerance.
+    """
+    found: list[Finding] = []
+    theirs, ours = _strengths(run), import_report.strengths if import_report else {}
+    for name in theirs.keys() & ours.keys():
+        logged, model = np.array(theirs[name]), np.array(ours[name])
+        channel = f"actuator {name}"
+        if logged.shape == model.shape and np.allclose(logged, model, rtol=SAME, atol=0.0):
+            continue
+        factor = _factor(logged, model)
+        power = np.abs(ledger.power.get(channel, np.zeros(len(ledger.t))))
+        energy = abs(1.0 - (1.0 / factor if factor else 0.0)) * float(np.trapezoid(power, ledger.t))
+        share = percent(energy / ledger.turnover) if ledger.turnover > 0.0 else "nothing"
+        found.append(
+            Finding(
+                "channel-differs",
+                f"the logged force of {channel!r} is "
+                + (f"{factor:.5g} times the model's" if factor else "not the model's")
+                + " at the same control: the simulator had another gear or gain",
+                f"force per unit of control: log {_shown(logged)}, model {_shown(model)}; {energy:.3g} J "
+                f"went through the difference, {share} of the turnover",
+                "Give the model the gear that the simulator used",
+                "cause" if energy > tolerance * ledger.turnover else "note",
+                channel,
+                factor,
+            )
+        )
+    return sorted(found, key=lambda f: f.element)
+
+
+def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ...]:
+    """What an audit does not see of actuators whose control law was not compared."""
+    compared = _strengths(run).keys() & (import_report.strengths if import_report else {})
+    logged = [n for n in run.forces if n.startswith("actuator ")]
+    unknown = [n for n in logged if n.removeprefix("actuator ") not in compared]
+    if not unknown or import_report is None:
+        return ()
+    shown = ", ".join(map(repr, unknown[:3])) + (", …" if len(unknown) > 3 else "")
+    return (
+        f"a wrong gear, gain or control in the model: forces of {shown} are taken from the log",
+    )
+
+
+def _strengths(run: Trajectory) -> Mapping[str, Sequence[float]]:
+    try:
+        held = json.loads(run.provenance.notes.get("strengths", "{}"))
+        return {str(n): [float(x) for x in values] for n, values in held.items()}
+    except (ValueError, TypeError, AttributeError):
+        return {}  # a note of somebody else's
+
+
+def _factor(logged: np.ndarray, model: np.ndarray) -> float | None:
+    """The number that turns the model's strengths into the log's, if one does."""
+    if logged.shape != model.shape or not model.any():
+        return None
+    factor = float(model @ logged / (model @ model))
+    fits = np.allclose(logged, factor * model, rtol=1e-6, atol=1e-9 * np.abs(logged).max())
+    return factor if fits and factor else None
+
+
+def _shown(strengths: np.ndarray) -> str:
+    return " ".join(f"{x:.5g}" for x in np.trim_zeros(strengths, "b")) or "0"

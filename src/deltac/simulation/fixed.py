@@ -26,7 +26,7 @@ Progress = Callable[[float], None]
 
 MOST_STEPS_PER_CALL = 8
 INSTRUCTIONS_PER_CALL = 4000
-INSTRUCTIONS_PER_CALL_OF_LONG_RUNS = 9000
+INSTRUCTIONS_PER_CALL_OF_LONG_RUNS = 12_500
 LONG_RUN = 50_000
 """Compile time grows with the code, about a second for 10 000 instructions: beyond these, fewer steps
 are unrolled into one call. Runs of many steps pay for more.

@@ -18,6 +18,7 @@ from deltac.mechanism.quantities import (
     Number,
     Quantity,
     Vector,
+    part_name,
     positive,
     require_positive,
     unit_vector,
@@ -150,11 +151,9 @@ def frame(name: str) -> Body:
 
 
 def _name(name: Any) -> str:
-    if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise InputError(f"a body needs a name without surrounding blanks, found {name!r}")
     if name == GROUND:
         raise InputError("no body may be called 'ground': that is the inertial frame's name")
-    return name
+    return part_name(name, "a body")
 
 
 def _about_axis(across: Quantity, along: Quantity, n: tuple[float, float, float]) -> Matrix:

@@ -23,6 +23,7 @@ from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     IDENTITY,
     ZERO,
+    part_name,
     positive,
     rotation_matrix,
     unit_vector,
@@ -41,7 +42,7 @@ def _loop(
     axis2: str | Sequence[float] | None = None,
     rotation: Any = None,
 ) -> Loop:
-    where = f"loop {_name(name)!r}"
+    where = f"loop {part_name(name, 'a constraint')!r}"
     if body1 == body2:
         raise InputError(f"{where} connects body {body1!r} with itself")
     return Loop(
@@ -134,7 +135,7 @@ def distance(
     point2: Sequence[Any] = ZERO,
 ) -> Distance:
     """Keep the distance of two points at `length`, a law of t (one row); see `Distance`."""
-    where = f"distance {_name(name)!r}"
+    where = f"distance {part_name(name, 'a constraint')!r}"
     return Distance(
         name,
         body1,
@@ -157,7 +158,7 @@ def point_on(
 
     For example ``point_on("pin", "slider", ["y - 0.1*sin(x)", "z"])``.
     """
-    where = f"point on {_name(name)!r}"
+    where = f"point on {part_name(name, 'a constraint')!r}"
     given = equations if isinstance(equations, list | tuple) else (equations,)
     return PointOn(
         name,
@@ -178,7 +179,7 @@ def point_in_plane(
     offset: Any = 0.0,
 ) -> PointOn:
     """Keep a point in the plane normal·(x, y, z) = `offset`, a law of t (one row)."""
-    where = f"point in plane {_name(name)!r}"
+    where = f"point in plane {part_name(name, 'a constraint')!r}"
     return PointOn(
         name,
         body,
@@ -198,7 +199,7 @@ def point_on_line(
     along: str | Sequence[float] = "x",
 ) -> PointOn:
     """Keep a point on the line through a point (laws of t) along a direction (two rows)."""
-    where = f"point on line {_name(name)!r}"
+    where = f"point on line {part_name(name, 'a constraint')!r}"
     start = vector(through, f"through of {where}")
     equations = []
     for n in perpendiculars(unit_vector(along, where)):
@@ -216,7 +217,7 @@ def angle(
     axis2: str | Sequence[float] = "x",
 ) -> Angle:
     """Keep the angle between two axes, a law of t other than 0 and π (one row); see `Angle`."""
-    where = f"angle {_name(name)!r}"
+    where = f"angle {part_name(name, 'a constraint')!r}"
     return Angle(
         name,
         body1,
@@ -231,19 +232,21 @@ def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any =
     """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
     from deltac.mechanism.laws import q
 
-    where = f"gear {_name(name)!r}"
+    where = f"gear {part_name(name, 'a constraint')!r}"
     law = q(coordinate1) - as_law(ratio, f"ratio of {where}") * q(coordinate2)
     return Holonomic(name, law - as_law(phase, f"phase of {where}"))
 
 
 def holonomic(name: str, law: Any) -> Holonomic:
     """Keep any law of t and coordinates at zero (one row); see `Holonomic`."""
-    return Holonomic(name, as_law(law, f"holonomic constraint {_name(name)!r}"))
+    return Holonomic(name, as_law(law, f"holonomic constraint {part_name(name, 'a constraint')!r}"))
 
 
 def motion_constraint(name: str, law: Any) -> MotionConstraint:
     """Keep any law linear in the speeds at zero (one row); see `MotionConstraint`."""
-    return MotionConstraint(name, as_law(law, f"motion constraint {_name(name)!r}"))
+    return MotionConstraint(
+        name, as_law(law, f"motion constraint {part_name(name, 'a constraint')!r}")
+    )
 
 
 def rolling(
@@ -263,7 +266,7 @@ def rolling(
 
     A disc has a `radius`, a torus-edged wheel `radius` and `tube`, a sphere `tube` alone.
     """
-    where = f"rolling {_name(name)!r}"
+    where = f"rolling {part_name(name, 'a constraint')!r}"
     if body == on:
         raise InputError(f"{where}: body {body!r} cannot roll on itself")
     circle = positive(radius, f"radius of {where}", allow_zero=True)
@@ -296,7 +299,7 @@ def skate(
     drift: Any = 0.0,
 ) -> Skate:
     """A blade or knife edge: no velocity of the point along `lateral` (one row); see `Skate`."""
-    where = f"skate {_name(name)!r}"
+    where = f"skate {part_name(name, 'a constraint')!r}"
     return Skate(
         name,
         body,
@@ -312,9 +315,3 @@ def _along(n: Axis) -> Any:
     from deltac.mechanism.laws import symbol_of
 
     return sum((c * symbol_of(x) for c, x in zip(n, "xyz") if c != 0.0), start=0.0)
-
-
-def _name(name: Any) -> str:
-    if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise InputError(f"a constraint needs a name without surrounding blanks, found {name!r}")
-    return name

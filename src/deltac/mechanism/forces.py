@@ -13,7 +13,14 @@ from typing import Any, TypeAlias
 
 from deltac.errors import InputError
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import ZERO, Quantity, Vector, positive, vector
+from deltac.mechanism.quantities import (
+    ZERO,
+    Quantity,
+    Vector,
+    part_name,
+    positive,
+    vector,
+)
 
 
 @dataclass(frozen=True)
@@ -162,7 +169,7 @@ def joint_spring(
     `torque`, a stiffness curve: the moment as a law of the joint's single coordinate, whose
     potential −∫ torque dq is found in closed form (InputError if it has none).
     """
-    where = f"joint spring {_name(name)!r}"
+    where = f"joint spring {part_name(name, 'a force element')!r}"
     given = [stiffness is not None, torque is not None, potential is not None]
     if sum(given) != 1:
         raise InputError(f"{where}: give exactly one of stiffness, torque and potential")
@@ -177,13 +184,17 @@ def joint_spring(
 
 def joint_damper(name: str, joint: str, damping: Any) -> JointDamper:
     """A viscous damper on a joint's speeds; see `JointDamper`."""
-    return JointDamper(_name(name), joint, _each(damping, f"damping of joint damper {name!r}"))
+    return JointDamper(
+        part_name(name, "a force element"),
+        joint,
+        _each(damping, f"damping of joint damper {name!r}"),
+    )
 
 
 def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
     """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
     laws = None if torque is None else _each(torque, f"law of joint torque {name!r}")
-    return JointTorque(_name(name), joint, laws)
+    return JointTorque(part_name(name, "a force element"), joint, laws)
 
 
 def point_force(
@@ -196,7 +207,7 @@ def point_force(
     frame: str = "world",
 ) -> PointForce:
     """A force at a point of a body, and a moment on it; see `PointForce`."""
-    where = f"point force {_name(name)!r}"
+    where = f"point force {part_name(name, 'a force element')!r}"
     if frame not in ("world", "body"):
         raise InputError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
     return PointForce(
@@ -221,7 +232,7 @@ def spring_damper(
     length: Any = 0.0,
 ) -> SpringDamper:
     """A spring and damper between points of two bodies (or "ground"); see `SpringDamper`."""
-    where = f"spring-damper {_name(name)!r}"
+    where = f"spring-damper {part_name(name, 'a force element')!r}"
     if body1 == body2:
         raise InputError(f"{where} connects body {body1!r} with itself, so it does nothing")
     return SpringDamper(
@@ -257,7 +268,7 @@ def tendon(
     ... )
     >>> coupling = tendon("coupling", coordinates={"hip": 1.0, "knee": -0.5}, damping=0.1)
     """
-    where = f"tendon {_name(name)!r}"
+    where = f"tendon {part_name(name, 'a force element')!r}"
     given = [*([(path, 1.0)] if len(path) else []), *branches]
     ends = length if isinstance(length, list | tuple) else (length, length)
     if len(ends) != 2:
@@ -296,19 +307,13 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
 
 def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
     """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
-    where = f"gravity compensation {_name(name)!r}"
+    where = f"gravity compensation {part_name(name, 'a force element')!r}"
     return GravityCompensation(
         name,
         tuple(
             (body, as_law(c, f"fraction of {body!r} in {where}")) for body, c in fractions.items()
         ),
     )
-
-
-def _name(name: Any) -> str:
-    if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise InputError(f"a force element needs a name without surrounding blanks, found {name!r}")
-    return name
 
 
 def _each(value: Any, where: str) -> tuple[Quantity, ...]:

@@ -21,6 +21,7 @@ from deltac.mechanism.quantities import (
     Matrix,
     Quantity,
     Vector,
+    part_name,
     positive,
     rotation_matrix,
     unit_vector,
@@ -134,9 +135,7 @@ def _joint(
     armature: Any = None,
     motion: Any = None,
 ) -> Joint:
-    if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise InputError(f"a joint needs a name without surrounding blanks, found {name!r}")
-    where = f"of joint {name!r}"
+    where = f"of joint {part_name(name, 'a joint')!r}"
     if parent == child:
         raise InputError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:

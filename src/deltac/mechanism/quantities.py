@@ -31,6 +31,13 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+def part_name(name: Any, what: str) -> str:
+    """The name of a part; InputError says what `what` (as in "a joint") needs."""
+    if not isinstance(name, str) or not name.strip() or name != name.strip():
+        raise InputError(f"{what} needs a name without surrounding blanks, found {name!r}")
+    return name
+
+
 def vector(value: Sequence[Any], where: str) -> Vector:
     """Three quantities; InputError names `where` when there are not three."""
     entries = () if isinstance(value, str) or not hasattr(value, "__len__") else tuple(value)

@@ -120,8 +120,7 @@ def balance(
         n: integral.value[:, names.index(f"power {n}")] if discrete is None else discrete.work[n]
         for n in channel_names
     }
-    if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
-        works["correction projection"] = _projected(run, potential=True)
+    works.update(_corrections(mechanism, run))
     momentum, momentum_bar = _momenta(energy_at, integral, names)
     return Ledger(
         t=run.t,
@@ -218,11 +217,28 @@ def _chosen(
 
 
 CORRECTIONS = ("correction kinetic", "correction potential")
-"""Integrals in which a run books what projections onto its constraints did to K and V."""
+"""Integrals in which a run books what projections and corrections of the energy did to K and V."""
+
+ENERGY_CORRECTION = "correction energy"
+"""The integral that holds the latter's part of both."""
+
+
+def _corrections(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+    """Work (T,) of what a run was corrected by, by channel."""
+    works: dict[str, Array] = {}
+    if ENERGY_CORRECTION in run.integrals:
+        works[ENERGY_CORRECTION] = (
+            run.integrals[ENERGY_CORRECTION] - run.integrals[ENERGY_CORRECTION][0]
+        )
+    if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
+        works["correction projection"] = _projected(run, potential=True) - works.get(
+            ENERGY_CORRECTION, 0.0
+        )
+    return works
 
 
 def _projected(run: Trajectory, *, potential: bool) -> Array:
-    """Energy that projections onto the constraints added since the first sample (T,)."""
+    """Energy that projections and corrections added since the first sample (T,)."""
     total = np.zeros(len(run))
     for name in CORRECTIONS if potential else CORRECTIONS[:1]:
         if name in run.integrals:

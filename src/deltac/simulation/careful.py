@@ -50,8 +50,10 @@ class LeastSquares:
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         known = terms(system, system.udot_all, forces, None, bound, Reactions(driving, lam))
         powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
+        due = [known.nonpotential_power + known.prescribed_power] if flow.correcting else []
+        still = ca.SX.zeros(len(flow.integrals) - len(powers) - len(due))
         given = [flow.t, flow.x, flow.p, system.udot, lam]
-        self._powers = ca.Function("P", given, [ca.vertcat(ca.SX(0, 1), *powers)])
+        self._powers = ca.Function("P", given, [ca.vertcat(*powers, still, *due)])
         seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
         self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
 
@@ -59,8 +61,7 @@ class LeastSquares:
         """ẋ; raises LinAlgError where it is not finite."""
         qdot, udot, lam = self._motion(t, x)
         P = np.array(self._powers(t, x, self._p, udot, lam))
-        still = np.zeros((len(x) - len(qdot) - len(udot) - len(P), 1))
-        return np.concatenate([qdot, udot, P, still]).ravel()
+        return np.concatenate([qdot, udot, P]).ravel()
 
     def observed(self, t: float, x: Array) -> dict[str, Array]:
         """What a trajectory records of a state: u̇, driving and constraint forces, full vectors."""
@@ -78,7 +79,7 @@ class LeastSquares:
             x[q_part] += (W @ _least(M, G, phi)).ravel()
         M, G, _, _, _, psi, _, _ = self._evaluated(t, x)
         x[u_part] += _least(M, G, psi).ravel()
-        x[z_part] += np.array(self._energies(t, x, self._p)).ravel() - before
+        x[z_part][: len(before)] += np.array(self._energies(t, x, self._p)).ravel() - before
         return x
 
     def _motion(self, t: float, x: Array) -> tuple[Array, Array, Array]:

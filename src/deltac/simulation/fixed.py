@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.careful import CarefulStep
+from deltac.simulation.correction import energy_correction
 from deltac.simulation.equations import Controller
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.projection import SMALLEST_PIVOT, pivot, projection
@@ -77,6 +78,8 @@ class FixedStepper:
 
         after = step(rate, t0 + k * h, flow.x, h, _masks(flow))
         after, worst = _settled(flow, t0 + (k + 1) * h, flow.normalised(after))
+        if flow.correcting:
+            after = energy_correction(flow)(t0 + (k + 1) * h, after, flow.p, h)
         if tied:  # a stage on a singular configuration spoils the step, wherever it ends
             for met in pivots:
                 worst = ca.fmin(worst, met)
@@ -201,7 +204,7 @@ def run_in_python(
     """Fixed steps with ẋ evaluated stage by stage, calling the user's functions in between."""
     step = solver.step
     assert step is not None
-    rate, settle = StageRate(flow, controller, p), Settle(flow, p)
+    rate, settle, correct = StageRate(flow, controller, p), Settle(flow, p), Correct(flow, p, h)
     parts = numeric_masks(flow)
     careful = None
     if flow.bound is not None and controller is None and flow.equations is None:
@@ -212,6 +215,7 @@ def run_in_python(
         t, following = t0 + k * h, t0 + (k + 1) * h
         with np.errstate(all="ignore"):
             x_next, worst = settle(following, step(rate, t, x, h, parts))
+            x_next = correct(following, x_next)
         if careful is not None and not min(worst, before) > SMALLEST_PIVOT:
             x_next = careful(t, x, h)
         before = worst
@@ -259,6 +263,29 @@ class Settle:
         self._in[0], self._in[1 : 1 + len(x)] = t, x
         self._kernel.single(self._in, self._out)
         return self._out[:-1].copy(), float(self._out[-1])
+
+
+class Correct:
+    """`energy_correction` for one state at a time, where a run asks for it."""
+
+    def __init__(self, flow: Flow, p: Array, h: float) -> None:
+        """Compile it; `p` are the values of the parameters, `h` is the step."""
+        self._kernel = None
+        if not flow.correcting:
+            return
+        step = ca.SX.sym("h")
+        corrected = energy_correction(flow)(flow.t, flow.x, flow.p, step)
+        inputs = {"t": flow.t, "x": flow.x, "constants": ca.vertcat(flow.p, step)}
+        self._kernel = Kernel(inputs, {"x": corrected}, name="energy correction")
+        self._in = np.concatenate([np.zeros(1 + flow.x.shape[0]), p, [h]])
+        self._out = np.empty(flow.x.shape[0])
+
+    def __call__(self, t: float, x: Array) -> Array:
+        """The state with its energy as it should be."""
+        if self._kernel is None:
+            return x
+        self._in[0], self._in[1 : 1 + len(x)] = t, x
+        return self._kernel.single(self._in, self._out).copy()
 
 
 class StageRate:

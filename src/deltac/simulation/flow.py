@@ -57,6 +57,7 @@ class Flow:
     own: OwnCoordinates | None
     bound: Constrained | None
     projecting: bool
+    correcting: bool
     t: SX
     x: SX
     inputs: SX
@@ -93,7 +94,7 @@ class Flow:
         return result
 
     def start(self, state: State, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The solver's state at the start, integrals zero; `p` are the values of the parameters."""
+        """The solver's state at the start, integrals as they begin; `p`: the parameters' values."""
         free = self.system.mechanism.free
         q, u = state.q[free.q], state.u[free.u]
         if self.own is not None:
@@ -103,7 +104,11 @@ class Flow:
             values = ca.Function("own", inputs, [own_q, own_u])
             found = values(state.t, q, u, p)
             q, u = (np.array(part).ravel() for part in found)
-        return np.concatenate([q, u, np.zeros(len(self.integrals))])
+        x = np.concatenate([q, u, np.zeros(len(self.integrals))])
+        if self.correcting:  # the energy as it should be starts at K + V
+            energies = ca.Function("E", [self.t, self.x, self.p], [self.energies[-2:]])
+            x[-1] = float(np.array(energies(state.t, x, p)).sum())
+        return x
 
 
 def quaternions(mechanism: Mechanism) -> list[slice]:
@@ -119,7 +124,16 @@ def quaternions(mechanism: Mechanism) -> list[slice]:
 
 
 CORRECTIONS = ("correction kinetic", "correction potential")
-"""Integrals of a projected run: what the projections did to K and to V, J."""
+"""Integrals of a projected or corrected run: what that did to K and to V, J."""
+
+ENERGY_CORRECTION = "correction energy"
+"""Integral of a corrected run: what its corrections of the energy did to K + V, J."""
+
+ENERGY_DUE = "energy due"
+"""Integral of a corrected run: K + V at the start and Q since, what a correction brings K + V back to, J.
+
+Q without the power of constraints that a stage violates, which is no energy that flows in.
+"""
 
 
 def build_flow(
@@ -130,11 +144,14 @@ def build_flow(
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
     stabilisation: Stabilisation = "projection",
+    *,
+    correcting: bool = False,
 ) -> Flow:
     """Write out ẋ for a mechanism.
 
     `split` chooses the generalized speeds of the testing functions, `rows` the independent rows of the
-    constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β).
+    constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β); `correcting` tells that
+    each step ends with a correction of the energy.
     """
     system = trace(mechanism, vary)
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
@@ -169,6 +186,7 @@ def build_flow(
         "driving": reactions.driving,
         "P": ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions)),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
+        "Q": known.nonpotential_power + known.prescribed_power,
         **constraint_forces(bound, reactions.multipliers),
     }
     if equations is not None:
@@ -178,9 +196,12 @@ def build_flow(
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
     projecting = bound is not None and own is None and stabilisation == "projection"
-    integrals = (*(f.name for f in functions), *(CORRECTIONS if projecting else ()))
+    booked: tuple[str, ...] = CORRECTIONS if projecting or correcting else ()
+    booked = (*booked, ENERGY_CORRECTION) if correcting else booked
+    due = (ENERGY_DUE,) if correcting else ()
+    integrals = (*(f.name for f in functions), *booked, *due)
     x = ca.vertcat(q, u, ca.SX.sym("z", len(integrals)))
-    still = ca.SX.zeros(len(integrals) - len(functions))
+    still = ca.SX.zeros(len(booked))
     return Flow(
         system=system,
         testing=tuple(function.name for function in functions),
@@ -189,12 +210,13 @@ def build_flow(
         own=own,
         bound=bound,
         projecting=projecting,
+        correcting=correcting,
         t=system.t,
         x=x,
         inputs=system.inputs,
         given=given,
         p=system.p,
-        xdot=ca.vertcat(qdot, udot, outputs["P"], still),
+        xdot=ca.vertcat(qdot, udot, outputs["P"], still, outputs["Q"] if due else ca.SX(0, 1)),
         q_size=q.shape[0],
         u_size=u.shape[0],
         q_all=outputs["q"],

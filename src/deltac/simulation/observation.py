@@ -92,7 +92,7 @@ def recorded(
         forces[f"actuator {name}"] = force
     if note:
         provenance = replace(provenance, notes={**provenance.notes, "singular": note})
-    table = motion.x[:rows, integrals]
+    table = motion.x[:rows, integrals] - motion.x[0, integrals]
     return Trajectory(
         t=motion.t[:rows],
         q=q[:rows],

@@ -47,6 +47,7 @@ def simulate(
     record_every: int = 1,
     speeds: CoordinateMap | None = None,
     stabilisation: Stabilisation = "projection",
+    correct: str | None = None,
     vary: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
@@ -68,6 +69,10 @@ def simulate(
         speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
         stabilisation: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), Baumgarte's (α, β) in 1/s, or "none".
+        correct: "energy" brings the state back to ΔC = 0 of Wang's function after each step of a fixed-step
+            solver, by the least change in the mass metric. What that does to the energy is booked as
+            `correction energy`, so ΔC still shows what the solver lost; what the corrected motion is
+            worth, it does not show.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         progress: called with the fraction done.
@@ -84,10 +89,11 @@ def simulate(
     duration = _positive(duration, "duration")
     every = _count(record_every)
     _check(mechanism, state, found, equations, controller, step, tolerance)
+    _check_correction(correct, found)
     steps = _steps(duration, step, every) if found.family == "fixed" else 0
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
     flow, stepper, observe = _compiled(
-        mechanism, found, testing, equations, speeds, vary, rows, stabilisation, steps
+        mechanism, found, testing, equations, speeds, vary, rows, stabilisation, correct, steps
     )
     if found.family == "taylor" and not (flow.traced and controller is None):
         raise InputError(
@@ -128,7 +134,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller),
+        notes=_notes(mechanism, equations, controller, correct),
     )
     return recorded(mechanism, flow, observe, motion, p, provenance)
 
@@ -147,6 +153,7 @@ def _compiled(
     vary: Sequence[str],
     rows: tuple[int, ...],
     stabilisation: Stabilisation,
+    correct: str | None,
     steps: int,
 ) -> tuple[Flow, FixedStepper | None, Kernel]:
     """The flow, its compiled step and its observer; made once for all that differs in code."""
@@ -159,11 +166,21 @@ def _compiled(
         tuple(vary),
         rows,
         stabilisation,
+        correct,
         steps >= LONG_RUN,
     )
 
     def make() -> tuple[Flow, FixedStepper | None, Kernel]:
-        flow = build_flow(mechanism, testing, equations, speeds, vary, rows, stabilisation)
+        flow = build_flow(
+            mechanism,
+            testing,
+            equations,
+            speeds,
+            vary,
+            rows,
+            stabilisation,
+            correcting=correct == "energy",
+        )
         fixed = solver.family == "fixed"
         stepper = FixedStepper(flow, solver, steps >= LONG_RUN) if fixed else None
         return flow, stepper, observer(flow)
@@ -228,6 +245,16 @@ def _check(
         )
 
 
+def _check_correction(correct: str | None, solver: Solver) -> None:
+    if correct not in (None, "energy"):
+        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
+    if correct is not None and solver.family != "fixed":
+        raise InputError(
+            f"solver {solver.name!r} chooses its own steps, after which the energy cannot be corrected; "
+            "use a fixed-step solver such as 'ode5'"
+        )
+
+
 def _check_start(
     flow: Flow,
     mechanism: Mechanism,
@@ -263,9 +290,14 @@ def _check_start(
 
 
 def _notes(
-    mechanism: Mechanism, equations: Equations | None, controller: Controller | None
+    mechanism: Mechanism,
+    equations: Equations | None,
+    controller: Controller | None,
+    correct: str | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
+    if correct is not None:
+        notes["corrected"] = correct
     if equations is not None:
         notes["equations"] = equations.name
     if controller is not None and controller.hold:

@@ -2,10 +2,12 @@
 # Type checkers read this stub; __init__.py reads it too and loads each name on first use.
 from deltac import problems as problems
 from deltac import testing as testing
+from deltac.diagnosis import Advice as Advice
 from deltac.diagnosis import Audit as Audit
 from deltac.diagnosis import Finding as Finding
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
+from deltac.diagnosis import recommend as recommend
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals

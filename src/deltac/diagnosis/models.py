@@ -52,6 +52,17 @@ def load_model(source: Any) -> Model:
     )
 
 
+def load_callable(text: str) -> Callable[..., Any]:
+    """What ``file.py:name`` names, a function or another callable.
+
+    Raises InputError if it is not written so, or if there is none.
+    """
+    file, colon, name = text.rpartition(":")
+    if not (colon and file.endswith(".py") and name):
+        raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
+    return _callable(Path(file), name)
+
+
 def _named(text: str) -> Model:
     from deltac import problems
 
@@ -80,7 +91,7 @@ def _imported(source: Any) -> Model:
     return Model(mechanism, import_report=report)
 
 
-def _callable(path: Path, name: str) -> Callable[[], Any]:
+def _callable(path: Path, name: str) -> Callable[..., Any]:
     if not path.is_file():
         raise InputError(f"model {path}:{name}: no file {path}")
     spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
@@ -99,7 +110,7 @@ def _callable(path: Path, name: str) -> Callable[[], Any]:
     if not callable(made):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
         raise InputError(f"model {path}: no function {name!r}{closest(name, known)}")
-    function: Callable[[], Any] = made
+    function: Callable[..., Any] = made
     return function
 
 

@@ -1,0 +1,164 @@
+"""recommend: the advice keeps its tolerance when run again, and the next cheaper setting does not."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis import settings as settings_of_solvers
+from deltac.diagnosis.recommendation import _Search
+from deltac.diagnosis.work_precision import Family, Trial, Trials, common, distance
+
+
+def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:
+    """Largest error of angles, and of speeds, as a share of the largest range (all are angles here)."""
+    errors = []
+    for a, b in ((run.q, exact.q), (run.u, exact.u)):
+        errors.append(float(np.abs(a - b).max() / np.ptp(b, axis=0).max()))
+    return max(errors)
+
+
+def test_the_advice_is_kept_against_an_exact_motion() -> None:
+    """Judged by Taylor's method, which recommend does not use; its estimate is good to a few per cent."""
+    problem = dc.problems.load("triple-pendulum")
+    advice = dc.recommend(problem, duration=1.0, tolerance=1e-6, solvers=("ode8", "ode5", "ode4"))
+    assert advice.verified
+    assert advice.status == 0
+    assert advice.best is not None
+    assert advice.coarser is not None
+    errors = []
+    for step in (advice.step, advice.coarser.setting):
+        run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
+        exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
+        ledger = dc.balance(problem.mechanism, run, testing=("wang",))
+        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.turnover)
+        errors.append(max(energy, share_of_ranges(run, exact)))
+    assert errors[0] <= 1.1e-6
+    assert errors[1] > 0.9e-6
+    assert advice.agreement < 3e-6
+    assert "confirms it" in advice.explain()
+    json.dumps(advice.to_dict(), allow_nan=False)
+
+
+class Invented:
+    """Trials of solvers whose errors and times follow laws: what a search should find is known."""
+
+    turnover = 1.0
+
+    def __init__(self, constant: dict[str, float]) -> None:
+        self.constant, self.tried = constant, 0
+
+    def of(self, family: Family, setting: float, tolerance: float) -> Trial:
+        self.tried += 1
+        assert family.order is not None
+        error = self.constant[family.name] * setting**family.order
+        seconds = 1e-4 + 1e-6 * family.stages / setting
+        if error > 1.0:
+            return Trial(family.name, "step", setting, math.inf, math.nan, math.inf, 0, "blew up")
+        return Trial(family.name, "step", setting, 0.1 * error, error, seconds, family.stages)
+
+    def run(self, family: Family, setting: float) -> None:
+        return None
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("stiff", [1.0, 1e3])
+def test_the_search_finds_what_trying_all_would(tolerance: float, stiff: float) -> None:
+    settings = tuple(1.0 / n for n in range(20, 4000, 7))
+
+    def unused(setting: float) -> dc.Trajectory:
+        raise AssertionError
+
+    families = [Family(f"p{p}", p, p, settings, "step", unused) for p in (8, 5, 4, 2)]
+    trials = Invented({f.name: stiff ** (f.order or 1) for f in families})
+    search = _Search(trials, tolerance, tolerance, None, len(families))  # type: ignore[arg-type]
+    for family in families:
+        search.family(family)
+    advice = search.advice(families, 1.0, ())
+    every = [
+        trial
+        for family in families
+        for h in settings
+        if (trial := trials.of(family, h, tolerance)).passes(tolerance, tolerance)
+    ]
+    if not every:
+        assert advice.best is None
+        assert advice.status == 1
+        return
+    cheapest = min(trial.seconds for trial in every)
+    assert advice.best is not None
+    assert advice.best.seconds <= 1.2 * cheapest  # times nearer than that count as the same
+    for trial in (advice.best, advice.runner_up):
+        if trial is not None:
+            place = settings.index(trial.setting)
+            family = next(f for f in families if f.name == trial.solver)
+            if place > 0:
+                coarser = trials.of(family, settings[place - 1], tolerance)
+                assert not coarser.passes(tolerance, tolerance)
+
+
+def test_nothing_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settings_of_solvers, "MOST", 20_000)
+    problem = dc.problems.load("simple-pendulum")
+    advice = dc.recommend(problem, duration=0.2, tolerance=1e-14, solvers=("ode1",))
+    assert advice.best is None
+    assert advice.status == 1
+    assert advice.step is None
+    assert "Nothing that was tried" in advice.explain()
+    assert "ode1" in advice.explain()
+
+
+def test_a_run_that_breaks_down_is_not_recommended() -> None:
+    """A spring of ω = 1e4 rad/s: explicit steps above 2.8e-4 s blow up, and are passed over."""
+    mass = dc.point_mass("mass", 1.0)
+    mechanism = dc.Mechanism(
+        bodies=[mass],
+        joints=[dc.prismatic("slide", "ground", "mass", axis=(1, 0, 0))],
+        forces=[dc.joint_spring("spring", "slide", stiffness=1e8)],
+    )
+    state = mechanism.state({"slide": 1e-3})
+    advice = dc.recommend(mechanism, state, 0.5, 1e-3, solvers=("ode4",))
+    assert advice.best is not None
+    assert advice.best.setting < 2.8e-4
+    assert any(trial.message for trial in advice.trials)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance": 0.0}, "tolerance is 0.0"),
+        ({"duration": math.nan}, "duration is nan"),
+        ({"solvers": ()}, "solvers is empty"),
+        ({"solvers": ("ode55",)}, "did you mean"),
+        ({"solvers": ("taylor",)}, "nothing to choose from"),
+        ({"solvers": ("mujoco:rk4",)}, "needs a MuJoCo model"),
+        ({"control": lambda model, data: None}, "give our own solvers a controller"),
+    ],
+)
+def test_bad_input(options: dict[str, object], message: str) -> None:
+    with pytest.raises(dc.InputError, match=message):
+        dc.recommend("simple-pendulum", **options)  # type: ignore[arg-type]
+
+
+def test_a_model_without_duration_is_asked_for_one() -> None:
+    mechanism = dc.problems.load("simple-pendulum").mechanism
+    with pytest.raises(dc.InputError, match="duration="):
+        dc.recommend(mechanism)
+
+
+def test_distance_is_by_unit_and_at_common_times() -> None:
+    """A cart-pole's metres and radians have their own scales."""
+    problem = dc.problems.load("elastic-pendulum")
+    run = dc.simulate(problem.mechanism, problem.state, 1.0, 0.01)
+    finer = dc.simulate(problem.mechanism, problem.state, 1.0, 0.004)
+    rows, others = common(run.t, finer.t)
+    assert np.allclose(run.t[rows], finer.t[others], atol=1e-12)
+    assert len(rows) == 51  # every 0.02 s
+    assert distance(problem.mechanism, run, run) == 0.0
+    assert 0.0 < distance(problem.mechanism, run, finer) < 1e-4
+    shifted = dc.simulate(problem.mechanism, problem.state, 0.9, 0.3)
+    assert distance(problem.mechanism, run, shifted) < 1.0

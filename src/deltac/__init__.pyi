@@ -53,6 +53,7 @@ from deltac.mechanism import rod as rod
 from deltac.mechanism import rolling as rolling
 from deltac.mechanism import rotation as rotation
 from deltac.mechanism import screw as screw
+from deltac.mechanism import shapes as shapes
 from deltac.mechanism import skate as skate
 from deltac.mechanism import sphere as sphere
 from deltac.mechanism import spherical as spherical

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.mechanism import shapes
 from deltac.mechanism.bodies import (
     GROUND,
     Body,
@@ -96,6 +97,7 @@ __all__ = [
     "rolling",
     "rotation",
     "screw",
+    "shapes",
     "skate",
     "sphere",
     "spherical",

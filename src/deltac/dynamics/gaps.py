@@ -71,7 +71,7 @@ class Gap:
         return first - second
 
     def wrenches(self, system: System, force: SX) -> dict[int, SX]:
-        """Force vectors at links (link frames) of `force` (3,) on the first body, its opposite on the second."""
+        """Force vectors at links (link frames) of `force` (3,) on the first, its opposite on the second."""
         found: dict[int, SX] = {}
         for sign, k in zip((1, -1), self.links):
             if k >= 0:

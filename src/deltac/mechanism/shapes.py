@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, closest
+from deltac.mechanism.bodies import GROUND
+from deltac.mechanism.laws import check_symbols
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
@@ -19,10 +21,14 @@ from deltac.mechanism.quantities import (
     Vector,
     part_name,
     positive,
+    require_positive,
     rotation_matrix,
     unit_vector,
     vector,
 )
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Capsule:
-    """All within `radius` of a segment of `length` (m) along the unit vector `axis`, centred at `position`."""
+    """All within `radius` of a segment of `length` (m) along the unit `axis`, centred at `position`."""
 
     body: str
     position: Vector
@@ -72,7 +78,7 @@ class Box:
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """The plane through `position` with all that lies behind it; the unit vector `normal` points out of it."""
+    """The plane through `position` and all that lies behind it; the unit `normal` points out of it."""
 
     body: str
     position: Vector
@@ -155,7 +161,7 @@ def half_space(
 def check_pair(first: Shape, second: Shape, where: str) -> None:
     """InputError for two shapes between which no contact is defined."""
     for shape in (first, second):
-        if not isinstance(shape, Sphere | Capsule | Box | HalfSpace):
+        if not isinstance(shape, Shape):
             raise InputError(
                 f"{where}: expected a shape such as deltac.shapes.sphere('ball', 0.1), found {shape!r}"
             )
@@ -165,6 +171,26 @@ def check_pair(first: Shape, second: Shape, where: str) -> None:
         )
     if isinstance(first, HalfSpace) and isinstance(second, HalfSpace):
         raise InputError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
-    if isinstance(first, Sphere) and isinstance(second, Sphere):
-        if first.radius == 0.0 and second.radius == 0.0:
-            raise InputError(f"{where}: two points never touch; give one of them a radius")
+    if _is_point(first) and _is_point(second):
+        raise InputError(f"{where}: two points never touch; give one of them a radius")
+
+
+def check_shape(mechanism: Mechanism, shape: Shape, where: str) -> None:
+    """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
+    names = [GROUND, *(body.name for body in mechanism.bodies)]
+    if shape.body not in names:
+        raise InputError(
+            f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
+        )
+    of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"
+    for quantity in (*shape.position, *shape.sizes):
+        check_symbols(quantity, tuple(mechanism.parameters), of)
+    for size in shape.sizes:
+        require_positive(mechanism.number(size), f"a size of {of}", allow_zero=_is_point(shape))
+
+
+def _is_point(shape: Shape) -> bool:
+    return isinstance(shape, Sphere) and isinstance(shape.radius, float) and shape.radius == 0.0
+
+
+_WORDS = {Sphere: "sphere", Capsule: "capsule", Box: "box", HalfSpace: "half-space"}

@@ -23,16 +23,19 @@ from deltac.mechanism import State as State
 from deltac.mechanism import angle as angle
 from deltac.mechanism import body as body
 from deltac.mechanism import box as box
+from deltac.mechanism import contact as contact
 from deltac.mechanism import cylindrical as cylindrical
 from deltac.mechanism import disc as disc
 from deltac.mechanism import distance as distance
 from deltac.mechanism import fixed as fixed
 from deltac.mechanism import frame as frame
 from deltac.mechanism import free as free
+from deltac.mechanism import friction_law as friction_law
 from deltac.mechanism import gear as gear
 from deltac.mechanism import gravity_compensation as gravity_compensation
 from deltac.mechanism import holonomic as holonomic
 from deltac.mechanism import joint_damper as joint_damper
+from deltac.mechanism import joint_friction as joint_friction
 from deltac.mechanism import joint_spring as joint_spring
 from deltac.mechanism import joint_torque as joint_torque
 from deltac.mechanism import loop_prismatic as loop_prismatic
@@ -43,6 +46,7 @@ from deltac.mechanism import loop_weld as loop_weld
 from deltac.mechanism import motion_constraint as motion_constraint
 from deltac.mechanism import planar as planar
 from deltac.mechanism import point_force as point_force
+from deltac.mechanism import point_friction as point_friction
 from deltac.mechanism import point_in_plane as point_in_plane
 from deltac.mechanism import point_mass as point_mass
 from deltac.mechanism import point_on as point_on

@@ -76,10 +76,13 @@ from deltac.simulation import Controller as Controller
 from deltac.simulation import Ensemble as Ensemble
 from deltac.simulation import Equations as Equations
 from deltac.simulation import SimulationStopped as SimulationStopped
+from deltac.simulation import StiffStep as StiffStep
+from deltac.simulation import TimeScale as TimeScale
 from deltac.simulation import assemble as assemble
 from deltac.simulation import simulate as simulate
 from deltac.simulation import simulate_ensemble as simulate_ensemble
 from deltac.simulation import solver_names as solver_names
+from deltac.simulation import time_scales as time_scales
 from deltac.trajectories import Provenance as Provenance
 from deltac.trajectories import Trajectory as Trajectory
 from deltac.trajectories import read_trajectory as read_trajectory

@@ -33,19 +33,25 @@ def joint_friction(system: System, element: JointFriction) -> list[Channel]:
 
 def point_friction(system: System, element: PointFriction) -> list[Channel]:
     """−N f(|v_t|) v_t/|v_t| at the body's point, its opposite on the body beneath."""
+    touch = rubbing_point(system, element)
+    velocity = touch.relative_velocity(system, all_velocities(system))
+    strength = ca.fmax(system.number(element.normal_force), 0)
+    force = _slip_force(system, element.law, strength, touch.n, velocity)
+    return [Channel(f"friction {element.name}", touch.generalized(system, force))]
+
+
+def rubbing_point(system: System, element: PointFriction) -> Gap:
+    """Where a point rubs on a plane, as a contact point that is always closed."""
     k, point = system.point(element.body, element.point)
-    pose = system.poses[k] if k >= 0 else None
-    place = point if pose is None else pose.r + ca.mtimes(pose.E.T, point)
+    place = point
+    if k >= 0:
+        place = system.poses[k].r + ca.mtimes(system.poses[k].E.T, point)
     on = system.index[element.on]
     n = ca.SX(ca.DM(list(element.normal)))
     if on >= 0:
         turned = ca.mtimes(system.poses[on].E.T, system.links[on].to_body.E.T)
         n = ca.mtimes(turned, n)
-    touch = Gap("", ca.SX(0), n, place, place, (k, on))
-    velocity = touch.relative_velocity(system, all_velocities(system))
-    normal_force = ca.fmax(system.number(element.normal_force), 0)
-    force = _slip_force(system, element.law, normal_force, n, velocity)
-    return [Channel(f"friction {element.name}", touch.generalized(system, force))]
+    return Gap("", ca.SX(0), n, place, place, (k, on))
 
 
 def contact(system: System, element: Contact) -> list[Channel]:

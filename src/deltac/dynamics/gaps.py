@@ -67,7 +67,7 @@ class Gap:
 
         `V` are spatial velocities of all links, such as ``velocities(system, system.u_all)``.
         """
-        first, second = (_velocity_at(system, V, k, self.place) for k in self.links)
+        first, second = (velocity_at(system, V, k, self.place) for k in self.links)
         return first - second
 
     def wrenches(self, system: System, force: SX) -> dict[int, SX]:
@@ -108,7 +108,7 @@ def all_velocities(system: System) -> list[SX]:
     return velocities(system, system.u_all)
 
 
-def _velocity_at(system: System, V: Sequence[SX], k: int, place: SX) -> SX:
+def velocity_at(system: System, V: Sequence[SX], k: int, place: SX) -> SX:
     """World velocity of the material point of link k that is at `place` in the world."""
     if k < 0:
         return ca.SX.zeros(3)

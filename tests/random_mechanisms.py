@@ -26,29 +26,35 @@ from deltac.mechanism import (
     Mechanism,
     body,
     box,
+    contact,
     cylindrical,
     disc,
     fixed,
     frame,
     free,
+    friction_law,
     gravity_compensation,
     joint_damper,
+    joint_friction,
     joint_spring,
     joint_torque,
     planar,
     point_force,
+    point_friction,
     point_mass,
     prismatic,
     revolute,
     rod,
     rotation,
     screw,
+    shapes,
     sphere,
     spherical,
     spring_damper,
     tendon,
     universal,
 )
+from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
     JointDamper,
@@ -58,6 +64,7 @@ from deltac.mechanism.forces import (
     SpringDamper,
     Tendon,
 )
+from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS
 
 Array = NDArray[Any]
@@ -330,6 +337,9 @@ ELEMENTS: dict[type, tuple[str, ...]] = {
     SpringDamper: ("damped", "centred", "driven"),
     Tendon: ("cord", "coupling"),
     GravityCompensation: ("lift",),
+    JointFriction: ("joint friction",),
+    PointFriction: ("point friction",),
+    Contact: ("ball on plane", "ball in box", "box on box", "capsules", "capsule in box"),
 }
 """What `random_force` can make of every type of force element."""
 
@@ -357,7 +367,7 @@ def random_force(
     moving = [joint for joint in mechanism.joints if joint.speeds]
     plain = [joint for joint in moving if KINDS[joint.kind].rates]
     joint: Any = None
-    if what in ("torque", "damper"):
+    if what in ("torque", "damper", "joint friction"):
         if not moving:
             return None
         joint = moving[rng.integers(len(moving))]
@@ -422,7 +432,53 @@ def random_force(
             )
         case "lift":
             return gravity_compensation(name, {other: 0.7})
-    raise ValueError(what)
+        case "joint friction":
+            strengths = ["k_p*(2 + sin(t))", *[0.4] * 5][: len(joint.speeds)]
+            return joint_friction(name, joint.name, strengths, viscous=0.2, width=0.3)
+        case "point friction":
+            rubbing = friction_law(0.5, static=0.8, stribeck=0.5, viscous=0.1, width="l_p")
+            point = rng.normal(0, 0.5, 3)
+            return point_friction(
+                name, other, law(), rubbing, point=point, on=one, normal=_direction(rng)
+            )
+        case _:
+            return random_contact(rng, what, name, one, other)
+
+
+def random_contact(rng: np.random.Generator, what: str, name: str, one: str, other: str) -> Any:
+    """A contact of shapes so large that they often overlap."""
+
+    def at() -> Array:
+        return rng.normal(0, 0.4, 3)
+
+    match what:
+        case "ball on plane":
+            pair = shapes.sphere(other, "1 + l_p", at()), shapes.half_space(one, _direction(rng))
+            given: dict[str, Any] = {"exponent": 1.5, "dissipation": 0.4, "friction": 0.6}
+        case "ball in box":
+            pair = shapes.sphere(other, 1.2, at()), shapes.box(one, (1, 2, "3*l_p"), at())
+            given = {"model": "kelvin-voigt", "dissipation": "0.1*k_p"}
+        case "box on box":
+            pair = (
+                shapes.box(one, (2, 1.5, 1), at(), random_rotation(rng)),
+                shapes.box(other, (1, 2, 1.4), at(), random_rotation(rng)),
+            )
+            given = {"friction": friction_law(0.3, viscous=0.2, width=0.1), "exponent": 1.25}
+        case "capsules":
+            pair = (
+                shapes.capsule(one, 0.7, "2*l_p", _direction(rng), at()),
+                shapes.capsule(other, 0.6, 1.3, _direction(rng), at()),
+            )
+            given = {"dissipation": 1.5, "friction": 0.8, "exponent": 2.0}
+        case "capsule in box":
+            pair = (
+                shapes.box(one, (2, 1.5, 1), at()),
+                shapes.capsule(other, 0.6, 1.3, _direction(rng), at()),
+            )
+            given = {"dissipation": 0.2}
+        case _:
+            raise ValueError(what)
+    return contact(name, *pair, "2*k_p", **given)
 
 
 def _two_bodies(rng: np.random.Generator, mechanism: Mechanism) -> tuple[str, str]:

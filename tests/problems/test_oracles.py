@@ -17,7 +17,7 @@ import pytest
 import sympy
 
 from deltac import problems
-from oracles import loops, pendulums, rolling
+from oracles import loops, pendulums, rolling, rubbing
 from oracles.common import Values, integrated
 
 INTEGRATED = 2e-9  # DOP853 at its tolerance, with the growth of errors over 10 s
@@ -258,6 +258,7 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
     "ball-on-table": (rolling.ball_on_table, CALM),
     "ball-on-rising-table": (rolling.ball_on_rising_table, CALM),
     "bicycle": (rolling.bicycle, 1e-12),
+    **rubbing.ORACLES,
 }
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
+from deltac.dynamics import contact
+from deltac.dynamics.channel import Channel as Channel
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.recursions import gather
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
+from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
     JointDamper,
@@ -21,23 +23,8 @@ from deltac.mechanism.forces import (
     SpringDamper,
     Tendon,
 )
+from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One channel of energy flow.
-
-    `force` (nu,) is its generalized force on all speeds. A potential channel has the energy
-    `potential` (J). `explicit` (W) is power that belongs to no force: ∂V/∂t of a potential whose law
-    depends on time. `logged` marks a motor whose value comes from a controller or a log.
-    """
-
-    name: str
-    force: SX
-    potential: SX | None = None
-    explicit: SX | None = None
-    logged: bool = False
 
 
 def channels(system: System) -> tuple[Channel, ...]:
@@ -302,4 +289,7 @@ _ELEMENTS: dict[type, Callable[[System, Any], list[Channel]]] = {
     SpringDamper: _spring_damper,
     Tendon: _tendon,
     GravityCompensation: _gravity_compensation,
+    JointFriction: contact.joint_friction,
+    PointFriction: contact.point_friction,
+    Contact: contact.contact,
 }

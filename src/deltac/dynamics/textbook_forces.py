@@ -7,15 +7,18 @@ mass centre (F; M = d × F), as Kane does before dotting it with partial velocit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook_kinematics import Array, Tree, numbers
-from deltac.mechanism.bodies import GROUND
+from deltac.dynamics import textbook_contact
+from deltac.dynamics.textbook_kinematics import Array
+from deltac.dynamics.textbook_situation import ChannelForce as ChannelForce
+from deltac.dynamics.textbook_situation import Situation as Situation
+from deltac.dynamics.textbook_situation import between
+from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
     JointDamper,
@@ -25,75 +28,9 @@ from deltac.mechanism.forces import (
     SpringDamper,
     Tendon,
 )
-from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.friction import JointFriction, PointFriction
+from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import evaluate, rate
-from deltac.mechanism.mechanism import Mechanism
-
-
-@dataclass(frozen=True)
-class ChannelForce:
-    """One channel: `F` (rows of the stacked F), and its potential energy (J) if it has one.
-
-    `explicit` (W) is the power ∂V/∂t of a potential whose law depends on time.
-    """
-
-    name: str
-    F: Array
-    potential: float | None = None
-    explicit: float = 0.0
-
-
-@dataclass(frozen=True)
-class Situation:
-    """What forces depend on: the mechanism at (t, q, u), its bodies, and values of motors by name."""
-
-    mechanism: Mechanism
-    t: float
-    q: Array
-    u: Array
-    tree: Tree
-    inputs: Mapping[str, Sequence[float]]
-
-    @property
-    def known(self) -> dict[str, float]:
-        """Values of the symbols that laws use."""
-        m = self.mechanism
-        q = {f"q.{e.name}": float(self.q[e.index]) for e in m.coordinates}
-        u = {f"u.{e.name}": float(self.u[e.index]) for e in m.speeds}
-        return {**m.parameters, "t": self.t, **q, **u}
-
-    def values(self, laws: Sequence[Any]) -> Array:
-        """The laws' values now."""
-        known = self.known
-        return np.array([evaluate(law, known) for law in laws])
-
-    def place(self, body: str, point: Sequence[Any]) -> Array:
-        """Where a point of a body is."""
-        return self.tree.frames[body].place(numbers(self.mechanism, point))
-
-    def velocity(self, body: str, place: Array) -> Array:
-        """Velocity of the body's point at `place`."""
-        velocity: Array = self.tree.frames[body].partial_velocity(place) @ self.u
-        return velocity
-
-    def stack(self, acting: Sequence[tuple[str, Array, Array, Array]]) -> Array:
-        """F of (body, place, force, moment), world components, all acting together.
-
-        Six rows a body: force at the mass centre (world), moment (body components); then a zero for
-        each speed, where a rotor's inertia torque stands in F*.
-        """
-        m = self.mechanism
-        F = np.zeros(6 * len(m.bodies) + len(m.speeds))
-        rows = {body.name: 6 * k for k, body in enumerate(m.bodies)}
-        for body, place, force, moment in acting:
-            if body == GROUND:
-                continue
-            centre = self.place(body, m.body(body).mass_centre)
-            about_centre = moment + np.cross(place - centre, force)
-            k = rows[body]
-            F[k : k + 3] += force
-            F[k + 3 : k + 6] += self.tree.frames[body].turned.T @ about_centre
-        return F
 
 
 def channel_forces(now: Situation) -> tuple[ChannelForce, ...]:
@@ -113,19 +50,6 @@ def _gravity(now: Situation) -> ChannelForce:
         acting.append((body.name, centre, mass * g, np.zeros(3)))
         V -= mass * float(g @ centre)
     return ChannelForce("gravity", now.stack(acting), V)
-
-
-def _between(now: Situation, joint: Joint, tau: Array) -> Array:
-    """F of a joint's generalized forces `tau` (n,): equal and opposite on child and parent.
-
-    Among the wrenches at the joint that do the power τ·u this is the smallest in the joint's own
-    directions; any other differs from it by an ideal reaction, which does no work.
-    """
-    hinge, G_v, G_w = now.tree.moved[joint.name]
-    G = np.vstack([G_v, G_w])
-    wrench = G @ np.linalg.solve(G.T @ G, tau)
-    force, moment = wrench[:3], wrench[3:]
-    return now.stack([(joint.child, hinge, force, moment), (joint.parent, hinge, -force, -moment)])
 
 
 def _joint_spring(now: Situation, element: JointSpring) -> list[ChannelForce]:
@@ -148,7 +72,7 @@ def _joint_spring(now: Situation, element: JointSpring) -> list[ChannelForce]:
         tau = -(k * stretch) @ gradient
         V = float(0.5 * k @ stretch**2)
         explicit = float(0.5 * k_rate @ stretch**2 - k @ (stretch * rest_rate))
-    return _potential(element.name, _between(now, joint, tau), V, explicit)
+    return _potential(element.name, between(now, joint, tau), V, explicit)
 
 
 def _stretch(q: Array, quaternion: int | None, rest: Array) -> tuple[Array, Array]:
@@ -179,7 +103,7 @@ def _slope(law: Any, name: str) -> Any:
 def _joint_damper(now: Situation, element: JointDamper) -> list[ChannelForce]:
     joint = now.mechanism.joint(element.joint)
     tau = -now.values(element.damping) * now.u[now.mechanism.speeds.of(joint.name)]
-    return [ChannelForce(f"damper {element.name}", _between(now, joint, tau))]
+    return [ChannelForce(f"damper {element.name}", between(now, joint, tau))]
 
 
 def _joint_torque(now: Situation, element: JointTorque) -> list[ChannelForce]:
@@ -188,7 +112,7 @@ def _joint_torque(now: Situation, element: JointTorque) -> list[ChannelForce]:
         tau = now.values(element.torque)
     else:
         tau = np.array(now.inputs[element.name], dtype=float)
-    return [ChannelForce(f"actuator {element.name}", _between(now, joint, tau))]
+    return [ChannelForce(f"actuator {element.name}", between(now, joint, tau))]
 
 
 def _point_force(now: Situation, element: PointForce) -> list[ChannelForce]:
@@ -256,7 +180,7 @@ def _tendon(now: Situation, element: Tendon) -> list[ChannelForce]:
             joint = now.mechanism.joint(entry.joint)
             tau = np.zeros(len(joint.speeds))
             tau[entry.index - now.mechanism.coordinates.of(joint.name).start] = -tension
-            F = F + _between(now, joint, now.mechanism.number(law) * tau)
+            F = F + between(now, joint, now.mechanism.number(law) * tau)
         return F
 
     found: list[ChannelForce] = []
@@ -293,4 +217,7 @@ _ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     SpringDamper: _spring_damper,
     Tendon: _tendon,
     GravityCompensation: _gravity_compensation,
+    JointFriction: textbook_contact.joint_friction,
+    PointFriction: textbook_contact.point_friction,
+    Contact: textbook_contact.contact,
 }

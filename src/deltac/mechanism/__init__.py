@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.mechanism import shapes
 from deltac.mechanism.bodies import (
     GROUND,
     Body,
@@ -30,6 +31,7 @@ from deltac.mechanism.constraining import (
     rolling,
     skate,
 )
+from deltac.mechanism.contact import contact
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.forces import (
     gravity_compensation,
@@ -40,6 +42,7 @@ from deltac.mechanism.forces import (
     spring_damper,
     tendon,
 )
+from deltac.mechanism.friction import friction_law, joint_friction, point_friction
 from deltac.mechanism.joints import (
     Joint,
     cylindrical,
@@ -66,16 +69,19 @@ __all__ = [
     "angle",
     "body",
     "box",
+    "contact",
     "cylindrical",
     "disc",
     "distance",
     "fixed",
     "frame",
     "free",
+    "friction_law",
     "gear",
     "gravity_compensation",
     "holonomic",
     "joint_damper",
+    "joint_friction",
     "joint_spring",
     "joint_torque",
     "loop_prismatic",
@@ -86,6 +92,7 @@ __all__ = [
     "motion_constraint",
     "planar",
     "point_force",
+    "point_friction",
     "point_in_plane",
     "point_mass",
     "point_on",
@@ -96,6 +103,7 @@ __all__ = [
     "rolling",
     "rotation",
     "screw",
+    "shapes",
     "skate",
     "sphere",
     "spherical",

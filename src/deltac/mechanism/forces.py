@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from deltac.errors import InputError
+from deltac.mechanism.contact import Contact
+from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
@@ -151,6 +153,9 @@ Element: TypeAlias = (
     | SpringDamper
     | Tendon
     | GravityCompensation
+    | JointFriction
+    | PointFriction
+    | Contact
 )
 
 

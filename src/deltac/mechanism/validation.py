@@ -10,6 +10,8 @@ from deltac.errors import InputError, closest
 from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraint_checks import check_constraint
 from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.contact import Contact
+from deltac.mechanism.contact_checks import check_contact, check_friction
 from deltac.mechanism.forces import (
     Element,
     GravityCompensation,
@@ -20,6 +22,7 @@ from deltac.mechanism.forces import (
     SpringDamper,
     Tendon,
 )
+from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import check_symbols, symbol_names
 from deltac.mechanism.quantities import require_positive
@@ -115,8 +118,9 @@ def check(mechanism: Mechanism) -> None:
         body.check(mechanism.number)
     # Elements that share a channel's name could not be told apart.
     for kinds, what in (
-        (JointSpring | SpringDamper | Tendon, "springs"),
+        (JointSpring | SpringDamper | Tendon | Contact, "springs and contacts"),
         (JointDamper | SpringDamper | Tendon, "dampers"),
+        (JointFriction | PointFriction | Contact, "frictions and contacts"),
         (JointTorque, "joint torques"),
         (PointForce | GravityCompensation, "applied forces"),
     ):
@@ -250,6 +254,24 @@ def _check_element(mechanism: Mechanism, element: Element) -> None:
             for name, fraction in element.fractions:
                 _require_body(mechanism, name, where, ground=False)
                 check_symbols(fraction, parameters, f"fraction of {name!r} in {where}")
+        case JointFriction():
+            where = f"joint friction {element.name!r}"
+            joint = _joint_of(mechanism, element.joint, where)
+            _check_count(element.laws, len(joint.speeds), f"laws of {where}")
+            for friction in element.laws:
+                source = element.allow_energy_source
+                check_friction(mechanism, friction, where, every, source=source)
+        case PointFriction():
+            where = f"point friction {element.name!r}"
+            for body in (element.body, element.on):
+                _require_body(mechanism, body, where)
+            for quantity in element.point:
+                check_symbols(quantity, parameters, f"point of {where}")
+            check_symbols(element.normal_force, every, f"normal force of {where}")
+            source = element.allow_energy_source
+            check_friction(mechanism, element.law, where, every, source=source)
+        case Contact():
+            check_contact(mechanism, element)
 
 
 def _check_tendon(mechanism: Mechanism, element: Tendon, parameters: Sequence[str]) -> None:

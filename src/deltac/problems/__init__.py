@@ -18,13 +18,16 @@ __all__ = ["Problem", "Reference", "load", "names"]
 
 _MODULES = (
     "andrews_squeezer",
+    "ball_on_compliant_floor",
     "ball_on_rising_table",
     "ball_on_table",
     "bead_on_hoop",
     "bicycle",
+    "block_on_incline",
     "bricard",
     "chaotic_double_body",
     "chaplygin_sleigh",
+    "clutch",
     "disc_on_moving_plane",
     "double_pendulum",
     "driven_pendulum",
@@ -37,8 +40,10 @@ _MODULES = (
     "rolling_disc",
     "simple_pendulum",
     "spherical_pendulum",
+    "stick_slip",
     "torque_free_box",
     "triple_pendulum",
+    "tumbling_box",
 )
 
 

@@ -59,7 +59,9 @@ class Problem:
     mechanism       what the machine is
     state           where the motion starts
     duration        how long it lasts (s)
-    step, solver    a fixed step (s) and a solver that resolve the reference numbers
+    step, solver    a fixed step (s) and a solver that resolve the reference numbers; the step of an
+                    adaptive solver is the spacing of its samples
+    tolerance       relative, of an adaptive solver
     source          who published it
     classification  of its constraints: "holonomic, scleronomic", …
     freedom         degrees of freedom: independent speeds (without constraints, those that are free)
@@ -89,6 +91,7 @@ class Problem:
     equations: Equations | None = None
     coordinates: CoordinateMap | None = None
     notes: str = ""
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.step <= self.duration < math.inf:

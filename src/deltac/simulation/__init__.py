@@ -7,6 +7,7 @@ from deltac.simulation.ensemble import Ensemble, simulate_ensemble
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import SimulationStopped, simulate
 from deltac.simulation.solvers import solver_names
+from deltac.simulation.time_scales import StiffStep, TimeScale, time_scales
 
 __all__ = [
     "Assembly",
@@ -14,8 +15,11 @@ __all__ = [
     "Ensemble",
     "Equations",
     "SimulationStopped",
+    "StiffStep",
+    "TimeScale",
     "assemble",
     "simulate",
     "simulate_ensemble",
     "solver_names",
+    "time_scales",
 ]

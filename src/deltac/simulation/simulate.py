@@ -23,6 +23,7 @@ from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_py
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.observation import observer, recorded, while_assembled
 from deltac.simulation.solvers import Solver, find_solver
+from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
 Array = NDArray[np.float64]
@@ -84,6 +85,9 @@ def simulate(
 
     Raises:
         InputError: before anything is computed, for what cannot be simulated as it is.
+
+    Warns:
+        StiffStep: the step is far too large for friction or contact, whose time scale it tells.
     """
     found = find_solver(solver)
     duration = _positive(duration, "duration")
@@ -91,6 +95,7 @@ def simulate(
     _check(mechanism, state, found, equations, controller, step, tolerance)
     _check_correction(correct, found)
     steps = _steps(duration, step, every) if found.family == "fixed" else 0
+    check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
     flow, stepper, observe = _compiled(
         mechanism, found, testing, equations, speeds, vary, rows, stabilisation, correct, steps

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from deltac.problems import Problem, Reference
 from deltac.simulation import simulate
+from deltac.trajectories import Trajectory
 
 MARGIN = 10.0
 """Halving the step takes (1 − 2⁻ᵖ) of the error away; where only rounding is left, both runs have it."""
@@ -33,14 +35,30 @@ class Comparison:
         return abs(self.value - self.reference.value) <= self.tolerance
 
 
+def solved(
+    problem: Problem,
+    *,
+    finer: bool = False,
+    testing: Sequence[str] = ("wang", "liu-huston"),
+) -> Trajectory:
+    """A run of a problem by its own solver and step; or by half the step and a hundredth of the tolerance."""
+    tolerance = problem.tolerance
+    if finer and tolerance is not None:
+        tolerance = max(0.01 * tolerance, 1e-13)
+    return simulate(
+        problem.mechanism,
+        problem.state,
+        problem.duration,
+        problem.step / 2 if finer else problem.step,
+        problem.solver,
+        testing,
+        tolerance=tolerance,
+    )
+
+
 def compare(problem: Problem) -> tuple[Comparison, ...]:
     """Simulate a problem by its own solver and step, and compare with its references."""
-    run, finer = (
-        simulate(
-            problem.mechanism, problem.state, problem.duration, problem.step / k, problem.solver
-        )
-        for k in (1, 2)
-    )
+    run, finer = solved(problem), solved(problem, finer=True)
     found = []
     for reference in problem.reference:
         value = reference.measure(run)

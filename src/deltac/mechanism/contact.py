@@ -1,0 +1,97 @@
+"""Compliant contact of two shapes: an elastic normal force with dissipation, and friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from deltac.errors import InputError
+from deltac.mechanism.friction import FrictionLaw, as_friction
+from deltac.mechanism.laws import as_law
+from deltac.mechanism.quantities import Quantity, part_name, positive
+from deltac.mechanism.shapes import Shape, check_pair
+
+Model = Literal["hunt-crossley", "kelvin-voigt"]
+"""Models of the dissipation in compliant contact."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Compliant contact. Channels ``spring <name>`` (potential), ``contact``, ``friction <name>``.
+
+    At every contact point of the two shapes (`dynamics.gaps` lists them) with overlap x = −g > 0:
+
+    - elastic force f_e = k xⁿ along n, potential V = k xⁿ⁺¹/(n + 1) (J), channel ``spring``;
+    - dissipation, channel ``contact``: what makes f_e the normal force f_n = f_e (1 + d ẋ)₊
+      (Hunt–Crossley) or f_n = (f_e + c ẋ)₊ (Kelvin–Voigt). (·)₊ is the positive part: the shapes never
+      pull at each other. Power (f_e − f_n) ẋ <= 0;
+    - friction, channel ``friction``: −f_n f(|v_t|) v_t/|v_t| on the first body, v_t the slip velocity.
+
+    Hunt–Crossley: K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445, with the constant as
+    Drake has it, f = f_e (1 − d v_n)₊ with v_n the speed of parting (Drake, "Modeling Dissipation");
+    Simbody writes 3/2 c for d. It is continuous. Kelvin–Voigt jumps by c ẋ as the shapes meet.
+    `stiffness` k (N/mⁿ) and all else is per contact point: a box that lies on a plane has four springs.
+    """
+
+    name: str
+    first: Shape
+    second: Shape
+    stiffness: Quantity
+    exponent: Quantity
+    model: Model
+    dissipation: Quantity
+    friction: FrictionLaw | None
+    deepest: Quantity | None
+    allow_energy_source: bool = False
+
+
+def contact(
+    name: str,
+    first: Shape,
+    second: Shape,
+    stiffness: Any,
+    *,
+    exponent: Any = 1.0,
+    dissipation: Any = 0.0,
+    model: Model = "hunt-crossley",
+    friction: Any = None,
+    deepest: Any = None,
+    allow_energy_source: bool = False,
+) -> Contact:
+    """Compliant contact of two shapes of different bodies; see `Contact`.
+
+    Args:
+        name: of the element; its channels carry it.
+        first: a shape, as `deltac.shapes` makes them.
+        second: the other shape.
+        stiffness: k of the elastic force k xⁿ at each contact point, N/mⁿ.
+        exponent: n >= 1: 1 is linear, 1.5 is Hertz's contact of spheres, k = 4/3 E* √R.
+        dissipation: d of Hunt and Crossley (s/m), or c of Kelvin and Voigt (N·s/m).
+        model: "hunt-crossley" or "kelvin-voigt".
+        friction: a coefficient or a `friction_law`; None for none.
+        deepest: the overlap (m) at which a simulation may still start; by default a tenth of the
+            smallest dimension of the two shapes.
+        allow_energy_source: let dissipation and friction be negative; what they give is booked.
+
+    Raises:
+        InputError: shapes of one body or without a contact, an unknown model, a stiffness that is not
+            positive, an exponent below 1, negative dissipation or friction.
+    """
+    where = f"contact {part_name(name, 'a force element')!r}"
+    check_pair(first, second, where)
+    if model not in get_args(Model):
+        raise InputError(
+            f"{where}: unknown model {model!r}; known: {', '.join(map(repr, get_args(Model)))}"
+        )
+    return Contact(
+        name,
+        first,
+        second,
+        positive(stiffness, f"stiffness of {where}"),
+        as_law(exponent, f"exponent of {where}"),
+        model,
+        as_law(dissipation, f"dissipation of {where}"),
+        None if friction is None else as_friction(friction, f"friction of {where}"),
+        None if deepest is None else positive(deepest, f"deepest of {where}", allow_zero=True),
+        allow_energy_source,
+    )

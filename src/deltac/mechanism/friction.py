@@ -1,0 +1,184 @@
+"""Friction: one law of the slip speed, in joints and at points. Its heat is the channel ``friction``.
+
+Friction is regularised: it passes smoothly through zero within a `width` of slip speed, so that it is a
+force like any other. Nothing sticks in full: below its strength the law creeps. The ledger books the
+heat of the law as it is, so the balance closes whatever the width; what the width changes is the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from deltac.errors import InputError
+from deltac.mechanism.bodies import GROUND
+from deltac.mechanism.laws import as_law
+from deltac.mechanism.quantities import (
+    ZERO,
+    Quantity,
+    Vector,
+    part_name,
+    positive,
+    unit_vector,
+    vector,
+)
+
+WIDTH = 1e-3
+"""Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """Friction f against the slip speed v >= 0: f = (c + (s − c) e^{−(v/v_S)²}) tanh(v/w) + b v.
+
+    `coulomb` c is the strength in slip, `static` s that about rest, `stribeck` v_S the speed at which the
+    excess has fallen to 1/e, `viscous` b the slope, `width` w that of the regularisation. In joints f is
+    a force or moment, at points and in contacts a coefficient on the normal force. The excess after
+    B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138, equation (4).
+
+    Of Coulomb's friction (s = c, b = 0) tanh leaves out the part 1 − tanh(v/w) < 2 e^{−2v/w}: beyond
+    19 w nothing that double precision could tell.
+    """
+
+    coulomb: Quantity
+    static: Quantity
+    stribeck: Quantity | None
+    viscous: Quantity
+    width: Quantity
+
+    @property
+    def strengths(self) -> tuple[Quantity, ...]:
+        """What must not be negative, or friction would drive: c, s, b."""
+        return (self.coulomb, self.static, self.viscous)
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction of a joint, one law for each speed: −f(|u|) sign u (N·m or N). Channel ``friction <name>``.
+
+    `laws` act on the speeds one by one, in the joint's own directions; they do not depend on the joint's
+    load. Power −f(|u|) |u| <= 0.
+    """
+
+    name: str
+    joint: str
+    laws: tuple[FrictionLaw, ...]
+    allow_energy_source: bool = False
+
+
+@dataclass(frozen=True)
+class PointFriction:
+    """Friction at a point of a body that slides along a plane. Channel ``friction <name>``.
+
+    With the velocity v of the body's point relative to the material of `on` in the same place, and its
+    part v_t across `normal` (fixed in `on`), the force on the body is −N f(|v_t|) v_t/|v_t| (N), its
+    opposite acts on `on` there. N >= 0 is `normal_force` (N), a law of t, q, u and parameters; it is the
+    strength of friction only: something else (a joint, a constraint) carries it. Where the law is
+    negative it counts as zero. Power −N f |v_t| <= 0.
+    """
+
+    name: str
+    body: str
+    point: Vector
+    on: str
+    normal: tuple[float, float, float]
+    normal_force: Any
+    law: FrictionLaw
+    allow_energy_source: bool = False
+
+
+def friction_law(
+    coulomb: Any,
+    *,
+    static: Any = None,
+    stribeck: Any = None,
+    viscous: Any = 0.0,
+    width: Any = WIDTH,
+) -> FrictionLaw:
+    """Friction against the slip speed; see `FrictionLaw`. `static` comes with `stribeck`.
+
+    >>> steel = friction_law(0.15, static=0.2, stribeck=0.01, width=1e-4)
+    """
+    where = "friction law"
+    if (static is None) != (stribeck is None):
+        raise InputError(
+            f"{where}: static friction needs the speed over which it falls to Coulomb's; give both static "
+            "and stribeck, or neither"
+        )
+    c = as_law(coulomb, f"coulomb of {where}")
+    return FrictionLaw(
+        c,
+        c if static is None else as_law(static, f"static of {where}"),
+        None if stribeck is None else positive(stribeck, f"stribeck of {where}"),
+        as_law(viscous, f"viscous of {where}"),
+        positive(width, f"width of {where}"),
+    )
+
+
+def as_friction(value: Any, where: str) -> FrictionLaw:
+    """A friction law as it is, or Coulomb's of a number or law."""
+    return value if isinstance(value, FrictionLaw) else friction_law(as_law(value, where))
+
+
+def joint_friction(
+    name: str,
+    joint: str,
+    coulomb: Any = 0.0,
+    *,
+    static: Any = None,
+    stribeck: Any = None,
+    viscous: Any = 0.0,
+    width: Any = WIDTH,
+    allow_energy_source: bool = False,
+) -> JointFriction:
+    """Friction of a joint; see `JointFriction` and `FrictionLaw`.
+
+    Each of the numbers may be a sequence, one for each speed of the joint. `coulomb` and `static` may be
+    laws of t, q, u and parameters (a clutch that closes); the others are numbers or parameters.
+    A negative strength would drive the joint: InputError unless `allow_energy_source`, in which case
+    what it gives is booked in the channel.
+    """
+    where = f"joint friction {part_name(name, 'a force element')!r}"
+    columns = [coulomb, static, stribeck, viscous, width]
+    count = max((len(c) for c in columns if isinstance(c, list | tuple)), default=1)
+    for c in columns:
+        if isinstance(c, list | tuple) and len(c) != count:
+            raise InputError(f"{where}: expected {count} values, found {c!r}")
+    rows = zip(*(list(c) if isinstance(c, list | tuple) else [c] * count for c in columns))
+    laws = tuple(
+        friction_law(c, static=s, stribeck=v, viscous=b, width=w) for c, s, v, b, w in rows
+    )
+    return JointFriction(name, joint, laws, allow_energy_source)
+
+
+def point_friction(
+    name: str,
+    body: str,
+    normal_force: Any,
+    friction: Any,
+    *,
+    point: Sequence[Any] = ZERO,
+    on: str = GROUND,
+    normal: str | Sequence[float] = "z",
+    allow_energy_source: bool = False,
+) -> PointFriction:
+    """Friction between a point of a body and a plane, of a given normal force; see `PointFriction`.
+
+    `friction` is a coefficient or a `friction_law`; `normal` is in the frame of the body `on`.
+
+    >>> block = point_friction("rub", "block", "m*9.81*cos(0.3)", 0.2, normal="y")
+    """
+    where = f"point friction {part_name(name, 'a force element')!r}"
+    if body == on:
+        raise InputError(f"{where}: body {body!r} does not slide on itself")
+    return PointFriction(
+        name,
+        body,
+        vector(point, f"point of {where}"),
+        on,
+        unit_vector(normal, f"normal of {where}"),
+        as_law(normal_force, f"normal force of {where}"),
+        as_friction(friction, f"friction of {where}"),
+        allow_energy_source,
+    )

@@ -1,0 +1,196 @@
+"""Shapes of bodies, for contact: sphere, point, capsule, box, and the half-space behind a plane.
+
+A shape is fixed in its body's frame (or the ground's) by `position`, and by `rotation`, `axis` or
+`normal`. It carries no mass; one body may carry several. Dimensions are numbers, or expressions in the
+mechanism's parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.bodies import GROUND
+from deltac.mechanism.laws import check_symbols
+from deltac.mechanism.quantities import (
+    ZERO,
+    Matrix,
+    Quantity,
+    Vector,
+    part_name,
+    positive,
+    require_positive,
+    rotation_matrix,
+    unit_vector,
+    vector,
+)
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball of `radius` (m) about `position`; of radius 0 it is a point."""
+
+    body: str
+    position: Vector
+    radius: Quantity
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """Its dimensions (m)."""
+        return (self.radius,)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All within `radius` of a segment of `length` (m) along the unit `axis`, centred at `position`."""
+
+    body: str
+    position: Vector
+    axis: tuple[float, float, float]
+    radius: Quantity
+    length: Quantity
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """Its dimensions (m)."""
+        return (self.radius, self.length)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with edges `size` (m) along the columns of `rotation`, centred at `position`."""
+
+    body: str
+    position: Vector
+    rotation: Matrix
+    size: Vector
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """Its dimensions (m)."""
+        return self.size
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """The plane through `position` and all that lies behind it; the unit `normal` points out of it."""
+
+    body: str
+    position: Vector
+    normal: tuple[float, float, float]
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """It has none."""
+        return ()
+
+
+Shape: TypeAlias = Sphere | Capsule | Box | HalfSpace
+
+
+def point(body: str, position: Sequence[Any] = ZERO) -> Sphere:
+    """A point of a body (or of the ground), as a sphere of radius 0."""
+    where = f"point shape of body {part_name(body, 'the body of a shape')!r}"
+    return Sphere(body, vector(position, f"position of {where}"), 0.0)
+
+
+def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
+    """A sphere of `radius` (m) about `position` in the body's frame."""
+    where = f"sphere shape of body {part_name(body, 'the body of a shape')!r}"
+    return Sphere(
+        body, vector(position, f"position of {where}"), positive(radius, f"radius of {where}")
+    )
+
+
+def capsule(
+    body: str,
+    radius: Any,
+    length: Any,
+    axis: str | Sequence[float] = "x",
+    position: Sequence[Any] = ZERO,
+) -> Capsule:
+    """A capsule: a cylinder of `radius` and `length` (m) with half spheres on its ends.
+
+    `position` is its middle and `axis` its direction, in the body's frame.
+    """
+    where = f"capsule shape of body {part_name(body, 'the body of a shape')!r}"
+    return Capsule(
+        body,
+        vector(position, f"position of {where}"),
+        unit_vector(axis, f"axis of {where}"),
+        positive(radius, f"radius of {where}"),
+        positive(length, f"length of {where}"),
+    )
+
+
+def box(
+    body: str, size: Sequence[Any], position: Sequence[Any] = ZERO, rotation: Any = None
+) -> Box:
+    """A box with edges `size` (m), its middle at `position`, turned by `rotation` in the body's frame."""
+    where = f"box shape of body {part_name(body, 'the body of a shape')!r}"
+    a, b, c = (
+        positive(s, f"size of {where}, component {x}")
+        for s, x in zip(vector(size, f"size of {where}"), "xyz")
+    )
+    return Box(
+        body,
+        vector(position, f"position of {where}"),
+        rotation_matrix(rotation, f"rotation of {where}"),
+        (a, b, c),
+    )
+
+
+def half_space(
+    body: str = "ground", normal: str | Sequence[float] = "z", position: Sequence[Any] = ZERO
+) -> HalfSpace:
+    """The plane through `position` and all that is behind it; `normal` points out of the matter.
+
+    On the ground it is a floor or a wall; on a body that moves, a moving plane.
+    """
+    where = f"half-space of body {part_name(body, 'the body of a shape')!r}"
+    return HalfSpace(
+        body, vector(position, f"position of {where}"), unit_vector(normal, f"normal of {where}")
+    )
+
+
+def check_pair(first: Shape, second: Shape, where: str) -> None:
+    """InputError for two shapes between which no contact is defined."""
+    for shape in (first, second):
+        if not isinstance(shape, Shape):
+            raise InputError(
+                f"{where}: expected a shape such as deltac.shapes.sphere('ball', 0.1), found {shape!r}"
+            )
+    if first.body == second.body:
+        raise InputError(
+            f"{where}: both shapes belong to {first.body!r}, so they cannot move against each other"
+        )
+    if isinstance(first, HalfSpace) and isinstance(second, HalfSpace):
+        raise InputError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
+    if _is_point(first) and _is_point(second):
+        raise InputError(f"{where}: two points never touch; give one of them a radius")
+
+
+def check_shape(mechanism: Mechanism, shape: Shape, where: str) -> None:
+    """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
+    names = [GROUND, *(body.name for body in mechanism.bodies)]
+    if shape.body not in names:
+        raise InputError(
+            f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
+        )
+    of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"
+    for quantity in (*shape.position, *shape.sizes):
+        check_symbols(quantity, tuple(mechanism.parameters), of)
+    for size in shape.sizes:
+        require_positive(mechanism.number(size), f"a size of {of}", allow_zero=_is_point(shape))
+
+
+def _is_point(shape: Shape) -> bool:
+    return isinstance(shape, Sphere) and isinstance(shape.radius, float) and shape.radius == 0.0
+
+
+_WORDS = {Sphere: "sphere", Capsule: "capsule", Box: "box", HalfSpace: "half-space"}

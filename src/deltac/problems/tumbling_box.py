@@ -1,0 +1,93 @@
+"""A box that tumbles onto a plane and comes to rest by compliant contact with friction."""
+
+from __future__ import annotations
+
+import math
+
+from deltac.mechanism import Mechanism, box, contact, free, friction_law, shapes
+from deltac.problems.measures import energy, instant, kinetic
+from deltac.problems.problem import Problem, Reference
+from deltac.trajectories import Trajectory
+
+MASS, SIZE, GRAVITY = 1.0, (0.3, 0.2, 0.1), 9.81
+HEIGHT, VELOCITY, SPIN = 0.5, 1.0, (3.0, 6.0, 1.0)
+AXIS, ANGLE = (1.0, 2.0, 0.5), 0.7
+STIFFNESS = 5e4
+DURATION = 2.0
+
+
+def problem() -> Problem:
+    """Thrown from 0.5 m, it falls on an edge, turns over and comes to lie on its largest face."""
+    mechanism = Mechanism(
+        bodies=[box("box", MASS, SIZE)],
+        joints=[free("base", "box")],
+        forces=[
+            contact(
+                "floor",
+                shapes.box("box", SIZE),
+                shapes.half_space(),
+                STIFFNESS,
+                dissipation=2.0,
+                friction=friction_law(0.4, width=0.02),
+            )
+        ],
+        gravity=(0, 0, -GRAVITY),
+        name="tumbling box",
+    )
+    length = math.hypot(*AXIS)
+    turned = [math.sin(ANGLE / 2) * a / length for a in AXIS]
+    state = mechanism.state(
+        {"base": [0, 0, HEIGHT, math.cos(ANGLE / 2), *turned]},
+        {"base": [VELOCITY, 0, 0, *SPIN]},
+    )
+    # At last the weight rests on four corners of the largest face.
+    sunk = MASS * GRAVITY / (4 * STIFFNESS)
+    rest = SIZE[2] / 2 - sunk
+    a, b, c = SIZE
+    inertia = [
+        MASS * (b * b + c * c) / 12,
+        MASS * (a * a + c * c) / 12,
+        MASS * (a * a + b * b) / 12,
+    ]
+    start = 0.5 * MASS * VELOCITY**2 + 0.5 * sum(I * w**2 for I, w in zip(inertia, SPIN))
+    lost = start + MASS * GRAVITY * (HEIGHT - rest) - 4 * 0.5 * STIFFNESS * sunk**2
+
+    def dissipated(run: Trajectory) -> float:
+        values = energy(mechanism)(run)
+        return float(values[0] - values[-1])
+
+    return Problem(
+        name="tumbling-box",
+        title="Box that tumbles to rest on a plane",
+        mechanism=mechanism,
+        state=state,
+        duration=DURATION,
+        step=1e-3,
+        solver="DOP853",
+        tolerance=1e-11,
+        source="Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, at eight corners, with friction; "
+        "at rest: weight on four springs",
+        classification="holonomic, scleronomic, with unilateral contact and friction",
+        reference=(
+            instant(
+                "height",
+                DURATION,
+                lambda run: run.coordinate("base.z"),
+                rest,
+                "m",
+                "exact",
+                1e-9,
+            ),
+            instant("kinetic energy", DURATION, kinetic(mechanism), 0.0, "J", "exact", 1e-12),
+            Reference(
+                quantity="energy lost until it lies still",
+                value=lost,
+                unit="J",
+                kind="exact",
+                accuracy=1e-8,
+                measure=dissipated,
+            ),
+        ),
+        notes="What is lost is heat of 'contact floor' and 'friction floor'; what remains bent is in the "
+        "potential 'spring floor'.",
+    )

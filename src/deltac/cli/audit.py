@@ -52,7 +52,9 @@ def command(
     from deltac.diagnosis import audit
 
     if figure is not None:
-        _check_folder(figure)
+        from deltac.report import check_figure
+
+        check_figure(figure)
     found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
@@ -107,16 +109,6 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
         factor = "" if r.factor == 1.0 and not r.offset else number(r.factor, digits=6)
         table.add_row(r.column, r.meaning or "–", r.unit, factor, r.note)
     print_table(table)
-
-
-def _check_folder(figure: Path) -> None:
-    """Refuse before the work what would fail after it."""
-    from deltac.errors import InputError
-
-    if figure.suffix.lower() != ".png":
-        raise InputError(f"{figure}: figures are written as .png; name it so")
-    if not figure.parent.is_dir():
-        raise InputError(f"{figure}: the folder {figure.parent} does not exist; create it first")
 
 
 def _draw(found: Audit, title: str, path: Path) -> None:

@@ -1,10 +1,22 @@
-"""What a motion's energy balance means: verdicts, findings, audits of logs."""
+"""What a motion's energy balance means: verdicts, findings, audits of logs, studies over steps."""
 
 from __future__ import annotations
 
 from deltac.diagnosis.audit import Audit, audit
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import load_model
+from deltac.diagnosis.study import Study, study
+from deltac.diagnosis.study_convergence import Convergence, observed_order
 from deltac.diagnosis.verdict import Verdict
 
-__all__ = ["Audit", "Finding", "Verdict", "audit", "load_model"]
+__all__ = [
+    "Audit",
+    "Convergence",
+    "Finding",
+    "Study",
+    "Verdict",
+    "audit",
+    "load_model",
+    "observed_order",
+    "study",
+]

@@ -73,6 +73,14 @@ def _named(text: str) -> Model:
     )
 
 
+def load_callable(text: str) -> Any:
+    """The function, or object, that ``FILE.py:NAME`` means; InputError if there is none."""
+    file, colon, name = text.rpartition(":")
+    if not (colon and file.endswith(".py")):
+        raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
+    return _callable(Path(file), name)
+
+
 def _imported(source: Any) -> Model:
     from deltac.importers import read_mechanism
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from deltac.diagnosis.audit import Audit, audit
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import load_model
-from deltac.diagnosis.study import Study, study
-from deltac.diagnosis.study_convergence import Convergence, observed_order
+from deltac.diagnosis.study import Convergence, Study, observed_order, study
 from deltac.diagnosis.verdict import Verdict
 
 __all__ = [

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.diagnosis.study_convergence import Convergence, order_text
+from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.report.figures import COLOURS, POINTS, _figure, styled
 
 if TYPE_CHECKING:

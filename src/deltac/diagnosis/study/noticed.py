@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.findings import Finding, percent
-from deltac.diagnosis.study_convergence import Convergence, order_text
-from deltac.diagnosis.study_curves import FEWEST, SAME, Comparison, growth
-from deltac.diagnosis.study_rules import BELOW
-from deltac.diagnosis.study_runs import StudyRun
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
+from deltac.diagnosis.study.rules import BELOW
+from deltac.diagnosis.study.runs import StudyRun
 from deltac.energy import Ledger
 from deltac.trajectories import Trajectory
 

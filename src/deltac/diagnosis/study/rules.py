@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.judgement import BEYOND, DOMINATES, IDLE, NOTHING
-from deltac.diagnosis.study_convergence import Convergence, order_text
-from deltac.diagnosis.study_residuals import Residuals
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.residuals import Residuals
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 
 BELOW = 0.35

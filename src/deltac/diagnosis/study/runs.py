@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.logs import Log, held_between_rows, read_log
 from deltac.diagnosis.resolution import EPS, resolution
-from deltac.diagnosis.study_curves import scaled_start
+from deltac.diagnosis.study.curves import scaled_start
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism

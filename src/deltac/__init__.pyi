@@ -4,10 +4,14 @@ from deltac import problems as problems
 from deltac import testing as testing
 from deltac.diagnosis import Advice as Advice
 from deltac.diagnosis import Audit as Audit
+from deltac.diagnosis import Convergence as Convergence
 from deltac.diagnosis import Finding as Finding
+from deltac.diagnosis import Study as Study
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
+from deltac.diagnosis import observed_order as observed_order
 from deltac.diagnosis import recommend as recommend
+from deltac.diagnosis import study as study
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
@@ -70,6 +74,7 @@ from deltac.mechanism.laws import q as q
 from deltac.mechanism.laws import time as time
 from deltac.mechanism.laws import u as u
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
+from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
 from deltac.recorders import run_mujoco as run_mujoco

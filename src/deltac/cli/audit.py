@@ -9,7 +9,6 @@ import typer
 
 from deltac.cli.output import (
     Json,
-    check_figure,
     new_table,
     number,
     print_json,
@@ -60,6 +59,8 @@ def command(
     from deltac.diagnosis import audit
 
     if figure is not None:
+        from deltac.report import check_figure
+
         check_figure(figure)
     found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
     if figure is not None:

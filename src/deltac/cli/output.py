@@ -8,7 +8,6 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
@@ -62,16 +61,6 @@ def number(value: float, unit: str = "", digits: int = 4) -> str:
 def print_text(text: str) -> None:
     """Print a paragraph, wrapped."""
     print(textwrap.fill(text, WIDTH, subsequent_indent="    "))
-
-
-def check_figure(path: Path) -> None:
-    """Refuse before the work a figure that could not be written after it."""
-    from deltac.errors import InputError
-
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: figures are written as .png; name it so")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
 
 
 @contextmanager

@@ -10,7 +10,6 @@ import typer
 
 from deltac.cli.output import (
     Json,
-    check_figure,
     new_table,
     number,
     print_json,
@@ -63,6 +62,8 @@ def command(
     from deltac.diagnosis.recommendation import recommend
 
     if figure is not None:
+        from deltac.report import check_figure
+
         check_figure(figure)
     chosen = None
     if solvers is not None:

@@ -150,6 +150,7 @@ def _own(
 def _mujoco(
     source: Any, state: State, duration: float, integrator: str, control: Control | None
 ) -> Family:
+    from deltac.recorders.mujoco_recorder import integrator_names
     from deltac.recorders.mujoco_simulator import ORDERS, mujoco_simulator
 
     if integrator.lower() not in ORDERS:
@@ -166,7 +167,7 @@ def _mujoco(
 
         model = copy.copy(recorded.model)
         model.opt.timestep = step
-        model.opt.integrator = recorded.number
+        model.opt.integrator = integrator_names()[recorded.integrator]
         data = mujoco.MjData(model)
         mujoco.mj_copyData(data, model, recorded.data)
         for _ in range(round(duration / step)):

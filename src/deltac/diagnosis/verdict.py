@@ -11,7 +11,7 @@ from deltac.diagnosis.findings import Finding
 Kind = Literal["consistent", "integration-error", "equation-error", "unresolved"]
 Confidence = Literal["high", "medium", "low"]
 
-MEANINGS: dict[str, str] = {
+MEANINGS: dict[Kind, str] = {
     "consistent": "The energy balance holds: motion, model and logged forces belong together.",
     "integration-error": "The equations hold at the samples, but energy is not kept: the step or the "
     "integrator is to blame, not the model.",
@@ -19,6 +19,7 @@ MEANINGS: dict[str, str] = {
     "channel is to blame, not the integrator.",
     "unresolved": "The log does not tell.",
 }
+"""What each kind means of a log; other tests say it in words of their own."""
 
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as one wrong mass used in both",
@@ -38,6 +39,7 @@ class Verdict:
     evidence    the numbers it rests on, a sentence each
     findings    what was noticed, causes first
     limits      what the test cannot see
+    meaning     what it comes to, in a sentence; by default what the kind means of a log
     """
 
     kind: Kind
@@ -45,10 +47,13 @@ class Verdict:
     evidence: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
     limits: tuple[str, ...] = LIMITS
+    meaning: str = ""
 
     def explain(self, width: int = 96) -> str:
         """The verdict in words, with evidence, findings and limits, a paragraph each."""
-        lines = [f"{self.kind} (confidence {self.confidence}). {MEANINGS[self.kind]}"]
+        lines = [
+            f"{self.kind} (confidence {self.confidence}). {self.meaning or MEANINGS[self.kind]}"
+        ]
         lines += [f"- {sentence}." for sentence in self.evidence]
         for heading, weights in (("Cause", ("cause",)), ("Doubt", ("doubt",)), ("Note", ("note",))):
             lines += [f"{heading}: {f}." for f in self.findings if f.weight in weights]

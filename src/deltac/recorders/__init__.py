@@ -10,12 +10,15 @@ from deltac.recorders.mujoco_recorder import (
     record_mujoco,
     run_mujoco,
 )
+from deltac.recorders.mujoco_simulator import MujocoSimulator, mujoco_simulator
 
 __all__ = [
     "ExudynRecorder",
     "MujocoRecorder",
+    "MujocoSimulator",
     "TrajectoryBuilder",
     "integrator_names",
+    "mujoco_simulator",
     "record_exudyn",
     "record_mujoco",
     "run_mujoco",

@@ -343,7 +343,7 @@ def run_mujoco(
         InputError: MuJoCo is missing, an argument is unusable, or the forces do not add up.
     """
     mujoco = simulator("mujoco", "mujoco")
-    own = copy.copy(_compiled(model))
+    own = copy.copy(compiled_model(model))
     if step is not None:
         own.opt.timestep = _positive("step", step)
     if integrator is not None:
@@ -381,7 +381,8 @@ def run_mujoco(
     return recorder.trajectory()
 
 
-def _compiled(model: Model | str | Path) -> Model:
+def compiled_model(model: Model | str | Path) -> Model:
+    """The mjModel that a model, a spec or a file means; InputError for none."""
     mujoco = simulator("mujoco", "mujoco")
     if isinstance(model, mujoco.MjModel):
         return model

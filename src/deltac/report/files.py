@@ -27,6 +27,14 @@ def output_folder(path: Path) -> Path:
     return path
 
 
+def check_figure(path: Path) -> None:
+    """InputError, before the work is done, for a path that a figure could not be written to."""
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: figures are written as .png; name it so")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+
+
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
     from deltac.report.figures import styled

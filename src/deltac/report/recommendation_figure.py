@@ -48,7 +48,9 @@ def _scatter(panel: Axes, advice: Advice, what: str, tolerance: float) -> None:
         )
     if math.isfinite(tolerance):
         dashed = (0, (5, 2))
-        panel.axhline(tolerance, color="#009e73", linewidth=1.0, linestyle=dashed, label="asked for")
+        panel.axhline(
+            tolerance, color="#009e73", linewidth=1.0, linestyle=dashed, label="asked for"
+        )
     if advice.best is not None and _drawn(advice.best, what):
         panel.plot(
             advice.best.seconds,

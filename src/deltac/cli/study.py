@@ -1,0 +1,144 @@
+"""`deltac study`: the same motion at several steps: the integrator's error, or the equations'?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltac.cli.output import Json, new_table, number, print_json, print_table, progress_bar
+
+if TYPE_CHECKING:
+    from deltac.diagnosis import Study
+    from deltac.simulation import Equations
+
+
+def command(
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+        ),
+    ],
+    steps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,C", help="Steps (s), three or more; each half of the one before."
+        ),
+    ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (MODEL then a file)."),
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="How long the motion lasts (s).")] = None,
+    tolerances: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,C", help="In place of steps, for adaptive solvers (DOP853 …)."),
+    ] = None,
+    equations: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py:FUNCTION", help="Equations of motion by hand: u̇ = FUNCTION(t, q, u)."
+        ),
+    ] = None,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="LOG", help="A log of the motion at one step; repeat for each step."),
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Column names and units of the logs (TOML).")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+    ] = 1e-6,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Study a motion at several steps: how fast the energy error falls, and whose error it is.
+
+    Exit status 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
+    cannot be told.
+    """
+    from deltac.diagnosis import study
+    from deltac.report import check_figure
+
+    if figure is not None:
+        check_figure(figure)
+    with progress_bar() as progress:
+        found = study(
+            model,
+            duration=duration,
+            steps=_numbers(steps, "--steps"),
+            solver=solver or "",
+            equations=None if equations is None else _equations(equations),
+            tolerances=_numbers(tolerances, "--tolerances"),
+            logs=logs or (),
+            mapping=mapping,
+            tolerance=tolerance,
+            progress=progress,
+        )
+    if figure is not None:
+        _draw(found, figure)
+    if as_json:
+        print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
+    else:
+        _print(found, figure)
+    raise typer.Exit(found.status)
+
+
+def _numbers(text: str | None, option: str) -> tuple[float, ...]:
+    from deltac.errors import InputError
+
+    if text is None:
+        return ()
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"{option} {text!r}: expected numbers with commas between them, such as 1e-2,5e-3,2.5e-3"
+        ) from None
+
+
+def _equations(text: str) -> Equations:
+    """What FILE.py:FUNCTION means: Equations, or the function u̇ = f(t, q, u) itself."""
+    from deltac.diagnosis.models import load_callable
+    from deltac.simulation import Equations
+
+    found: Any = load_callable(text)
+    return found if isinstance(found, Equations) else Equations(found, name=text)
+
+
+def _print(found: Study, figure: Path | None) -> None:
+    table = new_table()
+    adaptive = not found.measures.unit
+    table.add_column("tolerance" if adaptive else "step (s)", no_wrap=True)
+    names = [n for n in found.observed_order if n != "state"]
+    for name in names:
+        table.add_column(f"|ΔC| {name} (J)", justify="right")
+    table.add_column("state, to the next", justify="right")
+    for row in found.rows():
+        if row["failure"]:
+            table.add_row(number(row["step"]), "no run", *("" for _ in names))
+            continue
+        sizes = [number(row["delta_c"][n], digits=3) if n in row["delta_c"] else "" for n in names]
+        difference = row["state_difference"]
+        table.add_row(
+            number(row["step"]), *sizes, "" if difference is None else number(difference, digits=3)
+        )
+    table.add_section()
+    state = found.observed_order["state"]
+    table.add_row("", *(str(found.observed_order[n]) for n in names), str(state))
+    print_table(table)
+    typer.echo("")
+    typer.echo(found.verdict.explain())
+    if figure is not None:
+        typer.echo(f"figure: {figure}")
+
+
+def _draw(found: Study, path: Path) -> None:
+    from deltac.report import study_figure, write_figure
+
+    write_figure(study_figure(f"{found.mechanism.name}: {found.solver}", found), path)

@@ -1,0 +1,161 @@
+"""Runs of one motion at several steps, side by side: common times, state differences, the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+Rows: TypeAlias = NDArray[np.intp]
+
+SAME = 1e-9
+"""Times that differ by less than this share of the duration are the same."""
+
+PARTED = 0.1
+"""Scaled difference of two motions from which on they are two motions."""
+
+FEWEST = 8
+"""Common times below which curves are not compared over time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The same motion in n runs at their T common times.
+
+    Attributes:
+        t: common times (T,).
+        rows: of each run, which rows these are.
+        states: scaled coordinates and speeds (n, T, m): of one unit and kind, the largest range is 1.
+        horizon: the time up to which runs with successive steps stay together.
+        together: for each pair of successive runs, the time up to which they do.
+    """
+
+    t: Array
+    rows: tuple[Rows, ...]
+    states: Array
+    horizon: float
+    together: tuple[float, ...]
+
+    @property
+    def within(self) -> int:
+        """How many of the common times lie within the horizon."""
+        return int(np.searchsorted(self.t, self.horizon, "right"))
+
+    def sampled(self, curves: Sequence[Array]) -> Array:
+        """Curves of each run at the common times (n, T)."""
+        return np.array([curve[rows] for curve, rows in zip(curves, self.rows)])
+
+
+def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Comparison:
+    """Put runs side by side, coarsest step first; the horizon is that of the three finest."""
+    t, rows = common_times([run.t for run in runs])
+    states = _scaled(mechanism, runs, rows)
+    together = []
+    for a, b in zip(states, states[1:]):
+        apart = np.sqrt(np.mean((a - b) ** 2, axis=1)) > PARTED
+        k = int(np.argmax(apart)) if apart.any() else len(t)
+        together.append(float(t[k - 1]) if 0 < k <= len(t) else float(t[0]))
+    horizon = min(together[-2:], default=float(t[-1]))
+    return Comparison(t, tuple(rows), states, horizon, tuple(together))
+
+
+def common_times(times: Sequence[Array]) -> tuple[Array, list[Rows]]:
+    """Times that all runs have a row for, and those rows."""
+    fewest = min(times, key=len)
+    allowed = SAME * max(float(np.ptp(t)) for t in times)
+    shared = np.ones(len(fewest), dtype=np.bool_)
+    for t in times:
+        shared &= np.abs(t[nearest(t, fewest)] - fewest) <= allowed
+    wanted = fewest[shared]
+    return wanted, [nearest(t, wanted) for t in times]
+
+
+def nearest(t: Array, wanted: Array) -> Rows:
+    """The rows whose times are nearest."""
+    right = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
+    if len(t) == 1:
+        return np.zeros(len(wanted), dtype=np.intp)
+    left = right - 1
+    return np.where(wanted - t[left] <= t[right] - wanted, left, right).astype(np.intp)
+
+
+def scaled_start(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Array:
+    """Scaled states of the first rows (n, m)."""
+    rows = [np.zeros(1, dtype=np.intp) for _ in runs]
+    return _scaled(mechanism, runs, rows)[:, 0]
+
+
+def _scaled(mechanism: Mechanism, runs: Sequence[Trajectory], rows: Sequence[Rows]) -> Array:
+    finest = runs[-1]
+    q_scale = _scales(finest.q, [c.unit for c in mechanism.coordinates])
+    u_scale = _scales(finest.u, [c.unit for c in mechanism.speeds])
+    states = []
+    for run, at in zip(runs, rows):
+        q = _one_sided(mechanism, np.array(run.q[at]), finest.q[rows[-1]])
+        states.append(np.concatenate([q / q_scale, run.u[at] / u_scale], axis=1))
+    return np.array(states)
+
+
+def _scales(values: Array, units: Sequence[str]) -> Array:
+    """For each column the largest range of a column of its unit (of rotations: 1)."""
+    ranges = np.ptp(values, axis=0) if len(values) else np.zeros(len(units))
+    scale = np.ones(len(units))
+    for unit in set(units) - {"1"}:
+        same = np.array([u == unit for u in units])
+        largest = float(ranges[same].max(initial=0.0))
+        scale[same] = largest if largest > 0.0 else max(float(np.abs(values[:, same]).max()), 1.0)
+    return scale
+
+
+def _one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
+    """Coordinates, each quaternion on the side of the reference's: q and −q are one rotation."""
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is None:
+            continue
+        start = mechanism.coordinates.of(joint.name).start + offset
+        place = slice(start, start + 4)
+        other = np.einsum("ij,ij->i", q[:, place], reference[:, place]) < 0.0
+        q[other, place] *= -1.0
+    return q
+
+
+def growth(t: Array, curve: Array) -> str:
+    """How the running maximum of |curve| grows: "bounded", "linear", "exponential", or "" for neither.
+
+    Bounded: the second half adds next to nothing to the first. Exponential: the logarithm is a straight
+    line in time over at least two decades. Linear: a straight line through the start.
+    """
+    peak = np.maximum.accumulate(np.abs(curve))
+    if len(t) < 16 or peak[-1] <= 0.0:
+        return ""
+    half = int(np.searchsorted(t, 0.5 * (t[0] + t[-1])))
+    if peak[-1] <= 1.1 * peak[half]:
+        return "bounded"
+    later = slice(max(1, len(t) // 10), None)
+    elapsed, size = (t - t[0])[later], peak[later]
+    if size[0] <= 0.0:
+        return ""
+    power = _straightness(np.log(elapsed), np.log(size))
+    exponential = _straightness(elapsed, np.log(size))
+    if size[-1] > 100.0 * size[0] and exponential[1] > max(0.97, power[1]):
+        return "exponential"
+    if 0.7 <= power[0] <= 1.3 and power[1] > 0.9:
+        return "linear"
+    return ""
+
+
+def _straightness(x: Array, y: Array) -> tuple[float, float]:
+    """Slope, and the coefficient of determination, of the line through (x, y)."""
+    slope, offset = np.polyfit(x, y, 1)
+    spread = float(np.var(y))
+    left = float(np.var(y - slope * x - offset))
+    return float(slope), 1.0 - left / spread if spread > 0.0 else 1.0

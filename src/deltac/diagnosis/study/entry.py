@@ -1,0 +1,248 @@
+"""`study`: the same motion at several steps: integration error or wrong equations?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.models import Model, load_model
+from deltac.diagnosis.study.measuring import studied
+from deltac.diagnosis.study.result import Study
+from deltac.diagnosis.study.runs import (
+    Progress,
+    Simulator,
+    StudyRun,
+    checked_steps,
+    logged,
+    simulated,
+)
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.recorders import MujocoSimulator, mujoco_simulator
+from deltac.simulation import Controller, Equations, simulate
+from deltac.simulation.flow import Stabilisation
+from deltac.simulation.solvers import find_solver
+from deltac.trajectories import Trajectory
+
+TOLERANCE = 1e-6
+"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+
+MUJOCO = "mujoco:"
+
+SAMPLES = 200
+"""Rows of a run of an adaptive solver, at the same times for every tolerance."""
+
+
+def study(
+    model: Any,
+    state: State | Any = None,
+    duration: float | None = None,
+    steps: Sequence[float] = (),
+    solver: str = "",
+    equations: Equations | Callable[..., Any] | None = None,
+    testing: Sequence[str] = ("wang", "liu-huston"),
+    *,
+    simulator: Simulator | None = None,
+    logs: Sequence[Any] = (),
+    tolerances: Sequence[float] = (),
+    tolerance: float = TOLERANCE,
+    order: int | None = None,
+    controller: Controller | None = None,
+    control: Callable[[Any, Any], object] | None = None,
+    stabilisation: Stabilisation = "projection",
+    mapping: Any = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Study a motion at several steps, and say whether its error is the integrator's or the equations'.
+
+    Args:
+        model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
+            mujoco.MjModel or MjSpec, or ``file.py:callable``.
+        state: where the motion starts; for a Problem its own by default, else at zero and at rest. With
+            MuJoCo an mjData will do.
+        duration: s; for a Problem its own by default.
+        steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by default.
+        solver: a name of `solver_names()` ("ode5" by default), or "mujoco:" and an integrator's name.
+        equations: hand-written equations of motion in place of the mechanism's own, or their function.
+        testing: testing functions that are integrated in the loop.
+        simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
+        logs: logs of the same motion at several steps, in place of simulating it; paths or Trajectories.
+        tolerances: in place of steps, for adaptive solvers.
+        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        order: the nominal order of `simulator`, if it has one.
+        controller: sets the motors that have no law; for MuJoCo give `control`.
+        control: called as control(model, data) before each step of MuJoCo.
+        stabilisation: as for `simulate`.
+        mapping: path of a mapping file, for `logs` whose columns have other names or units.
+        progress: called with the fraction done and what is being done.
+
+    Returns:
+        The study: verdict, observed orders, findings, runs.
+
+    Raises:
+        InputError: the arguments are unusable, or no run at all came about.
+    """
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
+    if equations is not None and not isinstance(equations, Equations):
+        equations = Equations(equations)
+    findings: list[Finding] = []
+    own_solver = False
+    if logs:
+        if simulator is not None or steps or tolerances or solver:
+            raise InputError(
+                "logs= are runs already: leave out steps, tolerances, solver and simulator"
+            )
+        runs = logged(mechanism, logs, mapping)
+        solver, order = _of_logs(runs, order)
+    else:
+        if tolerances and steps:
+            raise InputError("give steps= or tolerances=, not both")
+        wanted = tolerances or steps or _default_steps(loaded)
+        values, findings = checked_steps(wanted, "tolerance" if tolerances else "step")
+        if simulator is None:
+            state = _start(loaded, state)
+            duration = _duration(loaded, duration)
+            solver = solver or ("DOP853" if tolerances else _default_solver(loaded))
+            if solver.startswith(MUJOCO):
+                if equations is not None or controller is not None:
+                    raise InputError(
+                        "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
+                        "are set by control=)"
+                    )
+                simulator = mujoco_simulator(
+                    model,
+                    duration,
+                    integrator=solver.removeprefix(MUJOCO),
+                    control=control,
+                    state=state,
+                )
+            else:
+                own_solver, order = True, find_solver(solver).order if order is None else order
+                simulator = _own(
+                    mechanism,
+                    state if state is not None else mechanism.state(),
+                    duration,
+                    solver,
+                    testing,
+                    equations,
+                    controller,
+                    stabilisation,
+                    adaptive=bool(tolerances),
+                )
+                order = None if tolerances else order
+        elif solver or equations is not None or controller is not None:
+            raise InputError(
+                "simulator= makes the runs by itself: leave out solver, equations and controller"
+            )
+        if isinstance(simulator, MujocoSimulator):
+            solver, order = simulator.solver, simulator.order if order is None else order
+        solver = solver or getattr(simulator, "__name__", type(simulator).__name__)
+        runs = simulated(mechanism, simulator, values, progress, trusted=own_solver)
+    _some(runs)
+    return studied(
+        loaded,
+        tuple(runs),
+        solver,
+        order,
+        equations,
+        findings,
+        float(tolerance),
+        own_solver=own_solver,
+        unit="" if tolerances else "s",
+    )
+
+
+# --- what is run ----------------------------------------------------------------------------------
+
+
+def _own(
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
+    solver: str,
+    testing: Sequence[str],
+    equations: Equations | None,
+    controller: Controller | None,
+    stabilisation: Stabilisation,
+    *,
+    adaptive: bool,
+) -> Simulator:
+    """One of our solvers as a function of its step, or of its tolerance."""
+    if not isinstance(state, State):
+        raise InputError(
+            f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
+        )
+    family = find_solver(solver).family
+    if adaptive and family == "fixed":
+        raise InputError(
+            f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
+        )
+    if not adaptive and family != "fixed":
+        raise InputError(
+            f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
+        )
+
+    def run(step: float) -> Trajectory:
+        return simulate(
+            mechanism,
+            state,
+            duration,
+            duration / SAMPLES if adaptive else step,
+            solver,
+            testing,
+            equations,
+            controller=controller,
+            tolerance=step if adaptive else None,
+            stabilisation=stabilisation,
+        )
+
+    return run
+
+
+def _default_steps(loaded: Model) -> tuple[float, ...]:
+    if loaded.problem is None:
+        raise InputError("give steps=, three or more, each half of the one before")
+    h = loaded.problem.step
+    return tuple(c * h for c in (4, 2, 1) if round(loaded.problem.duration / (c * h)) * c * h)
+
+
+def _default_solver(loaded: Model) -> str:
+    return loaded.problem.solver if loaded.problem is not None else "ode5"
+
+
+def _start(loaded: Model, state: State | Any) -> State | Any:
+    if state is not None or loaded.problem is None:
+        return state
+    return loaded.problem.state
+
+
+def _duration(loaded: Model, duration: float | None) -> float:
+    if duration is not None:
+        return float(duration)
+    if loaded.problem is None:
+        raise InputError("say how long the motion lasts: duration= in seconds")
+    return loaded.problem.duration
+
+
+def _of_logs(runs: Sequence[StudyRun], order: int | None) -> tuple[str, int | None]:
+    """Who made the logs, as they say themselves."""
+    known = [entry.run.provenance for entry in runs if entry.run is not None]
+    if not known:
+        return "logs", order
+    last = known[-1]
+    name = f"{last.simulator} {last.solver}" if last.solver else last.simulator
+    if order is None and last.simulator == "deltac" and last.solver:
+        order = find_solver(last.solver).order
+    return name, order
+
+
+def _some(runs: Sequence[StudyRun]) -> None:
+    """InputError unless there is a run to judge."""
+    if not any(entry.usable for entry in runs):
+        told = "; ".join(dict.fromkeys(entry.failure for entry in runs))
+        raise InputError(f"no step gave a run that can be judged: {told}")

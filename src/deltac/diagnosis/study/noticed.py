@@ -1,0 +1,218 @@
+"""What a study notices besides its verdict: one function a check, each returns its findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
+from deltac.diagnosis.study.rules import BELOW
+from deltac.diagnosis.study.runs import StudyRun
+from deltac.energy import Ledger
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+
+SYMPLECTIC = ("semi-implicit-euler",)
+"""Solvers whose energy error stays bounded while no force takes energy out."""
+
+JUMP = 10.0
+"""A change of speed so many times its neighbours' is a jump."""
+
+NOTICEABLE = 0.01
+"""Share of the largest speed that a jump must reach."""
+
+STILL = 1e-3
+"""Share of the turnover below which works that are no potential count as none."""
+
+
+def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:
+    """Few common times; runs of different length; a horizon before the end."""
+    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
+    ends = [end for _, end in spans]
+    span = max(end - start for start, end in spans)
+    if max(ends) - min(ends) > 1e-6 * span:
+        yield Finding(
+            "other-times",
+            "the runs do not cover the same time, and are compared where all of them have rows",
+            ", ".join(f"step {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
+            "Let all runs end at the same time",
+        )
+    if len(compared.t) < FEWEST:
+        yield Finding(
+            "few-common-times",
+            f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
+            f"rows that agree within {SAME:g} of the duration",
+            "Let the steps divide each other (0.01, 0.005, 0.0025), or sample all runs at the same times",
+        )
+    elif compared.horizon < compared.t[-1] - SAME * span:
+        fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
+        yield Finding(
+            "horizon",
+            f"the motions at steps {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
+            "converges is judged up to there",
+            "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
+            "chaotic motion, in which every error grows exponentially",
+            "Where smaller steps part hardly later, the motion is chaotic: no step predicts it for longer",
+        )
+
+
+def of_order(
+    state: Convergence, energy: Mapping[str, Convergence], nominal: int | None, solver: str
+) -> Iterator[Finding]:
+    """An observed order that is not the solver's own."""
+    if nominal is None:
+        return
+    if state.order is not None and state.trend == "tends to a limit":
+        error = state.order_error or 0.0
+        if state.order + error < nominal - BELOW:
+            yield Finding(
+                "order-below-nominal",
+                f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
+                f"by differences of the states at steps {_listed(state.steps)}",
+                "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
+                "over the step), or the start violates the constraints, or the solver has a mistake",
+            )
+    for name, found in energy.items():
+        if found.order is None or found.trend != "falls to zero":
+            continue
+        error = found.order_error or 0.0
+        if found.order - error > nominal + 1 + BELOW:
+            yield Finding(
+                "super-convergence",
+                f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than it must",
+                f"at steps {_listed(found.steps)}",
+                "Nothing is to be done; where errors cancel over a period, or forces are symmetric, the "
+                "energy is better than the motion",
+            )
+
+
+def of_growth(
+    run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
+) -> Iterator[Finding]:
+    """How ΔC grows in time; a drift where a symplectic method should have none."""
+    assert run.left_over is not None
+    curve = run.left_over[function]
+    if float(np.abs(curve).max()) <= 10.0 * floor:
+        return
+    how = growth(ledger.t, curve)
+    if not how:
+        return
+    meaning = {
+        "bounded": "longer runs will not be worse in energy; that is no accuracy of the motion",
+        "linear": "a run of twice the length will be twice as wrong in energy",
+        "exponential": "the method is unstable at this step, or the motion is",
+    }[how]
+    remedy = "Take a smaller step" if how == "exponential" else "Nothing is to be done"
+    yield Finding(
+        f"growth-{how}",
+        f"|ΔC| {'stays bounded' if how == 'bounded' else f'grows {how}ly in time'} at the finest step",
+        meaning,
+        remedy,
+    )
+    flowing = sum(
+        float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
+    )
+    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.turnover:
+        yield Finding(
+            "symplectic-drift",
+            f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
+            f"it grows {how}ly" if how != "linear" else "it grows linearly",
+            "Kinetic energies that depend on the coordinates, and large steps, spoil the property: take a "
+            "smaller step, or a method of higher order",
+        )
+
+
+def of_corrections(
+    runs: Sequence[StudyRun], function: str, turnover: float, allowed: float
+) -> Iterator[Finding]:
+    """A run that was stabilised: its ΔC by itself is blind, the work of corrections is the error."""
+    finest = runs[-1]
+    assert finest.ledger is not None and finest.left_over is not None
+    delta_c = float(np.abs(finest.ledger.delta_c[function]).max())
+    for name, work in finest.ledger.work.items():
+        if not name.startswith("correction "):
+            continue
+        size = float(np.abs(work - work[0]).max())
+        if size <= max(allowed, delta_c):
+            continue
+        yield Finding(
+            "stabilised",
+            f"the run is corrected as it goes ({name}), so ΔC by itself is blind",
+            f"corrections did {size:.2g} J of work, {percent(size / turnover)} of the turnover; ΔC without "
+            f"them is {delta_c:.2g} J",
+            "Their work is counted as error here; watch that channel",
+            element=name,
+        )
+
+
+def of_constraints(runs: Sequence[StudyRun], tolerance: float) -> Iterator[Finding]:
+    """Constraints or quaternions that are violated though energy is kept."""
+    finest = runs[-1]
+    assert finest.ledger is not None and finest.run is not None
+    for name, values in finest.ledger.violation.items():
+        what, _, element = name.partition(" ")
+        column = finest.run.u if what in ("velocity", "speed") else finest.run.q
+        span = float(np.ptp(column, axis=0).max(initial=0.0))
+        worst = float(values.max(initial=0.0))
+        if worst <= max(1e-6, tolerance * span):
+            continue
+        sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
+        falls = len(sizes) > 1 and sizes[-1] < 0.8 * sizes[-2]
+        yield Finding(
+            "constraint-violation",
+            f"{what} {element!r} is violated, whatever energy says"
+            + ("; less so at smaller steps" if falls else ", at every step alike"),
+            f"by up to {', '.join(f'{s:.2g}' for s in sizes)}",
+            "Use a projection, or a smaller step"
+            if falls
+            else "Check the constraint's geometry, and where the motion starts",
+            element=element,
+        )
+
+
+def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator[Finding]:
+    """Momentum balances that do not close, however small the step."""
+    for name, found in momentum.items():
+        if found.trend == "tends to a limit":
+            yield Finding(
+                "momentum",
+                f"the balance of {name} does not close: it is off by {found.limit:.3g}, however small "
+                "the step",
+                f"± {found.limit_error:.1g}",
+                "A force or a gyroscopic term is wrong or missing; energy sees it only if it does work",
+                element=name,
+            )
+
+
+def of_jumps(run: Trajectory) -> Iterator[Finding]:
+    """Speeds that jump between two rows, as in an impact that no channel holds."""
+    if len(run) < 5 or any(n.partition(" ")[0] in ("impact", "contact") for n in run.forces):
+        return
+    change = np.abs(np.diff(run.u, axis=0))
+    top = np.abs(run.u).max(axis=0)
+    around = np.maximum(change[:-2], change[2:])
+    # A constant speed that begins to change is no jump: compare with the changes that are usual.
+    usual = np.median(change, axis=0)
+    sudden = (change[1:-1] > JUMP * np.maximum(around, usual)) & (
+        change[1:-1] > NOTICEABLE * np.maximum(top, np.finfo(np.float64).tiny)
+    )
+    if not sudden.any():
+        return
+    row, k = np.argwhere(sudden)[0]
+    yield Finding(
+        "impacts",
+        "speeds jump between rows, as in impacts",
+        f"{int(sudden.any(axis=1).sum())} times, first {run.speeds[k]!r} at t = {run.t[row + 1]:.4g} s",
+        "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
+        element=run.speeds[k],
+    )
+
+
+def _listed(steps: Sequence[float]) -> str:
+    return ", ".join(f"{h:g}" for h in steps)

@@ -1,0 +1,282 @@
+"""From the measures of a study to its verdict: the rules, in the order in which they apply."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.judgement import BEYOND, DOMINATES, IDLE, NOTHING
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.residuals import Residuals
+from deltac.diagnosis.verdict import Confidence, Kind, Verdict
+
+BELOW = 0.35
+"""An observed order below the nominal one by more than this and its error is a finding."""
+
+LARGE_LIMIT = 1e-4
+"""Share of the turnover below which a limit of ΔC is not told from slow convergence without u̇."""
+
+LIMITS: tuple[str, ...] = (
+    "an error that the motion shares with the model, such as one wrong mass used in both",
+    "a wrong force that does no work, where the runs have no accelerations",
+    "inaccuracy of a method that keeps energy by construction: then see the order of the state",
+)
+
+BLOCKING = (
+    "impacts",
+    "few-common-times",
+    "assumed-zero",
+    "step-ignored",
+)
+"""Findings that explain why ΔC may stay at a value though the equations are right."""
+
+
+@dataclass(frozen=True)
+class StudyMeasures:
+    """Numbers (J) that the verdict of a study rests on.
+
+    steps      of the runs compared, coarsest first; `unit` is "s", or "" for tolerances
+    left       largest |ΔC| of each, corrections included; bars: what else than the motion explains of it
+    turnover   of the finest; scale: that and the energies themselves; kinetic: the largest K
+    energy     how ΔC converges; state: how the motion does; momentum: of each momentum balance
+    residuals  of the equations of motion at the runs' own states, if they have accelerations
+    trusted    the motion was made with the model's own dynamics, which are those of the test
+    nominal    order of the solver, if known
+    tolerance  accepted share of the turnover
+    quadrature the error bar comes of samples, and not of rounding alone
+    """
+
+    steps: tuple[float, ...]
+    left: tuple[float, ...]
+    bars: tuple[float, ...]
+    turnover: float
+    scale: float
+    kinetic: float
+    energy: Convergence
+    state: Convergence
+    momentum: dict[str, Convergence]
+    residuals: Residuals | None
+    trusted: bool
+    nominal: int | None
+    tolerance: float
+    quadrature: bool
+    unit: str = "s"
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def allowed(self) -> float:
+        """The energy error that is accepted, J."""
+        return self.tolerance * self.turnover
+
+    @property
+    def equations_right(self) -> bool:
+        """Whether the equations are known to be those of the model, whatever the integration did."""
+        return self.trusted or (self.residuals is not None and self.residuals.closes)
+
+    def has(self, *kinds: str) -> bool:
+        """Whether one of these was found."""
+        return any(f.kind in kinds for f in self.findings)
+
+
+def judge_study(m: StudyMeasures) -> Verdict:
+    """The verdict on a study.
+
+    What was misread cannot be judged. Then the equations of motion at the states speak: no integration
+    enters there. Then the finest ΔC against tolerance and error bar, and at last what ΔC tends to; that
+    is believed only where nothing else explains a limit.
+    """
+    base = tuple(sentence for sentence in (_energy(m), _state(m), _equations(m)) if sentence)
+
+    def verdict(kind: Kind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
+        return Verdict(kind, confidence, (*base, *more), m.findings, LIMITS, meaning)
+
+    def unresolved(why: str, *more: str) -> Verdict:
+        return verdict("unresolved", "high", f"Cannot say, because {why}.", *more)
+
+    left, bar = m.left[-1], m.bars[-1]
+    doubts = dict.fromkeys(f.what for f in m.findings if f.weight == "doubt")
+    if doubts:
+        return unresolved("; ".join(doubts))
+    if m.residuals is not None and m.residuals.stays and max(m.residuals.by_step) > m.tolerance:
+        return verdict("equation-error", "high", _wrong_equations(m))
+    idle = m.turnover <= max(NOTHING * m.scale, IDLE * left)
+    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic:
+        return verdict("consistent", _sure(m), _small(m, idle=True))
+    if m.turnover <= NOTHING * m.scale:
+        return unresolved("next to nothing moves: take a run in which energy flows")
+    if bar > m.allowed and left <= _decisive(m) * bar:
+        return unresolved(
+            f"the error bar of the work, {bar:.2g} J, is as large as what is left: log more often, or log "
+            "more digits"
+        )
+    astray = [n for n, c in m.momentum.items() if c.trend == "tends to a limit"]
+    if left <= m.allowed:
+        if astray and not m.equations_right and not m.has(*BLOCKING):
+            return verdict("equation-error", "medium", _wrong_momentum(m, astray))
+        return verdict("consistent", _sure(m), _small(m))
+    if m.has("impacts") and m.energy.trend != "falls to zero":
+        return unresolved(
+            "speeds jump between rows, as in impacts, and the work of an impact is not in the runs"
+        )
+    if m.energy.trend == "falls to zero":
+        confidence: Confidence = "high" if m.equations_right or len(m.steps) > 2 else "medium"
+        return verdict("integration-error", confidence, _falling(m))
+    if m.equations_right:
+        return verdict("integration-error", "medium", _coarse(m))
+    if _wrong_limit(m):
+        blocked = [f.what for f in m.findings if f.kind in BLOCKING]
+        if blocked:
+            return unresolved(f"ΔC tends to {m.energy.limit:.3g} J, but {blocked[0]}")
+        if m.residuals is not None:
+            return unresolved(
+                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion close the better the "
+                "smaller the step: something happens between the rows that they do not hold"
+            )
+        return verdict("equation-error", "medium", _wrong_equations(m))
+    return unresolved(_why(m), _advice(m))
+
+
+def _wrong_limit(m: StudyMeasures) -> bool:
+    """Whether ΔC tends to a limit that is not zero, and no floor of the data explains it."""
+    c = m.energy
+    return (
+        c.trend == "tends to a limit"
+        and c.limit > max(LARGE_LIMIT * m.turnover, m.allowed)
+        and c.limit > (BEYOND if m.quadrature else DOMINATES) * max(m.bars)
+        and _plausible(m)
+    )
+
+
+def _plausible(m: StudyMeasures) -> bool:
+    """Whether ΔC and the motion converge as a method does: else the limit may be one of chance."""
+    if m.state.trend == "at its floor":
+        return True
+    if m.state.order is None or m.state.trend != "tends to a limit":
+        return False
+    if m.nominal is None:
+        return m.state.order >= 0.7
+    return m.state.order >= m.nominal - 0.5
+
+
+def _decisive(m: StudyMeasures) -> float:
+    return BEYOND if m.quadrature else DOMINATES
+
+
+def _sure(m: StudyMeasures) -> Confidence:
+    return "high" if m.equations_right else "medium"
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def at_step(m: StudyMeasures, k: int = -1) -> str:
+    """How a step is named: "h = 0.001", or "tolerance 1e-08"."""
+    return f"h = {m.steps[k]:g} s" if m.unit else f"tolerance {m.steps[k]:g}"
+
+
+def _amount(m: StudyMeasures) -> str:
+    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.turnover:.3g} J turned over"
+
+
+def _falling(m: StudyMeasures) -> str:
+    order = "" if m.energy.order is None else f" at order {order_text(m.energy)}"
+    known = "" if m.energy.order is not None else " to the floor of rounding"
+    return f"The error is the integrator's; it falls{order or known}; {_amount(m)}."
+
+
+def _small(m: StudyMeasures, *, idle: bool = False) -> str:
+    if idle:
+        return (
+            f"The energy balance holds: |ΔC| is at most {m.left[-1]:.2g} J of a kinetic energy of "
+            f"{m.kinetic:.3g} J; hardly any energy is exchanged."
+        )
+    if m.energy.trend == "falls to zero" and m.energy.order is not None:
+        return f"The energy balance holds. {_falling(m)}"
+    return f"The energy balance holds: {_amount(m)}."
+
+
+def _coarse(m: StudyMeasures) -> str:
+    return (
+        f"The error is the integrator's: the equations are right, yet nothing converges at these steps; "
+        f"{_amount(m)}. Take smaller ones."
+    )
+
+
+def _wrong_equations(m: StudyMeasures) -> str:
+    limit = m.energy.limit
+    if m.energy.trend == "tends to a limit":
+        return (
+            f"The error does not go away with the step: it tends to {limit:.2g} J; the equations, the "
+            "forces or the model are wrong."
+        )
+    return (
+        "The motion does not obey the model's equations, at any step; the equations, the forces or the "
+        f"model are wrong. |ΔC|: {_amount(m)}."
+    )
+
+
+def _wrong_momentum(m: StudyMeasures, names: list[str]) -> str:
+    return (
+        f"Energy balances, but {' and '.join(names)} does not, however small the step: a force that does "
+        "no work is wrong or missing."
+    )
+
+
+def _energy(m: StudyMeasures) -> str:
+    sizes = ", ".join(f"{x:.2g}" for x in m.left)
+    share = m.left[-1] / m.turnover if m.turnover > 0.0 else 0.0
+    text = (
+        f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
+        f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(share)} of "
+        f"{m.turnover:.3g} J turned over, accepted are {100 * m.tolerance:g} %"
+    )
+    if m.energy.order is not None and m.energy.trend != "tends to a limit":
+        text += f"; order {order_text(m.energy)}"
+    if m.energy.trend == "tends to a limit":
+        text += f"; limit {m.energy.limit:.3g} ± {m.energy.limit_error:.1g} J"
+    return text
+
+
+def _state(m: StudyMeasures) -> str:
+    nominal = "" if m.nominal is None else f" (the solver's own is {m.nominal})"
+    if m.state.order is not None:
+        return f"The motion converges at order {order_text(m.state)}{nominal}"
+    if m.state.trend == "at its floor":
+        return "The motions at all steps agree to rounding"
+    if m.state.trend == "one run":
+        return ""
+    return f"The motion does not converge at these steps{nominal}"
+
+
+def _equations(m: StudyMeasures) -> str:
+    if m.trusted:
+        return "The motion was made with the model's own dynamics"
+    if m.residuals is None:
+        return "The equations of motion were not tested at the samples: no measured accelerations"
+    if m.residuals.closes:
+        return "The equations of motion close at the samples: no mistake shows"
+    worst = percent(max(m.residuals.relative.max(initial=0.0), m.residuals.by_step[-1]))
+    how = (
+        "" if m.residuals.stays else f"; that falls with the step at order {m.residuals.order:.1f}"
+    )
+    return f"The equations of motion leave up to {worst} of their terms at the samples{how}"
+
+
+def _why(m: StudyMeasures) -> str:
+    if len(m.steps) < 3:
+        count = "one step was" if len(m.steps) == 1 else "two steps were"
+        return f"{count} studied: what ΔC tends to shows from three on"
+    if m.energy.trend == "tends to a limit":
+        return (
+            f"ΔC seems to tend to {m.energy.limit:.2g} J, but the motion itself does not converge as the "
+            "method should, so that may be chance"
+        )
+    return "ΔC neither falls nor tends to a limit at these steps"
+
+
+def _advice(m: StudyMeasures) -> str:
+    known = "" if m.residuals is not None else ", and log the accelerations u̇ of the same instants"
+    if m.unit:
+        smaller = [f"{m.steps[-1] / part:g}" for part in (2, 4, 8)]
+        return f"Study smaller steps, such as {smaller[0]}, {smaller[1]} and {smaller[2]} s{known}"
+    return f"Study tighter tolerances{known}"

@@ -1,0 +1,321 @@
+"""The runs of a study: made by a solver of ours, by a user's simulator, or read from logs."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.logs import Log, held_between_rows, read_log
+from deltac.diagnosis.resolution import EPS, resolution
+from deltac.diagnosis.study.curves import scaled_start
+from deltac.energy import Ledger, balance
+from deltac.errors import DeltacError, InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.simulation import SimulationStopped
+from deltac.trajectories import Trajectory, read_trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+Simulator: TypeAlias = Callable[[float], Trajectory]
+Progress: TypeAlias = Callable[[float, str], None]
+
+LEAST_ROWS = 3
+"""Rows that a run needs for a ledger."""
+
+REFINES = 1.1
+"""Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
+
+SAME_START = 1e-6
+"""Scaled difference of two starts from which on they are starts of two motions."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRun:
+    """One run of a study.
+
+    Attributes:
+        step: the step (s), or the tolerance of an adaptive solver.
+        run: the motion, in the model's order; `ledger` where its energy went.
+        left_over: ΔC of each testing function, with the work of corrections (T,), J.
+        bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
+            of a log, forces held between its rows (T,), J.
+        failure: why there is no run, or "".
+        findings: what was noticed of this run by itself.
+    """
+
+    step: float
+    run: Trajectory | None = None
+    ledger: Ledger | None = None
+    left_over: dict[str, Array] | None = None
+    bar: dict[str, Array] | None = None
+    failure: str = ""
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a run with a ledger."""
+        return self.ledger is not None
+
+
+def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...], list[Finding]]:
+    """Steps, coarsest first and each once; findings of what was mended. InputError for what is none."""
+    values: list[float] = []
+    for step in steps:
+        try:
+            number = float(step)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not (math.isfinite(number) and number > 0.0):
+            raise InputError(f"{what} is {step!r}; expected a positive, finite number")
+        values.append(number)
+    if not values:
+        raise InputError(f"no {what} was given; three, each half of the one before, tell most")
+    kept: list[float] = []
+    dropped: list[float] = []
+    for number in sorted(values, reverse=True):
+        close = kept and kept[-1] / number < REFINES
+        (dropped if close else kept).append(number)
+    if not dropped:
+        return tuple(kept), []
+    return tuple(kept), [
+        Finding(
+            "steps-do-not-refine",
+            f"{', '.join(f'{x:g}' for x in dropped)} hardly differs from the {what} before it and was left "
+            "out",
+            f"given: {', '.join(f'{x:g}' for x in values)}",
+            "Let each be half of the one before",
+        )
+    ]
+
+
+def simulated(
+    mechanism: Mechanism,
+    simulator: Simulator,
+    steps: Sequence[float],
+    progress: Progress | None,
+    *,
+    trusted: bool,
+) -> list[StudyRun]:
+    """One run for each step; what fails is kept as a failure. `trusted`: the simulator is our own."""
+    runs = []
+    for k, step in enumerate(steps):
+        if progress is not None:
+            progress(k / len(steps), f"step {step:g}")
+        runs.append(_simulated(mechanism, simulator, step, trusted=trusted))
+    if progress is not None:
+        progress(1.0, "")
+    return runs
+
+
+def logged(mechanism: Mechanism, logs: Sequence[Any], mapping: Any) -> list[StudyRun]:
+    """Logs of one motion at several steps, the coarsest first."""
+    runs = []
+    for source in logs:
+        if isinstance(source, str | Path):
+            run = read_trajectory(Path(source), mapping, mechanism)
+        elif isinstance(source, Trajectory):
+            run = source
+        else:
+            raise InputError(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+        runs.append(_balanced(mechanism, run, _step_of(run), trusted=False))
+    return sorted(runs, key=lambda r: -r.step)
+
+
+def _simulated(
+    mechanism: Mechanism, simulator: Simulator, step: float, *, trusted: bool
+) -> StudyRun:
+    stopped = ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SimulationStopped)
+            run = simulator(step)
+    except KeyboardInterrupt:
+        raise
+    except DeltacError as error:
+        return StudyRun(step, failure=str(error))
+    except Exception as error:  # a user's simulator may raise anything
+        if trusted:
+            raise
+        return StudyRun(step, failure=f"{type(error).__name__}: {error}")
+    if not isinstance(run, Trajectory):
+        return StudyRun(
+            step,
+            failure=f"the simulator returned {type(run).__name__}, expected a Trajectory "
+            "(deltac.TrajectoryBuilder makes one)",
+        )
+    if not run.provenance.completed:
+        stopped = run.provenance.message or "it stopped before its end"
+    made = _balanced(mechanism, run, step, trusted=trusted)
+    told = run.provenance.step
+    findings = list(made.findings)
+    if stopped:
+        findings.append(
+            Finding(
+                "stopped",
+                f"the run at step {step:g} stopped at t = {run.t[-1]:.4g} s",
+                stopped.rstrip("."),
+                "Nothing that comes after is compared",
+            )
+        )
+    if told is not None and not trusted and abs(told - step) > 1e-6 * step:
+        findings.append(
+            Finding(
+                "step-differs",
+                f"the simulator was asked for step {step:g} and says that it took {told:g}",
+                "provenance of the run",
+                "Let it take the step that it is given",
+                "doubt",
+            )
+        )
+    return replace(made, findings=tuple(findings))
+
+
+def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bool) -> StudyRun:
+    if len(run) < LEAST_ROWS:
+        return StudyRun(
+            step, failure=f"the run has {len(run)} rows; a balance needs {LEAST_ROWS} or more"
+        )
+    try:
+        log = read_log(mechanism, run, None, None)
+    except InputError as error:
+        return StudyRun(step, failure=str(error))
+    ledger = log.ledger
+    left = {name: with_corrections(ledger, name) for name in ledger.delta_c}
+    bars = dict(ledger.error_bar)
+    if not trusted:
+        held = held_between_rows(log) + _held_unknown(log)
+        digits = _of_digits(mechanism, log)
+        bars = {n: b + held + digits.get(n, 0.0) for n, b in bars.items()}
+    return StudyRun(step, log.run, ledger, left, bars, findings=log.findings)
+
+
+def with_corrections(ledger: Ledger, function: str) -> Array:
+    """ΔC with what the simulator itself added to keep its scheme going: that is error, not force."""
+    corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
+    delta_c = ledger.delta_c[function]
+    return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
+
+
+def _step_of(run: Trajectory) -> float:
+    if run.provenance.step is not None:
+        return run.provenance.step
+    if run.provenance.tolerance:
+        return run.provenance.tolerance
+    return float(np.median(np.diff(run.t))) if len(run) > 1 else 1.0
+
+
+def _held_unknown(log: Log) -> float:
+    """Energy (J) that is not known of logged forces where nobody says how they went on between rows.
+
+    Held until the next row, a force is on average half a spacing older than one that is interpolated.
+    """
+    run = log.run
+    if run.provenance.step is not None or not run.forces or len(run) < 2:
+        return 0.0
+    mean = 0.5 * (run.u[1:] + run.u[:-1])
+    late = sum(
+        (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in run.forces.values()),
+        np.zeros(len(mean)),
+    )
+    return float(0.5 * np.median(np.diff(run.t)) * np.abs(np.cumsum(late)).max(initial=0.0))
+
+
+def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, Array]:
+    """How much ΔC moves when all numbers of a log of few digits move by half of the last."""
+    run = log.run
+    halves = {"q": resolution(np.asarray(run.q)), "u": resolution(np.asarray(run.u))}
+    sizes = {"q": np.abs(run.q), "u": np.abs(run.u)}
+    if all(float((h - 2 * EPS * sizes[n]).max(initial=0.0)) <= 0.0 for n, h in halves.items()):
+        return {}
+    rng = np.random.default_rng(0)
+    moved = replace(
+        run,
+        **{n: getattr(run, n) + rng.uniform(-1, 1, h.shape) * h for n, h in halves.items()},
+    )
+    ledger = balance(mechanism, moved, log.ledger.method)
+    return {
+        n: np.full(len(run), 3.0 * float(np.abs(ledger.delta_c[n] - x).max()))
+        for n, x in log.ledger.delta_c.items()
+    }
+
+
+def disagreements(
+    mechanism: Mechanism, runs: Sequence[StudyRun]
+) -> tuple[list[int], list[Finding]]:
+    """Places of runs that are of one motion and may be compared, and what is wrong with the others.
+
+    The finest run is taken for the motion that was meant.
+    """
+    places = [k for k, r in enumerate(runs) if r.usable]
+    found = list(_failures(runs))
+    if len(places) < 2:
+        return places, found
+    finest = runs[places[-1]].run
+    assert finest is not None
+    starts = scaled_start(mechanism, [_run(runs[k]) for k in places])
+    span = float(finest.t[-1] - finest.t[0])
+    kept: list[int] = []
+    for k, start in zip(places, starts):
+        run = _run(runs[k])
+        off = float(np.abs(start - starts[-1]).max(initial=0.0))
+        if abs(run.t[0] - finest.t[0]) > 1e-6 * span or off > SAME_START:
+            found.append(_other_start(runs[k], run, finest, off))
+        elif kept and _same(_run(runs[kept[-1]]), run):
+            found.append(_ignored(runs[kept[-1]], runs[k]))
+        else:
+            kept.append(k)
+    return kept, found
+
+
+def _run(entry: StudyRun) -> Trajectory:
+    assert entry.run is not None
+    return entry.run
+
+
+def _same(a: Trajectory, b: Trajectory) -> bool:
+    return (
+        len(a) == len(b) and bool(np.array_equal(a.t, b.t)) and bool(np.array_equal(a.q, b.q))
+    ) and bool(np.array_equal(a.u, b.u) and np.ptp(a.u) + np.ptp(a.q) > 0.0)
+
+
+def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
+    for entry in runs:
+        yield from entry.findings
+        if entry.failure:
+            yield Finding(
+                "run-failed",
+                f"there is no run at step {entry.step:g}",
+                entry.failure.rstrip("."),
+                "The others are judged without it",
+            )
+
+
+def _other_start(entry: StudyRun, run: Trajectory, finest: Trajectory, off: float) -> Finding:
+    if abs(run.t[0] - finest.t[0]) > 1e-6 * float(finest.t[-1] - finest.t[0]):
+        evidence = f"it starts at t = {run.t[0]:g} s, the finest at {finest.t[0]:g} s"
+    else:
+        evidence = f"its first state is off by {off:.2g} of the range of the motion"
+    return Finding(
+        "other-start",
+        f"the run at step {entry.step:g} starts at another time or state than the finest one and is not "
+        "compared with it",
+        evidence,
+        "Let all runs start in the same state at the same time",
+    )
+
+
+def _ignored(a: StudyRun, b: StudyRun) -> Finding:
+    return Finding(
+        "step-ignored",
+        f"the runs at steps {a.step:g} and {b.step:g} are the same, number by number",
+        "the simulator ignores its step",
+        "Let the simulator use the step that it is called with, then study it again",
+        "doubt",
+    )

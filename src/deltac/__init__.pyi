@@ -3,9 +3,13 @@
 from deltac import problems as problems
 from deltac import testing as testing
 from deltac.diagnosis import Audit as Audit
+from deltac.diagnosis import EquationCheck as EquationCheck
 from deltac.diagnosis import Finding as Finding
+from deltac.diagnosis import States as States
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
+from deltac.diagnosis import check_equations as check_equations
+from deltac.diagnosis import random_states as random_states
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
@@ -20,6 +24,7 @@ from deltac.mechanism import CoordinateMap as CoordinateMap
 from deltac.mechanism import Joint as Joint
 from deltac.mechanism import Mechanism as Mechanism
 from deltac.mechanism import State as State
+from deltac.mechanism import absolute_angles as absolute_angles
 from deltac.mechanism import angle as angle
 from deltac.mechanism import body as body
 from deltac.mechanism import box as box

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli import audit, cache, problems, reproduce
+from deltac.cli import audit, cache, check, problems, reproduce
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
@@ -30,6 +30,7 @@ app = typer.Typer(
 app.command("reproduce")(reproduce.command)
 app.command("problems")(problems.command)
 app.command("audit")(audit.command)
+app.command("check")(check.command)
 app.command("cache")(cache.command)
 
 

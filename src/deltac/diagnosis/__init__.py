@@ -3,8 +3,20 @@
 from __future__ import annotations
 
 from deltac.diagnosis.audit import Audit, audit
+from deltac.diagnosis.check import EquationCheck, check_equations
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import load_model
+from deltac.diagnosis.states import States, random_states
 from deltac.diagnosis.verdict import Verdict
 
-__all__ = ["Audit", "Finding", "Verdict", "audit", "load_model"]
+__all__ = [
+    "Audit",
+    "EquationCheck",
+    "Finding",
+    "States",
+    "Verdict",
+    "audit",
+    "check_equations",
+    "load_model",
+    "random_states",
+]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.mechanism.absolute import absolute_angles
 from deltac.mechanism.bodies import (
     GROUND,
     Body,
@@ -63,6 +64,7 @@ __all__ = [
     "Joint",
     "Mechanism",
     "State",
+    "absolute_angles",
     "angle",
     "body",
     "box",

@@ -51,7 +51,7 @@ MEANINGS = {
 class Seen:
     """What one test makes of the equations: its largest `relative` residual, and whether it `sees` them fail.
 
-    `test`: "coordinate residual", "constraints", the name of a testing function, or of a momentum.
+    `test`: "coordinate residual", "constraint <name>", "momentum, <name>", or the name of a testing function.
     """
 
     test: str
@@ -201,7 +201,7 @@ def check_equations(
     findings = _findings(caller, finite, drawn)
     if wrong:
         findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
-    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, wrong)
+    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
     return EquationCheck(
         verdict=Verdict(kind, confidence, evidence, findings, LIMITS),
         blame=found,
@@ -264,9 +264,10 @@ def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> t
     found = [
         Seen("coordinate residual", float(worst.max(initial=0.0)), bool((worst > limit).any()))
     ]
-    if constraints:
-        violated = float(residuals.relative_violation.max(initial=0.0))
-        found.append(Seen("constraints", violated, violated > most))
+    for name in dict.fromkeys(constraints):
+        rows = [k for k, owner in enumerate(constraints) if owner == name]
+        violated = float(residuals.relative_violation[rows].max(initial=0.0))
+        found.append(Seen(f"constraint {name}", violated, violated > most))
     scalars: Mapping[str, Array] = {
         **residuals.relative_power,
         **{f"momentum, {name}": x for name, x in residuals.relative_momentum.items()},
@@ -284,6 +285,7 @@ def _evidence(
     tolerance: float,
     seen: tuple[Seen, ...],
     test: EquationTest,
+    udot: Array,
     wrong: bool,
 ) -> tuple[str, ...]:
     worst = float(max(_finite_worst(residuals), default=0.0))
@@ -291,11 +293,17 @@ def _evidence(
         f"F_r + F*_r is at most {worst:.2g} of an equation's terms, at {len(test.states)} random states "
         f"(accepted: {float(limit.max(initial=tolerance)):.2g})"
     ]
-    if len(test.gamma):
-        violated = float(residuals.relative_violation.max(initial=0.0))
+    ties = [s for s in seen if s.test.startswith("constraint ")]
+    if ties:
+        worst_tie = max(ties, key=lambda s: s.relative)
+        violated = [s.test.removeprefix("constraint ") for s in ties if s.sees]
         said.append(
-            f"the accelerations violate the constraints by at most {violated:.2g} of their terms"
+            f"ψ̇ = G u̇ + γ is at most {worst_tie.relative:.2g} of its terms"
+            + (f": the accelerations violate {', '.join(violated)}" if violated else "")
         )
+    wrong_speeds = _wrong_accelerations(test, udot, limit) if wrong else ()
+    if 0 < len(wrong_speeds) < len(test.speeds):
+        said.append(f"only the acceleration of {', '.join(wrong_speeds)} differs from the model's")
     if float(rough.max(initial=0.0)) > 1e-13:
         said.append(
             f"the function is rough: its values are good to {float(rough.max()):.1g} only, as with single "
@@ -320,6 +328,13 @@ def _evidence(
                 f"seen by the momentum balance {names}" if names else "no momentum balance sees it"
             )
     return tuple(said)
+
+
+def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple[str, ...]:
+    """The speeds whose accelerations differ from the model's."""
+    off = np.abs(udot - test.acceleration).max(axis=1)
+    size = np.abs(test.acceleration).max()
+    return tuple(n for n, x in zip(test.speeds, off) if x > float(limit.max()) * size)
 
 
 def _findings(caller: Caller, finite: NDArray[np.bool_], drawn: States) -> tuple[Finding, ...]:

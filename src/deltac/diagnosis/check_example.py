@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.diagnosis.check_rhs import Caller
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.kane import times
-from deltac.diagnosis.states import States, admissible, onto_speeds
+from deltac.diagnosis.states import States, admissible, onto_positions, onto_speeds
 from deltac.errors import InputError
 from deltac.mechanism.joints import KINDS
 
@@ -40,13 +40,13 @@ class Example:
     def __str__(self) -> str:
         moved = {name: x for name, x in self.state.items() if x != 0.0}
         where = ", ".join(f"{name} = {x:.6g}" for name, x in moved.items())
-        where = f"{where}, all else zero" if len(moved) < len(self.state) else where
+        where = f"{where}, all else zero" if moved else "the zero state"
         lines = [
             f"u̇.{name}: the equations give {self.given[name]:.6g}, the model {self.right[name]:.6g}"
             for name in self.given
             if not np.isclose(self.given[name], self.right[name], rtol=1e-6, atol=1e-12)
         ]
-        return f"At {where or 'the zero state'}: " + "; ".join(lines)
+        return f"At {where}: " + "; ".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -64,8 +64,8 @@ def simplest_failure(
 ) -> Example | None:
     """A failing state with as many zeros as single steps lead to, from the state that fails worst.
 
-    Time, speeds and coordinates are set to zero one by one, then to plain numbers, as long as an equation
-    still misses by more than `limit` (n,). With constraints only the speeds are, together.
+    Time, speeds and coordinates are set to zero one by one, then to plain numbers, and moved back onto the
+    constraints, as long as an equation still misses by more than `limit` (n,).
     """
     typical = test.typical(udot)
     with np.errstate(all="ignore"):
@@ -86,15 +86,14 @@ def _missed(test: EquationTest, udot: Array) -> Array:
 def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
     """The state with zeros, and plain numbers, wherever it still fails."""
 
-    def tried(state: States, name: str, k: Any, value: Any) -> States | None:
+    def tried(state: States, name: str, k: Any, value: Any, plain: bool = False) -> States | None:
         array = getattr(state, name).copy()
         array[k] = value
-        trial = replace(state, **{name: array})
-        return trial if probe.fails(trial) else None
+        trial = _onto_constraints(test, replace(state, **{name: array}))
+        gained = _zeros(trial) - _zeros(state)
+        wanted = gained >= 0 if plain else gained > 0
+        return trial if wanted and probe.fails(trial) else None
 
-    if len(test.gamma):
-        still = onto_speeds(test.kane, state.t, state.q, np.zeros(state.u.shape))
-        return (tried(state, "u", slice(None), still) if test.kane.own is None else None) or state
     for name, k, value in _moves(test):
         state = tried(state, name, k, value) or state
     quaternions = _in_quaternions(test, "q")
@@ -103,9 +102,27 @@ def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
     for name, k in odd:
         if getattr(state, name)[k, 0] == 0.0:
             continue
-        plain = (tried(state, name, k, value) for value in PLAIN)
-        state = next((trial for trial in plain if trial is not None), state)
+        trials = (tried(state, name, k, value, plain=True) for value in PLAIN)
+        state = next((trial for trial in trials if trial is not None), state)
     return state
+
+
+def _zeros(state: States) -> int:
+    """How many entries are zero; a quaternion that is the identity has three."""
+    return sum(int((x == 0.0).sum()) for x in (state.t, state.q, state.u))
+
+
+def _onto_constraints(test: EquationTest, state: States) -> States:
+    """The state moved onto the constraints, its smallest entries to zero."""
+    kane = test.kane
+    if not len(test.gamma) or kane.own is not None:
+        return state
+    q = _without_rounding(onto_positions(kane, state.t, state.q))
+    return replace(state, q=q, u=_without_rounding(onto_speeds(kane, state.t, q, state.u)))
+
+
+def _without_rounding(x: Array) -> Array:
+    return np.where(np.abs(x) < 1e-12, 0.0, x)
 
 
 def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from deltac.mechanism.coordinates import CoordinateMap
 from deltac.simulation.equations import Equations
 
 
-def load_equations(text: str) -> Equations | Any:
+def load_equations(text: str) -> Equations | Callable[..., Any]:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
     A function without parameters is asked for it. Raises InputError for anything else.
@@ -26,7 +27,8 @@ def load_equations(text: str) -> Equations | Any:
             f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
-    return Equations(found, name=text)
+    function: Callable[..., Any] = found
+    return function
 
 
 def load_map(text: str) -> CoordinateMap | str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.check_rhs import Caller
 from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.localisation_terms import Match, explain_by, own_parts, plain_parts
+from deltac.diagnosis.localisation_terms import Match, explain_by, explain_row, plain_parts
 from deltac.diagnosis.states import States
 from deltac.mechanism.joints import KINDS
 
@@ -140,7 +140,7 @@ def _terms(
     if not np.isfinite(udot).all():
         return ()
     residual = test.residual(udot)[row]
-    found = explain_by(residual, own_parts(test, udot, row))
+    found = explain_row(test, udot, row)
     if found:
         return found
     names = test.states.coordinates

@@ -85,16 +85,20 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     for channel, force in test.forces.items():
         add(_called(channel), force[row])
     inertia = -test.M[:, row, :].T * udot
-    for j, name in enumerate(names):
-        add(f"the inertia term of {name}'s acceleration", inertia[j])
-    add("the sum of the inertia terms of all accelerations", inertia.sum(axis=0))
     add("the sum of the gyroscopic terms", -test.bias[row])
+    by_rates = _by_rates(test, row) if len(names) <= FEW else ()
+    for name, values in by_rates:
+        add(name, values)
+    for j, name in enumerate(names):
+        add(_inertia_term(name), inertia[j])
     if len(names) <= FEW:
-        for name, values in _by_rates(test, row):
-            add(name, values)
         for name, values in _by_bodies(test, udot, row):
             add(name, values)
     return found
+
+
+def _inertia_term(speed: str) -> str:
+    return f"the inertia term of {speed}'s acceleration"
 
 
 def _called(channel: str) -> str:
@@ -164,7 +168,7 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
         M = Yt @ matrices(flat, n, n) @ point.Y
         for j, name in enumerate(test.speeds):
             yield (
-                f"the inertia term of {name}'s acceleration by body {body!r}",
+                f"{_inertia_term(name)} by body {body!r}",
                 -M[:, row, j] * udot[j],
             )
 
@@ -196,6 +200,16 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
         for a, x in shapes
         for b, y in rates
     ]
+
+
+def explain_row(test: EquationTest, udot: Array, row: int) -> tuple[Match, ...]:
+    """The model's own terms that the residual of one equation consists of; empty if it is no such sum.
+
+    That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
+    """
+    found = explain_by(test.residual(udot)[row], own_parts(test, udot, row))
+    own = _inertia_term(test.speeds[row])
+    return () if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found) else found
 
 
 def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> tuple[Match, ...]:

@@ -5,10 +5,12 @@ from deltac import testing as testing
 from deltac.diagnosis import Audit as Audit
 from deltac.diagnosis import EquationCheck as EquationCheck
 from deltac.diagnosis import Finding as Finding
+from deltac.diagnosis import Localisation as Localisation
 from deltac.diagnosis import States as States
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
 from deltac.diagnosis import check_equations as check_equations
+from deltac.diagnosis import localise as localise
 from deltac.diagnosis import random_states as random_states
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance

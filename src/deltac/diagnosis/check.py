@@ -35,6 +35,9 @@ CLEAR = 50.0
 
 STATUS = {"consistent": 0, "equation-error": 1, "unresolved": 3}
 
+SHOWN = 6
+"""Equations that are told of in words."""
+
 LIMITS = (
     "states other than those drawn, such as a branch that is seldom taken",
     "a parameter that is wrong in the model and in the equations alike",
@@ -106,8 +109,10 @@ class EquationCheck:
         v = self.verdict
         lines = [f"{v.kind} (confidence {v.confidence}). {MEANINGS[v.kind]}"]
         lines += [f"- {sentence}." for sentence in v.evidence]
-        for k, finding in enumerate(self.blame):
+        for k, finding in enumerate(self.blame[:SHOWN]):
             lines.append(f"{'Where' if k == 0 else 'Also'}: {finding}.")
+        if len(self.blame) > SHOWN:
+            lines.append(f"Also: {len(self.blame) - SHOWN} more equations.")
         if self.example is not None:
             lines.append(f"Example: {self.example}.")
         for heading, weight in (("Cause", "cause"), ("Doubt", "doubt"), ("Note", "note")):

@@ -22,6 +22,10 @@ PLAIN = (1.0, 0.5, 2.0)
 """Values that are tried, after zero, in place of an odd one."""
 
 
+WORTH = 0.01
+"""A simple state must show at least this share of the worst failure, or it would not convince."""
+
+
 @dataclass(frozen=True, eq=False)
 class Example:
     """A state at which the equations fail, most of it zero.
@@ -73,7 +77,7 @@ def simplest_failure(
     excess[~np.isfinite(excess)] = -1.0
     if excess.max() <= 1.0:
         return None
-    probe = _Probe(caller, test, typical, limit)
+    probe = _Probe(caller, test, typical, limit * max(1.0, WORTH * float(excess.max())))
     start = test.states.take([int(np.argmax(excess))])
     return probe.example(_simplified(test, probe, start))
 

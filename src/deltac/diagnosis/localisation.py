@@ -140,7 +140,7 @@ def _terms(
     if not np.isfinite(udot).all():
         return ()
     residual = test.residual(udot)[row]
-    found = explain_row(test, udot, row)
+    found = explain_row(test, residual, udot, row)
     if found:
         return found
     names = test.states.coordinates

@@ -202,12 +202,12 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
     ]
 
 
-def explain_row(test: EquationTest, udot: Array, row: int) -> tuple[Match, ...]:
-    """The model's own terms that the residual of one equation consists of; empty if it is no such sum.
+def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
+    """The model's own terms that the residual (B,) of one equation consists of; empty if it is no such sum.
 
     That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
     """
-    found = explain_by(test.residual(udot)[row], own_parts(test, udot, row))
+    found = explain_by(residual, own_parts(test, udot, row))
     own = _inertia_term(test.speeds[row])
     return () if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found) else found
 

@@ -32,6 +32,9 @@ RANK = 1e-12
 WELL_CONDITIONED = 1e-4
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
 
+REGULAR = 1e-11
+"""A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
+
 FAR = 1e6
 """No coordinate or speed of an admissible state is larger than this, in its natural scale."""
 
@@ -242,16 +245,30 @@ def _own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, ND
 def admissible(
     kane: Kane, scales: Scales, t: Array, own_q: Array, own_u: Array
 ) -> NDArray[np.bool_]:
-    """Which states are finite, and meet all constraints (B,)."""
+    """Which states are finite and regular, and meet all constraints (B,)."""
     point = kane.point(t, own_q, own_u)
     terms = kane.terms(t, point.q, point.u)
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
+    good &= _regular(terms.M)
     good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)
     good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ON_CONSTRAINTS
     speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))
     good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ON_CONSTRAINTS * speed
     return np.asarray(good)
+
+
+def _regular(M: Array) -> NDArray[np.bool_]:
+    """Which mass matrices (B, n, n) are positive definite by a margin, whatever the units of the speeds."""
+    diagonal = np.einsum("bii->bi", M)
+    good: NDArray[np.bool_] = np.asarray(
+        np.isfinite(M).all(axis=(1, 2)) & (diagonal > 0.0).all(axis=1)
+    )
+    if good.any():
+        size = np.sqrt(diagonal[good])
+        scaled = M[good] / (size[:, :, None] * size[:, None, :])
+        good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > REGULAR
+    return good
 
 
 def onto_positions(kane: Kane, t: Array, q: Array) -> Array:

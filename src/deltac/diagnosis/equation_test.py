@@ -38,7 +38,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 TINY = float(np.finfo(np.float64).tiny)
 
-LEAST = 1e-6
+LEAST = 1e-3
 """A speed's terms count as at least this share of its natural inertia force: rounding has no size."""
 
 MINIMAL = 1e-9

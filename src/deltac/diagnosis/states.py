@@ -23,13 +23,15 @@ WINDOW = (0.0, 10.0)
 SPREAD = 3.0
 """Speeds are this many times slower to this many times faster than the natural ones."""
 
-ROUNDS = 40
+ROUNDS, HOPELESS = 40, 4
+"""Draws of `count` states, at most; and how many without a single admissible one are enough."""
+
 NEWTON_STEPS = 60
 ON_CONSTRAINTS = 1e-9
 """A state that meets its constraints to this (m, rad; relative for speeds) is admissible."""
 
 RANK = 1e-12
-WELL_CONDITIONED = 1e-4
+WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
 
 REGULAR = 1e-11
@@ -117,8 +119,9 @@ def draw(
         raise InputError(f"count is {count}; expected one state or more")
     rng = np.random.default_rng(seed)
     found: list[States] = []
-    for _ in range(ROUNDS):
-        if sum(map(len, found)) >= count:
+    for done in range(ROUNDS):
+        total = sum(map(len, found))
+        if total >= count or (done >= HOPELESS and not total):
             break
         found.append(_draw_once(kane, scales, rng, count, window))
     total = sum(map(len, found))

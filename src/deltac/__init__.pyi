@@ -5,11 +5,17 @@ from deltac import testing as testing
 from deltac.diagnosis import Advice as Advice
 from deltac.diagnosis import Audit as Audit
 from deltac.diagnosis import Convergence as Convergence
+from deltac.diagnosis import EquationCheck as EquationCheck
 from deltac.diagnosis import Finding as Finding
+from deltac.diagnosis import Localisation as Localisation
+from deltac.diagnosis import States as States
 from deltac.diagnosis import Study as Study
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
+from deltac.diagnosis import check_equations as check_equations
+from deltac.diagnosis import localise as localise
 from deltac.diagnosis import observed_order as observed_order
+from deltac.diagnosis import random_states as random_states
 from deltac.diagnosis import recommend as recommend
 from deltac.diagnosis import study as study
 from deltac.energy import Ledger as Ledger
@@ -26,6 +32,7 @@ from deltac.mechanism import CoordinateMap as CoordinateMap
 from deltac.mechanism import Joint as Joint
 from deltac.mechanism import Mechanism as Mechanism
 from deltac.mechanism import State as State
+from deltac.mechanism import absolute_angles as absolute_angles
 from deltac.mechanism import angle as angle
 from deltac.mechanism import body as body
 from deltac.mechanism import box as box

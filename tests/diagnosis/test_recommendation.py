@@ -11,7 +11,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis import settings as settings_of_solvers
 from deltac.diagnosis.recommendation import _Search
-from deltac.diagnosis.work_precision import Family, Trial, Trials, common, distance
+from deltac.diagnosis.work_precision import Family, Trial, common, distance
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from deltac.diagnosis.audit import Audit, audit
+from deltac.diagnosis.check import EquationCheck, check_equations
 from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.localisation_run import Localisation, localise
 from deltac.diagnosis.models import load_callable, load_model
 from deltac.diagnosis.recommendation import Advice, recommend
+from deltac.diagnosis.states import States, random_states
 from deltac.diagnosis.study import Convergence, Study, observed_order, study
 from deltac.diagnosis.verdict import Verdict
 
@@ -13,13 +16,19 @@ __all__ = [
     "Advice",
     "Audit",
     "Convergence",
+    "EquationCheck",
     "Finding",
+    "Localisation",
+    "States",
     "Study",
     "Verdict",
     "audit",
+    "check_equations",
     "load_callable",
     "load_model",
+    "localise",
     "observed_order",
+    "random_states",
     "recommend",
     "study",
 ]

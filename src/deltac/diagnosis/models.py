@@ -91,9 +91,13 @@ def _imported(source: Any) -> Model:
     return Model(mechanism, import_report=report)
 
 
-def _callable(path: Path, name: str) -> Callable[..., Any]:
+def from_file(path: Path, name: str, what: str = "model") -> Any:
+    """What a Python file calls `name`; the file is run.
+
+    Raises InputError for a file that is missing or cannot be run, and an unknown name.
+    """
     if not path.is_file():
-        raise InputError(f"model {path}:{name}: no file {path}")
+        raise InputError(f"{what} {path}:{name}: no file {path}")
     spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -103,13 +107,19 @@ def _callable(path: Path, name: str) -> Callable[..., Any]:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a script may call sys.exit()
-        raise InputError(f"model {path} cannot be run: {type(error).__name__}: {error}") from error
+        raise InputError(f"{what} {path} cannot be run: {type(error).__name__}: {error}") from error
     finally:
         sys.path.pop(0)
-    made = getattr(module, name, None)
-    if not callable(made):
+    if not hasattr(module, name):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
-        raise InputError(f"model {path}: no function {name!r}{closest(name, known)}")
+        raise InputError(f"{what} {path}: no function {name!r}{closest(name, known)}")
+    return getattr(module, name)
+
+
+def _callable(path: Path, name: str) -> Callable[..., Any]:
+    made = from_file(path, name)
+    if not callable(made):
+        raise InputError(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
     function: Callable[..., Any] = made
     return function
 

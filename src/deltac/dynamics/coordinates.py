@@ -39,7 +39,7 @@ class OwnCoordinates:
                 "give inverse= with each own coordinate as a law of the mechanism's q.<coordinate>"
             )
         Y, Z = ca.substitute([self.Y, self.Z], [self.own_q], [self.inverse])
-        return self.inverse, ca.solve(Y, system.u - Z) if Y.shape[0] else Z
+        return self.inverse, _solve(Y, system.u - Z) if Y.shape[0] else Z
 
     def udot(self, system: System, own_udot: SX) -> SX:
         """The mechanism's free accelerations from u̇′, in (t, q′, u′, u̇′)."""
@@ -81,12 +81,19 @@ def trace_map(system: System, given: CoordinateMap) -> OwnCoordinates:
     if not given.u:
         own_qdot = own_u
     elif given.q:
-        own_qdot = ca.solve(Jq, ca.mtimes(W, u) - q_t)
+        own_qdot = _solve(Jq, ca.mtimes(W, u) - q_t)
     else:
         own_qdot = ca.mtimes(W, u)
     return OwnCoordinates(
         own_q, own_u, q, u, Y, Z, own_qdot, _inverse(system, given, own_q, q, Jq, constants)
     )
+
+
+def _solve(A: SX, b: SX) -> SX:
+    """Solve A x = b, where b is in the range of a matrix with at least as many rows as columns."""
+    if A.shape[0] == A.shape[1]:
+        return ca.solve(A, b)
+    return ca.solve(ca.mtimes(A.T, A), ca.mtimes(A.T, b))
 
 
 def _all_rates(system: System) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from deltac.mechanism import shapes
+from deltac.mechanism.absolute import absolute_angles
 from deltac.mechanism.bodies import (
     GROUND,
     Body,
@@ -66,6 +67,7 @@ __all__ = [
     "Joint",
     "Mechanism",
     "State",
+    "absolute_angles",
     "angle",
     "body",
     "box",

@@ -84,7 +84,8 @@ class CoordinateMap:
     ``u.<own speed>``, linear in u′. Left out: `q` (the mechanism's own coordinates are used), `u`
     (own speeds are the rates of own coordinates), `speeds` (named like the coordinates). `inverse`
     gives own coordinates as laws of t and the mechanism's ``q.<coordinate>``; it is found
-    automatically when `q` is linear.
+    automatically when `q` is linear. Of a mechanism with constraints, fewer own coordinates and speeds
+    than it has may satisfy them by themselves.
 
     >>> absolute = CoordinateMap(
     ...     ("theta1", "theta2"), q={"joint1": "q.theta1", "joint2": "q.theta2 - q.theta1"}
@@ -126,12 +127,12 @@ class CoordinateMap:
             _cover(self.q, q_free, "q", "coordinate")
         if self.u:
             _cover(self.u, u_free, "u", "speed")
-        elif len(own_q) != len(u_free):
+        elif not _fits(len(own_q), len(u_free), mechanism):
             raise InputError(
                 f"the coordinate map has {len(own_q)} coordinates for {len(u_free)} speeds: rates "
                 "cannot serve as speeds; give u="
             )
-        if self.u and len(self.speeds) != len(u_free):
+        if self.u and not _fits(len(self.speeds), len(u_free), mechanism):
             raise InputError(
                 f"the coordinate map names {len(self.speeds)} speeds; the mechanism has "
                 f"{len(u_free)} free ones: {', '.join(u_free)}"
@@ -145,6 +146,11 @@ class CoordinateMap:
         allowed = ["t", *parameters, *(f"q.{name}" for name in q_free)]
         for name, law in self.inverse.items():
             check_symbols(law, allowed, f"inverse of {name!r} in the coordinate map")
+
+
+def _fits(own: int, free: int, mechanism: Mechanism) -> bool:
+    """Whether a mechanism with `free` speeds can be told by `own` ones, fewer if it has constraints."""
+    return own == free or (bool(mechanism.constraints) and 0 < own < free)
 
 
 def _names(value: Sequence[str], what: str) -> tuple[str, ...]:

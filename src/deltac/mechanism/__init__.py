@@ -32,6 +32,7 @@ from deltac.mechanism.constraining import (
     skate,
 )
 from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.events import event, impact, joint_stop
 from deltac.mechanism.forces import (
     gravity_compensation,
     joint_damper,
@@ -70,14 +71,17 @@ __all__ = [
     "cylindrical",
     "disc",
     "distance",
+    "event",
     "fixed",
     "frame",
     "free",
     "gear",
     "gravity_compensation",
     "holonomic",
+    "impact",
     "joint_damper",
     "joint_spring",
+    "joint_stop",
     "joint_torque",
     "loop_prismatic",
     "loop_revolute",

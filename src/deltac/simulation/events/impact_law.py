@@ -3,12 +3,7 @@
 Without friction: Newton's restitution, all contacts that touch at once as one complementarity problem
 (J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988), which makes no energy
 where their restitutions agree. Otherwise, or where that would make some, one contact after the other, the
-fastest approach first. A contact with friction follows E. J. Routh and J. B. Keller (Impact with friction,
-J. Appl. Mech. 53 (1986) 1-4): the normal impulse grows from zero, slip and stick change on the way, and
-the impact ends by W. J. Stronge's energetic restitution (Rigid body collisions with friction, Proc. R.
-Soc. A 431 (1990) 169-181): normal work of restitution = −e² that of compression. Newton's ratio of speeds
-would make energy where the slip reverses (T. R. Kane, Stanford Mechanics Alumni Newsletter, 1984);
-Stronge's never does.
+fastest approach first; a contact with friction by `rubbing`.
 """
 
 from __future__ import annotations
@@ -20,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import DeltacError
+from deltac.simulation.events.rubbing import REST, collide
 
 Array = NDArray[np.float64]
-REST = 1e-13
-"""Speeds below this fraction of the first approach are rounding."""
-
 MOST_IMPACTS = 2000
-TURN = 2e-3
-"""Largest turn (rad) of the slip in one piece of an impact."""
-
+"""Impacts of single contacts at one instant, before the rest of them is taken as plastic."""
 
 @dataclass(frozen=True)
 class Contact:
@@ -128,99 +119,3 @@ def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list
     for k, impulse in enumerate(rest):
         total[k][0] += impulse[0]
     return total
-
-
-def collide(W: Array, v: Array, e: float, mu: float) -> Array:
-    """The impulse of one contact: normal first, then two tangents if there is friction.
-
-    Args:
-        W: (1, 1) or (3, 3), relative velocity gained by unit impulse.
-        v: relative velocity before, the approach v[0] < 0.
-        e: Stronge's restitution; mu: Coulomb's friction.
-    """
-    if len(v) == 1 or mu == 0.0:
-        impulse = np.zeros(len(v))
-        impulse[0] = -(1.0 + e) * v[0] / W[0, 0]
-        return impulse
-    scale = float(np.abs(v).max())
-    v, impulse = v.copy(), np.zeros(3)
-    compressed = restored = 0.0  # normal works, both positive
-    compressing = True
-    for _ in range(200_000):
-        force, straight = _force(W, v, mu, scale)
-        rate = W @ force
-        slip = float(np.hypot(v[1], v[2]))
-        if compressing:
-            length = -v[0] / rate[0] if rate[0] > 0.0 else np.inf
-        else:
-            length = _until(v[0], rate[0], e * e * compressed - restored)
-        last = True
-        if slip > REST * scale:
-            along = float(rate[1:] @ v[1:]) / slip
-            stops = -slip / along if along < 0.0 and straight else np.inf
-            if not straight:
-                across = float(np.hypot(*(rate[1:] - along * v[1:] / slip)))
-                stops = TURN * slip / max(across, abs(along))
-            if stops < length:
-                length, last = stops, False
-        if not np.isfinite(length):
-            raise DeltacError(
-                "an impact with friction jams: its normal speed is not brought to zero; lower the friction"
-            )
-        if not straight:  # the force at the middle of the piece
-            middle, _ = _force(W, v + 0.5 * length * rate, mu, scale)
-            rate = W @ middle
-            force = middle
-        work = length * (v[0] + 0.5 * length * rate[0])
-        v = v + length * rate
-        impulse = impulse + length * force
-        if not last and straight:
-            v[1:] = 0.0
-        if compressing:
-            compressed -= work
-        else:
-            restored += work
-        if last and straight or (compressing and v[0] >= 0.0) or _over(
-            compressing, restored, e * e * compressed
-        ):
-            if compressing and v[0] >= -REST * scale:
-                compressing = False
-                v[0] = max(v[0], 0.0)
-                if e == 0.0:
-                    return impulse
-            elif not compressing:
-                return impulse
-    raise DeltacError("an impact with friction comes to no end; its slip turns too often")
-
-
-def _over(compressing: bool, restored: float, wanted: float) -> bool:
-    return not compressing and restored >= wanted * (1.0 - 1e-12)
-
-
-def _until(v: float, rate: float, work: float) -> float:
-    """How much impulse does that work at normal speed v + rate p; until the speed vanishes if none does."""
-    root = v * v + 2.0 * rate * max(work, 0.0)
-    if root <= 0.0:
-        return -v / rate if rate < 0.0 else 0.0
-    return 2.0 * max(work, 0.0) / (v + float(np.sqrt(root))) if v + np.sqrt(root) > 0.0 else 0.0
-
-
-def _force(W: Array, v: Array, mu: float, scale: float) -> tuple[Array, bool]:
-    """Impulse per normal impulse, and whether the slip keeps its direction under it."""
-    slip = float(np.hypot(v[1], v[2]))
-    if slip > REST * scale:
-        d = v[1:] / slip
-        force = np.array([1.0, -mu * d[0], -mu * d[1]])
-        rate = (W @ force)[1:]
-        across = rate - (rate @ d) * d
-        return force, bool(np.hypot(*across) <= 1e-12 * float(np.abs(W).max()))
-    stick = np.linalg.solve(W[1:, 1:], -W[1:, 0])
-    grip = float(np.hypot(*stick))
-    if grip <= mu:
-        return np.array([1.0, *stick]), True
-    # Slip begins against the force that would hold, in the direction that it then keeps.
-    d = -stick / grip
-    for _ in range(100):
-        pulled = W[1:, 0] - mu * W[1:, 1:] @ d
-        d = pulled / float(np.hypot(*pulled))
-    return np.array([1.0, -mu * d[0], -mu * d[1]]), True

@@ -40,6 +40,7 @@ from deltac.mechanism import contact as contact
 from deltac.mechanism import cylindrical as cylindrical
 from deltac.mechanism import disc as disc
 from deltac.mechanism import distance as distance
+from deltac.mechanism import event as event
 from deltac.mechanism import fixed as fixed
 from deltac.mechanism import frame as frame
 from deltac.mechanism import free as free
@@ -47,9 +48,11 @@ from deltac.mechanism import friction_law as friction_law
 from deltac.mechanism import gear as gear
 from deltac.mechanism import gravity_compensation as gravity_compensation
 from deltac.mechanism import holonomic as holonomic
+from deltac.mechanism import impact as impact
 from deltac.mechanism import joint_damper as joint_damper
 from deltac.mechanism import joint_friction as joint_friction
 from deltac.mechanism import joint_spring as joint_spring
+from deltac.mechanism import joint_stop as joint_stop
 from deltac.mechanism import joint_torque as joint_torque
 from deltac.mechanism import loop_prismatic as loop_prismatic
 from deltac.mechanism import loop_revolute as loop_revolute
@@ -97,6 +100,7 @@ from deltac.simulation import simulate as simulate
 from deltac.simulation import simulate_ensemble as simulate_ensemble
 from deltac.simulation import solver_names as solver_names
 from deltac.simulation import time_scales as time_scales
+from deltac.trajectories import Occurrence as Occurrence
 from deltac.trajectories import Provenance as Provenance
 from deltac.trajectories import Trajectory as Trajectory
 from deltac.trajectories import read_trajectory as read_trajectory

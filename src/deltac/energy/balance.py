@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -18,13 +18,13 @@ from deltac.dynamics.testing_functions import (
 )
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
+from deltac.energy.pieces import integrate_pieces, jumps, rows_of
 from deltac.energy.quadrature import (
     Between,
     Integral,
     Powers,
     Samples,
     at_samples,
-    integrate,
     row_blocks,
 )
 from deltac.energy.samples import checked_samples, violations
@@ -80,27 +80,32 @@ def balance(
     method = _method(run, work)
     tied = bool(mechanism.constraints)
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
-    log = LoggedForces.of(run)
-    samples, basis = checked_samples(mechanism, run, log)
+    rows = rows_of(run)
+    log = LoggedForces.of(rows)
+    samples, basis = checked_samples(mechanism, rows, log)
     compiled = _compiled(mechanism, log, functions, speeds, _start(samples))
     symbols, kernel, names = compiled.symbols, compiled.between, compiled.powers
     sampled = at_samples(samples, _evaluation(compiled.at_samples, log))
-    energy_at = dict(zip(compiled.energies, sampled))
+    energy_at = {n: e[rows.own] for n, e in zip(compiled.energies, sampled)}
     known = sampled[len(compiled.energies) :]
     channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
-    channel_powers = dict(zip(channel_names, known))
+    channel_powers = {n: p[rows.own] for n, p in zip(channel_names, known)}
     rates = ("u",) if "udot" in kernel.input_names else ()
     barred = slice(len(channel_names), None)
-    integral = integrate(samples, _evaluation(kernel, log), known, rates, barred)
+    every = integrate_pieces(samples, rows.starts, _evaluation(kernel, log), known, rates, barred)
+    integral = replace(every, value=every.value[rows.own], bar=every.bar[rows.own])
+    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, speeds)
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     potential = {n.removeprefix("V "): e for n, e in energy_at.items() if n.startswith("V ")}
     V = sum(potential.values(), start=np.zeros(len(run)))
     parts = Energies(energy_at["K2"], energy_at["K1"], energy_at["K0"], V)
-    turnover = _turnover(run, parts, known[: len(channel_names)])
+    turnover = _turnover(rows.t, parts, known[: len(channel_names)]) + jumped.turnover
     scale = sum(float(np.abs(e).max()) for e in (parts.K2, parts.K1, parts.K0, V)) + turnover
     rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
-    discrete = discrete_work(symbols, run, samples, log) if method == "discrete" else None
+    discrete = None
+    if method == "discrete":
+        discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
     for function in functions:
         E = function.E(parts)
         for name in variants(symbols, function.name):
@@ -114,14 +119,20 @@ def balance(
                 flowed = integral.value[:, names.index(f"P {name}")]
                 bar = _bar(integral, names, f"P {name}")
                 flowed = flowed + _projected(run, potential=function.name != "liu-huston")
+            if method != "in-loop":
+                flowed = flowed + jumped.functions.get(function.name, 0.0)
             delta_c[name] = E - E[0] - (flowed - flowed[0])
             bars[name] = bar + rounding
     works = {
         n: integral.value[:, names.index(f"power {n}")] if discrete is None else discrete.work[n]
         for n in channel_names
     }
+    for name, work_of_impulses in jumped.work.items():
+        works[name] = works.get(name, np.zeros(len(run))) + work_of_impulses
+        channel_powers.setdefault(name, np.zeros(len(run)))
+        basis.setdefault(name, "measured")
     works.update(_corrections(mechanism, run))
-    momentum, momentum_bar = _momenta(energy_at, integral, names)
+    momentum, momentum_bar = _momenta(energy_at, integral, names, jumped.momentum)
     return Ledger(
         t=run.t,
         method=method,
@@ -162,7 +173,7 @@ def residuals(
     if run.udot is None:
         raise InputError("residuals need the accelerations u̇ of the run; it has none")
     log = LoggedForces.of(run)
-    samples, _ = checked_samples(mechanism, run, log)
+    samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
     tied = bool(mechanism.constraints)
     functions = testing_functions(
@@ -318,16 +329,19 @@ def _bar(integral: Integral, names: Sequence[str], name: str) -> Array:
     return integral.bar[:, names.index(name) - len(names)]
 
 
-def _turnover(run: Trajectory, parts: Energies, powers: Array) -> float:
+def _turnover(t: Array, parts: Energies, powers: Array) -> float:
     """∫Σ|P| dt (trapezoids: a scale, not a balance) + range(K) + range(V), of powers (m, T)."""
-    flow = np.empty(len(run))
-    for rows in row_blocks(len(run)):
+    flow = np.empty(len(t))
+    for rows in row_blocks(len(t)):
         np.abs(powers[:, rows]).sum(axis=0, out=flow[rows])
-    return float(np.trapezoid(flow, run.t) + np.ptp(parts.K) + np.ptp(parts.V))
+    return float(np.trapezoid(flow, t) + np.ptp(parts.K) + np.ptp(parts.V))
 
 
 def _momenta(
-    energy: Mapping[str, Array], integral: Integral, names: Sequence[str]
+    energy: Mapping[str, Array],
+    integral: Integral,
+    names: Sequence[str],
+    impulses: Mapping[str, Array],
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """h(t) − h(0) − ∫ force dt of every momentum balance, with its bar."""
     departures: dict[str, Array] = {}
@@ -336,6 +350,7 @@ def _momenta(
         if key.startswith("rate "):
             impulse, bar = integral.value[:, names.index(key)], _bar(integral, names, key)
             name = key.removeprefix("rate ")
+            impulse = impulse + impulses.get(name, 0.0)
             h = energy[f"momentum {name}"]
             departures[name] = h - h[0] - impulse
             bars[name] = bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.dynamics.recursions import rnea
+from deltac.energy.pieces import Rows
 from deltac.energy.quadrature import Samples
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
-from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -30,6 +30,11 @@ class DiscreteWork:
     explicit: Array
     bias: Array
     potential: frozenset[str]
+
+    def at(self, rows: NDArray[np.intp]) -> DiscreteWork:
+        """Some of the rows."""
+        work = {name: values[rows] for name, values in self.work.items()}
+        return DiscreteWork(work, self.explicit[rows], self.bias[rows], self.potential)
 
     def of(self, function: str) -> Array:
         """What flows into E of a testing function: all forces into K, or the nonpotential into K + V.
@@ -47,7 +52,7 @@ class DiscreteWork:
 
 
 def discrete_work(
-    symbols: LedgerSymbols, run: Trajectory, samples: Samples, log: LoggedForces
+    symbols: LedgerSymbols, run: Rows, samples: Samples, log: LoggedForces
 ) -> DiscreteWork:
     """Forces at the start of each step, times the mean of the speeds at its ends."""
     s = symbols.system

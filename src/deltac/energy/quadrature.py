@@ -63,6 +63,7 @@ class Samples:
     `smooth` maps a name to (values, rates), (T, n) each; `plain` to values alone, interpolated by
     polynomials through the same window; `held` to values that are constant until the next sample.
     The rates of what is named in `derived` are those of a spline, since nobody measured them.
+    Samples at events are evaluated `inward` (T,; s) from there, within their smooth piece.
     """
 
     t: Array
@@ -70,6 +71,17 @@ class Samples:
     plain: dict[str, Array]
     held: dict[str, Array]
     derived: frozenset[str] = frozenset()
+    inward: Array | None = None
+
+    def rows(self, rows: slice) -> Samples:
+        """Neighbouring samples of a smooth piece."""
+        return Samples(
+            self.t[rows],
+            {name: (y[rows], dy[rows]) for name, (y, dy) in self.smooth.items()},
+            {name: y[rows] for name, y in self.plain.items()},
+            {name: y[rows] for name, y in self.held.items()},
+            self.derived,
+        )
 
     def every(self, n: int) -> Samples:
         """Every n-th sample; what was derived is derived from these alone."""
@@ -120,10 +132,14 @@ def at_samples(samples: Samples, powers: Powers) -> Array:
 
 def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
     """Times and quantities at samples; what is held is that of other rows."""
-    values = {name: y[rows] for name, (y, _) in samples.smooth.items()}
+    t, values = samples.t[rows], {name: y[rows] for name, (y, _) in samples.smooth.items()}
+    if samples.inward is not None:
+        aside = samples.inward[rows]
+        t = t + aside
+        values = {n: y + aside[:, None] * samples.smooth[n][1][rows] for n, y in values.items()}
     values |= {name: y[rows] for name, y in samples.plain.items()}
     values |= {name: y[held] for name, y in samples.held.items()}
-    return samples.t[rows], Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
+    return t, Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
 
 
 def lagrange(samples: Samples, known: Array) -> Array:
@@ -148,7 +164,20 @@ def hermite(
     rates: Collection[str],
     columns: slice = slice(None),
 ) -> Array:
-    """∫ from the first sample on (m, T): Lobatto's rule along motions interpolated in a window.
+    """∫ from the first sample on (m, T); see `hermite_parts`."""
+    total = hermite_parts(samples, powers, known, window, rates, columns)
+    return np.cumsum(total, axis=1, out=total)
+
+
+def hermite_parts(
+    samples: Samples,
+    powers: Powers,
+    known: Array,
+    window: int,
+    rates: Collection[str],
+    columns: slice = slice(None),
+) -> Array:
+    """∫ over the interval before each sample (m, T): Lobatto's rule along motions interpolated in a window.
 
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of; `columns` picks among the powers.
@@ -187,7 +216,7 @@ def hermite(
             between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
             part += weight * powers(t[here] + node * width[0], between).T[columns]
         np.multiply(part, width, out=total[:, after])
-    return np.cumsum(total, axis=1, out=total)
+    return total
 
 
 def _places(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TypeAlias
 
 import casadi as ca
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
+from deltac.energy.pieces import Rows
 from deltac.energy.quadrature import Samples, row_blocks, spline_rate
 from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import InputError, closest
@@ -24,7 +26,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def checked_samples(
-    mechanism: Mechanism, run: Trajectory, log: LoggedForces
+    mechanism: Mechanism, run: Rows, log: LoggedForces
 ) -> tuple[Samples, dict[str, str]]:
     """The free coordinates and speeds with their rates, and the logged forces.
 
@@ -41,7 +43,8 @@ def checked_samples(
         udot = columns(run.udot, free.u)
     else:
         basis["u̇"] = "derived"
-        udot = spline_rate(run.t, u)
+        pieces = pairwise((0, *run.starts, len(run)))
+        udot = np.concatenate([_rate(run.t[a:b], u[a:b]) for a, b in pieces])
     qdot = _coordinate_rates(mechanism, run.t, q, u)
     held = _held(run)
     forces = {f"force {name}": values for name, values in log.values(run).items()}
@@ -51,10 +54,16 @@ def checked_samples(
         plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
         held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
         derived=frozenset({"u"} if run.udot is None else ()),
+        inward=run.inward,
     ), basis
 
 
-def _held(run: Trajectory) -> set[str]:
+def _rate(t: Array, y: Array) -> Array:
+    """`spline_rate` of a piece; one that is no longer than an instant has none."""
+    return spline_rate(t, y) if t[-1] > t[0] else np.zeros_like(y)
+
+
+def _held(run: Rows) -> set[str]:
     """Channels that were constant from each sample to the next: held over a step, and every step is here.
 
     In a log with fewer rows than steps such a force changed in between, as any other.
@@ -65,7 +74,7 @@ def _held(run: Trajectory) -> set[str]:
     return set(filter(None, run.provenance.notes.get("held", "").split(";")))
 
 
-def _check_names(mechanism: Mechanism, run: Trajectory) -> None:
+def _check_names(mechanism: Mechanism, run: Rows) -> None:
     for what, ours, theirs in (
         ("coordinate", mechanism.coordinates.names, run.coordinates),
         ("speed", mechanism.speeds.names, run.speeds),

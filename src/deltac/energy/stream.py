@@ -13,7 +13,7 @@ from deltac.energy.balance import balance
 from deltac.energy.ledger import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.trajectories import Chunk, Trajectory
+from deltac.trajectories import Chunk, Occurrence, Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -57,6 +57,7 @@ def balance_chunks(
     """
     parts: list[Ledger] = []
     rows: list[Trajectory] = []
+    happened: dict[tuple[float, tuple[str, ...]], Occurrence] = {}
     state: _Carry | None = None
     for chunk in chunks:
         ledger = balance(mechanism, chunk.run, work, testing)
@@ -71,10 +72,12 @@ def balance_chunks(
         picked = _picked(carried, chunk.first_row + core, chunk.rows, kept)
         parts.append(_take(carried, picked))
         rows.append(_rows(chunk.run, core[picked]))
+        happened |= {(event.t, event.names): event for event in chunk.run.events}
     if state is None:
         raise InputError("the log has no rows; a balance needs at least two")
     turnover = state.flow + float(np.ptp(state.K)) + float(np.ptp(state.V))
-    return replace(_joined(parts), turnover=turnover), _joined_rows(rows)
+    kept_rows = replace(_joined_rows(rows), events=tuple(happened.values()))
+    return replace(_joined(parts), turnover=turnover), kept_rows
 
 
 @dataclass
@@ -101,6 +104,9 @@ class _Carry:
         through = np.arange(before, core[-1] + 1)
         for power in ledger.power.values():
             self.flow += float(np.trapezoid(np.abs(power[through]), ledger.t[through]))
+        for name, work in ledger.work.items():  # an impulse has no power
+            if name.startswith("impact "):
+                self.flow += float(np.abs(np.diff(work[through])).sum())
         for extremes, values in ((self.K, ledger.kinetic), (self.V, ledger.potential_energy)):
             extremes[:] = [
                 float(np.min([values[core].min(), *extremes])),
@@ -152,6 +158,7 @@ def _rows(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
         udot=None if run.udot is None else run.udot[rows],
         forces={name: force[rows] for name, force in run.forces.items()},
         integrals={name: values[rows] for name, values in run.integrals.items()},
+        events=(),
     )
 
 

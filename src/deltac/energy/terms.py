@@ -28,6 +28,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import TestingFunction
+from deltac.energy.pieces import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.coordinates import CoordinateMap
@@ -47,7 +48,7 @@ class LoggedForces:
     size: int
 
     @staticmethod
-    def of(run: Trajectory) -> LoggedForces:
+    def of(run: Trajectory | Rows) -> LoggedForces:
         """What the forces of a trajectory act on."""
         places: dict[str, list[int]] = {}
         columns: dict[str, slice] = {}
@@ -59,7 +60,7 @@ class LoggedForces:
             start += len(acting)
         return LoggedForces(places, columns, start)
 
-    def values(self, run: Trajectory) -> dict[str, np.ndarray]:
+    def values(self, run: Trajectory | Rows) -> dict[str, np.ndarray]:
         """The columns of each channel (T, n)."""
         return {name: columns(run.forces[name], places) for name, places in self.places.items()}
 

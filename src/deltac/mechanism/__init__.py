@@ -34,6 +34,7 @@ from deltac.mechanism.constraining import (
 )
 from deltac.mechanism.contact import contact
 from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.events import event, impact, joint_stop
 from deltac.mechanism.forces import (
     gravity_compensation,
     joint_damper,
@@ -75,6 +76,7 @@ __all__ = [
     "cylindrical",
     "disc",
     "distance",
+    "event",
     "fixed",
     "frame",
     "free",
@@ -82,9 +84,11 @@ __all__ = [
     "gear",
     "gravity_compensation",
     "holonomic",
+    "impact",
     "joint_damper",
     "joint_friction",
     "joint_spring",
+    "joint_stop",
     "joint_torque",
     "loop_prismatic",
     "loop_revolute",

@@ -14,6 +14,7 @@ from deltac.mechanism import validation
 from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
+from deltac.mechanism.events import Happening, check_events
 from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate, rate
@@ -33,7 +34,8 @@ class Mechanism:
 
     `joints` may come in any order; they are kept with parents before children, which is also the
     order of q and u. `gravity` is the acceleration of free fall in world components (m/s²).
-    `parameters` are named numbers that any quantity or law may use.
+    `parameters` are named numbers that any quantity or law may use. `events` are impacts, joint stops
+    and other instants that a run looks for.
 
     Raises InputError, naming the part, for a mass or inertia that no rigid body can have, unknown or
     repeated names, bodies that no joint or more than one joint carries, cycles, laws with unknown
@@ -47,6 +49,7 @@ class Mechanism:
     gravity: Vector = NO_GRAVITY
     parameters: Mapping[str, float] = field(default_factory=dict)
     name: str = "mechanism"
+    events: Sequence[Happening] = ()
 
     def __post_init__(self) -> None:
         def store(attribute: str, value: Any) -> None:
@@ -58,7 +61,9 @@ class Mechanism:
         store("constraints", tuple(self.constraints))
         store("gravity", vector(self.gravity, "gravity"))
         store("parameters", validation.parameters(self.parameters))
+        store("events", tuple(self.events))
         validation.check(self)
+        check_events(self, self.events)
 
     # --- coordinates ---------------------------------------------------------------------------
 
@@ -134,7 +139,7 @@ class Mechanism:
         left_out = set(without)
         values = sorted((k, v) for k, v in self.parameters.items() if k not in left_out)
         description = (self.bodies, self.joints, self.forces, self.constraints, self.gravity)
-        parts = (*description, values, sorted(left_out))
+        parts = (*description, values, sorted(left_out), *self.events)
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
     @cached_property

@@ -58,7 +58,7 @@ def run_scipy(
     def f(t: float, x: Array) -> Array:
         return rate(t, x)
 
-    options: dict[str, Any] = {"rtol": max(tolerance, 1e-13), "atol": 1e-3 * tolerance}
+    options = scipy_options(tolerance)
     if solver.name in IMPLICIT and flow.traced and controller is None:
         options["jac"] = _jacobian(flow, p)
     method = getattr(integrate, solver.name)(f, span[0], x0, span[1], **options)
@@ -97,6 +97,11 @@ def run_scipy(
             x[:, place] /= np.linalg.norm(x[:, place], axis=1, keepdims=True)
     inputs = np.array([rate.hold(t, state) for t, state in zip(kept_t, x)])
     return Motion(np.array(kept_t), x, inputs, message)
+
+
+def scipy_options(tolerance: float) -> dict[str, Any]:
+    """Tolerances as SciPy's methods want them."""
+    return {"rtol": max(tolerance, 1e-13), "atol": 1e-3 * tolerance}
 
 
 def _jacobian(flow: Flow, p: Array) -> Any:

@@ -85,6 +85,17 @@ class FixedStepper:
                 worst = ca.fmin(worst, met)
         return ca.Function("step", [flow.x, k, flow.p, t0, h], [after, worst])
 
+    @cached_property
+    def one_step(self) -> Kernel:
+        """A single step of any length: (x; p, t, h) -> x and the smallest pivot."""
+        flow, t, h = self.flow, ca.SX.sym("t"), ca.SX.sym("h")
+        x, worst = self._single_step(flow.x, ca.SX(0), flow.p, t, h)
+        return Kernel(
+            {"x": flow.x, "constants": ca.vertcat(flow.p, t, h)},
+            {"x": x, "worst": worst},
+            name=f"{self.solver.name} single step",
+        )
+
     @property
     def fusible(self) -> bool:
         """Whether a whole step is small enough to be compiled as one."""
@@ -256,10 +267,12 @@ class Settle:
         self._in = np.concatenate([np.zeros(1 + flow.x.shape[0]), p])
         self._out = np.empty(flow.x.shape[0] + 1)
 
-    def __call__(self, t: float, x: Array) -> tuple[Array, float]:
-        """The settled state, and the smallest pivot of its constraints."""
+    def __call__(self, t: float, x: Array, p: Array | None = None) -> tuple[Array, float]:
+        """The settled state, and the smallest pivot of its constraints; `p` if the parameters changed."""
         if self._kernel is None:
             return x, 1.0
+        if p is not None:
+            self._in[1 + len(x) :] = p
         self._in[0], self._in[1 : 1 + len(x)] = t, x
         self._kernel.single(self._in, self._out)
         return self._out[:-1].copy(), float(self._out[-1])
@@ -299,7 +312,7 @@ class StageRate:
         inputs = {**values, **{name: e for name, e in extra.items() if e.shape[0]}}
         self._rate = Kernel(inputs, {"xdot": flow.xdot}, flow.p, name="rate")
         self._state = Kernel(values, {"q": flow.q_all, "u": flow.u_all}, flow.p, name="state")
-        self._p = p if len(p) else None
+        self.parameters = p
         self._in, self._out = np.empty(self._rate.n_in), np.empty(self._rate.n_out)
         self.held = np.zeros(flow.inputs.shape[0])
 
@@ -320,14 +333,15 @@ class StageRate:
             q, u, _ = flow.parts
             given = flow.equations(t, x[q].copy(), x[u].copy())
         self._in[:] = np.concatenate([[t], x, values, given])
-        return self._rate.single(self._in, self._out, self._p).copy()
+        p = self.parameters if len(self.parameters) else None
+        return self._rate.single(self._in, self._out, p).copy()
 
     def _asked(self, t: float, x: Array) -> Array:
         """The controller's answer, checked, in the order of `System.inputs`."""
         from deltac.simulation.control import motor_values
 
         assert self._controller is not None
-        state = self._state(t=t, x=x, parameters=self._p)
+        state = self._state(t=t, x=x, parameters=self.parameters if len(self.parameters) else None)
         return motor_values(
             self._controller, self._flow.system, t, state["q"].ravel(), state["u"].ravel()
         )

@@ -77,19 +77,10 @@ def recorded(
                 f"the accelerations are not finite at the start; {provenance.message}"
             )
         rows = stop
-    forces: dict[str, Array] = {}
-    for joint in mechanism.joints:
-        if joint.prescribed:
-            place = mechanism.speeds.of(joint.name)
-            force = np.zeros((rows, nu))
-            force[:, place] = driving[:rows, place]
-            forces[f"prescribed {joint.name}"] = force
-    forces.update({name: seen[name].reshape(len(motion.t), -1)[:rows] for name in flow.reactions})
-    for name, place_in in flow.system.input_places.items():
-        element = next(e for e in mechanism.motors if e.name == name)
-        force = np.zeros((rows, nu))
-        force[:, mechanism.speeds.of(element.joint)] = motion.inputs[:rows, place_in]
-        forces[f"actuator {name}"] = force
+    forces = {
+        name: force[:rows]
+        for name, force in logged_forces(mechanism, flow, seen, motion.inputs).items()
+    }
     if note:
         provenance = replace(provenance, notes={**provenance.notes, "singular": note})
     table = motion.x[:rows, integrals] - motion.x[0, integrals]
@@ -104,6 +95,28 @@ def recorded(
         speeds=mechanism.speeds.names,
         provenance=provenance,
     )
+
+
+def logged_forces(
+    mechanism: Mechanism, flow: Flow, seen: dict[str, Array], inputs: Array
+) -> dict[str, Array]:
+    """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
+    rows, nu = len(inputs), len(mechanism.speeds)
+    forces: dict[str, Array] = {}
+    driving = seen["driving"].reshape(rows, -1)
+    for joint in mechanism.joints:
+        if joint.prescribed:
+            place = mechanism.speeds.of(joint.name)
+            force = np.zeros((rows, nu))
+            force[:, place] = driving[:, place]
+            forces[f"prescribed {joint.name}"] = force
+    forces.update({name: seen[name].reshape(rows, -1) for name in flow.reactions})
+    for name, place_in in flow.system.input_places.items():
+        element = next(e for e in mechanism.motors if e.name == name)
+        force = np.zeros((rows, nu))
+        force[:, mechanism.speeds.of(element.joint)] = inputs[:, place_in]
+        forces[f"actuator {name}"] = force
+    return forces
 
 
 def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:

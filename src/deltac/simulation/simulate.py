@@ -16,8 +16,15 @@ from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.adaptive import run_scipy, run_taylor
+from deltac.simulation.adaptive import run_scipy, run_taylor, scipy_options
 from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.events.running import Outcome
+from deltac.simulation.events.simulating import (
+    check_events,
+    eventful,
+    run_with_events,
+    with_occurrences,
+)
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
@@ -50,6 +57,7 @@ def simulate(
     stabilisation: Stabilisation = "projection",
     correct: str | None = None,
     vary: Sequence[str] = (),
+    switches: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
@@ -76,6 +84,8 @@ def simulate(
             worth, it does not show.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
+        switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
+            let no step go across one: the solver keeps its order.
         progress: called with the fraction done.
 
     Returns:
@@ -108,7 +118,28 @@ def simulate(
     p = np.array([mechanism.parameters[name] for name in vary])
     x0 = flow.start(state, p)
     _check_start(flow, mechanism, controller, state, x0, p)
-    match found.family:
+    outcome = None
+    tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    if check_events(mechanism, found, equations, switches):
+        if correct is not None:
+            raise InputError(
+                "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
+                "energy that a correction would put back; leave one of them out"
+            )
+        span = (state.t, state.t + duration)
+        grid: tuple[float, int, int] | Array | None = None
+        if found.family == "fixed":
+            grid = (duration / steps, steps, every)
+        elif step is not None:
+            grid = _grid(state.t, duration, step)
+        parts = eventful(flow, speeds, switches)
+        outcome = run_with_events(
+            mechanism, parts, found, controller, p, x0, span, grid, scipy_options(tol), progress
+        )
+        motion = outcome.motion
+    match found.family if outcome is None else "":
+        case "":
+            pass
         case "fixed":
             h = duration / steps
             compiled = controller is None and flow.traced
@@ -120,7 +151,6 @@ def simulate(
                 motion = stepper.run(p, x0, state.t, h, steps, every, progress)
         case "adaptive":
             times = None if step is None else _grid(state.t, duration, step)
-            tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
             span = (state.t, state.t + duration)
             motion = run_scipy(flow, found, controller, p, x0, times, span, tol, progress)
         case _:
@@ -139,9 +169,10 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, correct),
+        notes=_notes(mechanism, equations, controller, correct, outcome),
     )
-    return recorded(mechanism, flow, observe, motion, p, provenance)
+    run = recorded(mechanism, flow, observe, motion, p, provenance)
+    return run if outcome is None else with_occurrences(mechanism, parts, outcome.events, run)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
@@ -299,10 +330,13 @@ def _notes(
     equations: Equations | None,
     controller: Controller | None,
     correct: str | None,
+    outcome: Outcome | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
     if correct is not None:
         notes["corrected"] = correct
+    if outcome is not None and outcome.ended:
+        notes["ended"] = outcome.ended
     if equations is not None:
         notes["equations"] = equations.name
     if controller is not None and controller.hold:

@@ -6,6 +6,7 @@ from deltac.trajectories.derive import derived_error, with_accelerations
 from deltac.trajectories.files import FORMATS, explain, read_trajectory, write_trajectory
 from deltac.trajectories.mapping import LogMapping, read_mapping
 from deltac.trajectories.names import MechanismNames
+from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.reading import ColumnReading
 from deltac.trajectories.schema import SCHEMA_VERSION, from_columns, to_columns, to_metadata
 from deltac.trajectories.stream import Chunk, scan_trajectory
@@ -19,6 +20,7 @@ __all__ = [
     "ColumnReading",
     "LogMapping",
     "MechanismNames",
+    "Occurrence",
     "Provenance",
     "Suspicion",
     "Trajectory",

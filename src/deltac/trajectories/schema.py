@@ -22,10 +22,15 @@ import numpy.typing as npt
 
 from deltac.errors import InputError, closest
 from deltac.mechanism.channels import split
+from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
 
-SCHEMA_VERSION = 1
-"""Raised whenever a reader of the old version would misread or refuse the new one."""
+SCHEMA_VERSION = 2
+"""Raised whenever a reader of the old version would misread or refuse the new one.
+
+Version 2 has the entry `events`, without which speeds that jump would be integrated across. A log
+without events is written as version 1.
+"""
 
 UNITS: Mapping[str, str] = {
     "time": "s",
@@ -87,8 +92,10 @@ def to_columns(run: Trajectory) -> dict[str, FloatArray]:
 
 def to_metadata(run: Trajectory) -> dict[str, Any]:
     """The JSON header of a trajectory: plain dicts, lists, numbers and text."""
+    events = {"events": [event.to_dict() for event in run.events]} if run.events else {}
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": SCHEMA_VERSION if run.events else 1,
+        **events,
         "rows": len(run),
         "units": dict(UNITS),
         "coordinates": list(run.coordinates),
@@ -146,6 +153,7 @@ def from_columns(
         coordinates=layout.coordinates,
         speeds=layout.speeds,
         provenance=provenance,
+        events=_read_events(metadata, arrays["time"]),
     )
 
 
@@ -298,6 +306,14 @@ def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
         if name not in known:
             raise InputError(f"metadata: unknown provenance {name!r}{closest(name, known)}")
     return Provenance(**{"simulator": "unknown", **entries})
+
+
+def _read_events(metadata: Mapping[str, Any] | None, t: FloatArray) -> tuple[Occurrence, ...]:
+    """The events of the header within the rows that are there: a log may be read in parts."""
+    if metadata is None or "events" not in metadata or not t.size:
+        return ()
+    events = (Occurrence.from_dict(entry) for entry in _entry(metadata, "events", list))
+    return tuple(event for event in events if t[0] <= event.t <= t[-1])
 
 
 def _provenance_fields(provenance: Provenance) -> dict[str, Any]:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from deltac.errors import InputError, closest
 from deltac.mechanism.channels import split
+from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
     import polars
@@ -89,6 +90,8 @@ class Trajectory:
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
+    events      what happened between the rows, in time order: impacts (where speeds jump), switches,
+                events; a row at the time of one holds the state after it
 
     The arrays are copied to float64 and made read-only. Raises InputError for a wrong shape or
     type, no rows, time that does not increase, a value that is not finite, an unusable name.
@@ -103,6 +106,7 @@ class Trajectory:
     forces: Mapping[str, FloatArray] = field(default_factory=dict)
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
+    events: tuple[Occurrence, ...] = ()
 
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))
@@ -128,6 +132,28 @@ class Trajectory:
             for name, values in self.integrals.items()
         }
         _set(self, "integrals", MappingProxyType(integrals))
+        _set(self, "events", tuple(self.events))
+        self._check_events()
+
+    def _check_events(self) -> None:
+        before = -math.inf
+        for event in self.events:
+            if not isinstance(event, Occurrence):
+                raise InputError(f"events: found {event!r}, expected an Occurrence")
+            if not max(before, self.t[0]) <= event.t <= self.t[-1]:
+                raise InputError(
+                    f"events: {event!r} is out of order, or outside the rows from {self.t[0]} to "
+                    f"{self.t[-1]} s"
+                )
+            sizes = (len(event.q), len(event.u_before), len(event.u_after))
+            if sizes != (len(self.coordinates), len(self.speeds), len(self.speeds)):
+                raise InputError(
+                    f"events: {event!r} has {sizes[0]} coordinates and {sizes[1]} speeds, the rows have "
+                    f"{len(self.coordinates)} and {len(self.speeds)}"
+                )
+            if (event.udot_before is None) != (self.udot is None):
+                raise InputError(f"events: {event!r} and the rows must both have udot, or neither")
+            before = event.t
 
     def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
         """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
@@ -164,6 +190,8 @@ class Trajectory:
             what.append(f"{len(self.forces)} channels")
         if self.integrals:
             what.append("integrals of " + ", ".join(self.integrals))
+        if self.events:
+            what.append(f"{len(self.events)} events")
         if not p.completed:
             what.append("stopped early" + (f": {p.message}" if p.message else ""))
         return f"Trajectory({'; '.join(what)})"
@@ -215,9 +243,11 @@ class Trajectory:
         return replace(part, integrals=restarted)
 
     def _rows(self, rows: slice) -> Trajectory:
+        t = self.t[rows]
         return replace(
             self,
-            t=self.t[rows],
+            t=t,
+            events=tuple(e for e in self.events if t[0] <= e.t <= t[-1]),
             q=self.q[rows],
             u=self.u[rows],
             udot=None if self.udot is None else self.udot[rows],

@@ -1,0 +1,229 @@
+"""Trajectories with events: smooth pieces between them, and what impulses add.
+
+No quadrature and no interpolation goes across an event. The rows of a run are complemented by two at each
+event, before and after; powers are integrated within each piece, and the works of the impulses are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.impacts import Impulses, impulse_terms
+from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.terms import Constrained
+from deltac.dynamics.system import System
+from deltac.dynamics.testing_functions import TestingFunction
+from deltac.energy.quadrature import Integral, Powers, Samples, hermite_parts, integrate
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.trajectories import Occurrence, Provenance, Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+INWARD = 1e-9
+"""Rows at which a law switches are evaluated this fraction of an interval within their piece: there the law
+is that of the piece.
+"""
+
+LONG = 9
+"""Rows of a piece from which on its error can be estimated by leaving some of them out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of a run, with two more at each event within.
+
+    `own` are the places of the run's own rows, `starts` those at which a new piece begins; `inward` (T,)
+    is how far (s) within their piece the rows at events lie, None without events.
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array | None
+    forces: Mapping[str, Array]
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+    provenance: Provenance
+    own: NDArray[np.intp]
+    starts: tuple[int, ...]
+    inward: Array | None
+    events: tuple[Occurrence, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def rows_of(run: Trajectory) -> Rows:
+    """The rows of a run and of its events; one at the time of the first row is over."""
+    events = tuple(event for event in run.events if event.t > run.t[0])
+    shared = (run.coordinates, run.speeds, run.provenance)
+    if not events:
+        every = np.arange(len(run))
+        return Rows(run.t, run.q, run.u, run.udot, run.forces, *shared, every, (), None, ())
+    # An event's rows come before the first row that is not earlier: such a row has the state after.
+    at = np.repeat(np.searchsorted(run.t, [event.t for event in events], "left"), 2)
+    starts = tuple(int(row) for row in at[1::2] + np.arange(1, len(at), 2))
+
+    def inserted(values: Array, pairs: Sequence[Array]) -> Array:
+        return np.insert(values, at, np.array(pairs), axis=0)
+
+    def both(before: str, after: str) -> list[Array]:
+        return [getattr(event, name) for event in events for name in (before, after)]
+
+    t = inserted(run.t, [time for event in events for time in (event.t, event.t)])
+    forces = {}
+    for name, force in run.forces.items():
+        nothing = np.zeros(force.shape[1])
+        pairs = [
+            side.get(name, nothing)
+            for event in events
+            for side in (event.forces_before, event.forces_after)
+        ]
+        forces[name] = inserted(force, pairs)
+    own = np.ones(len(t), dtype=bool)
+    own[[row + k for row in starts for k in (-1, 0)]] = False
+    inward = np.zeros(len(t))
+    for event, row in zip(events, starts):
+        if any(name.startswith("switch ") for name in event.names):
+            inward[row] = INWARD * (t[min(row + 1, len(t) - 1)] - t[row])
+            inward[row - 1] = INWARD * (t[row - 2] - t[row - 1])
+    return Rows(
+        t,
+        inserted(run.q, both("q", "q")),
+        inserted(run.u, both("u_before", "u_after")),
+        None if run.udot is None else inserted(run.udot, both("udot_before", "udot_after")),
+        forces,
+        *shared,
+        np.flatnonzero(own),
+        starts,
+        inward,
+        events,
+    )
+
+
+def integrate_pieces(
+    samples: Samples,
+    starts: Sequence[int],
+    powers: Powers,
+    known: Array,
+    rates: Sequence[str],
+    barred: slice,
+) -> Integral:
+    """`integrate` within every smooth piece, and nothing across the events between them.
+
+    Rows of a piece that are no events are integrated as a run of their own where there are enough; else,
+    and from an event to the next row, by cubic interpolation, whose bar is what it differs by from the
+    trapezoidal rule: generous.
+    """
+    if not starts:
+        return integrate(samples, powers, known, rates, barred)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = hermite_parts(samples, powers, known, 2, rates)[:, 1:]
+    across = np.array(starts) - 1
+    parts[:, across] = 0.0
+    width = np.diff(samples.t)
+    parts[:, width == 0.0] = 0.0
+    plain = 0.5 * width * (known[:, 1:] + known[:, :-1])
+    bars = np.abs(parts - plain)[barred]
+    bars[:, across] = 0.0
+    rules, orders = [], []
+    for first, stop in pairwise((0, *starts, len(samples.t))):
+        inner = slice(first + (first > 0), stop - (stop < len(samples.t)))
+        if inner.stop - inner.start < LONG:
+            continue
+        found = integrate(samples.rows(inner), powers, known[:, inner], rates, barred)
+        intervals = slice(inner.start, inner.stop - 1)
+        parts[:, intervals] = np.diff(found.value.T, axis=1)
+        bars[:, intervals] = np.diff(found.bar.T, axis=1, prepend=0.0)[:, 1:]
+        bars[:, inner.start] += found.bar[0]
+        rules.append(found.rule)
+        orders.append(found.order)
+    zero = np.zeros((len(parts), 1))
+    return Integral(
+        np.cumsum(np.hstack([zero, parts]), axis=1).T,
+        np.cumsum(np.hstack([np.zeros((len(bars), 1)), bars]), axis=1).T,
+        ", ".join(dict.fromkeys(rules)) or "hermite 2",
+        min(orders, default=0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """What the impulses of a run's events come to, cumulated at its rows (T,): J, and kg·m/s or kg·m²/s.
+
+    `work` by channel, `functions` what flows into E of each testing function, `momentum` by balance;
+    `turnover` is the sum of all |work|.
+    """
+
+    work: Mapping[str, Array]
+    functions: Mapping[str, Array]
+    momentum: Mapping[str, Array]
+    turnover: float
+
+
+def jumps(
+    rows: Rows,
+    t: Array,
+    system: System,
+    constrained: Constrained | None,
+    functions: Sequence[TestingFunction],
+    speeds: CoordinateMap | None,
+) -> Jumps:
+    """Works of the impulses up to times `t`."""
+    events = [event for event in rows.events if event.impulses]
+    if not events:
+        return Jumps({}, {}, {}, 0.0)
+    impulses = Impulses.symbols(len(system.mechanism.speeds))
+    own = trace_map(system, speeds) if speeds is not None else None
+    known = impulse_terms(system, impulses, own, constrained)
+    balances = momentum_balances(system)
+    outputs = [function.P(known) for function in functions]
+    outputs += [ca.dot(balance.alpha, impulses.contact) for balance in balances]
+    inputs = [system.t, system.q, system.u, *impulses.columns().values()]
+    f = ca.Function("jumps", inputs, [ca.vertcat(ca.SX(0, 1), *outputs)])
+    free = system.mechanism.free
+    found = np.array(
+        [
+            np.array(
+                f(
+                    event.t,
+                    event.q[free.q],
+                    event.u_before[free.u],
+                    event.u_before,
+                    event.u_after,
+                    *kinds,
+                )
+            ).ravel()
+            for event in events
+            for kinds in [[_sum_of(event, kind) for kind in ("impact", "prescribed", "constraint")]]
+        ]
+    )
+    passed = np.searchsorted([event.t for event in events], t, "right")
+
+    def cumulated(values: Array) -> Array:
+        return np.concatenate([[0.0], np.cumsum(values)])[passed]
+
+    channels = dict.fromkeys(channel for event in events for channel in event.impulses)
+    works = {
+        channel: np.array([event.work.get(channel, 0.0) for event in events])
+        for channel in channels
+    }
+    return Jumps(
+        {channel: cumulated(values) for channel, values in works.items()},
+        {g.name: cumulated(found[:, k]) for k, g in enumerate(functions)},
+        {b.name: cumulated(found[:, len(functions) + k]) for k, b in enumerate(balances)},
+        float(sum(np.abs(values).sum() for values in works.values())),
+    )
+
+
+def _sum_of(event: Occurrence, kind: str) -> Array:
+    """The impulses of a kind of channel together (nu,)."""
+    chosen = [j for channel, j in event.impulses.items() if channel.startswith(f"{kind} ")]
+    return np.sum(chosen, axis=0) if chosen else np.zeros(len(event.u_before))

@@ -1,0 +1,145 @@
+"""Laws with kinks and jumps, branch by branch.
+
+A step across a kink loses the solver's order. So every branch of the equations (of abs, sign, min, max, a
+comparison) is held through a step by a parameter, its *side*, −1 or 1: the equations of a step are smooth,
+even where a trial step goes too far. The *switching function* behind a side tells when to change it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from deltac.dynamics.forces import channels
+from deltac.dynamics.spatial import SX
+from deltac.simulation.flow import Flow
+
+
+@dataclass(frozen=True, eq=False)
+class Switched:
+    """A flow with held branches: `sides` are the last entries of its p, `functions` (in t, x, p) theirs."""
+
+    flow: Flow
+    functions: SX
+    names: tuple[str, ...]
+
+
+def switched(flow: Flow) -> Switched:
+    """Hold every branch of the equations of motion.
+
+    Branches that depend on parameters alone, or on values that come from Python, are left as they are.
+    """
+    outputs = {
+        "xdot": flow.xdot,
+        "udot": flow.udot_all,
+        "driving": flow.driving,
+        **flow.reactions,
+    }
+    inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
+    locked, sides = _locked(inputs, list(outputs.values()), ca.vertcat(flow.t, flow.x))
+    found = dict(zip(outputs, locked))
+    functions = ca.vertcat(ca.SX(0, 1), *sides.functions)
+    made = replace(
+        flow,
+        p=ca.vertcat(flow.p, *sides.symbols),
+        xdot=found["xdot"],
+        udot_all=found["udot"],
+        driving=found["driving"],
+        reactions={name: found[name] for name in flow.reactions},
+    )
+    return Switched(made, functions, _names(flow, sides))
+
+
+@dataclass
+class _Sides:
+    """The sides found so far; `known` maps a node to its place and sign."""
+
+    functions: list[SX] = field(default_factory=list)
+    symbols: list[SX] = field(default_factory=list)
+    known: dict[int, SX] = field(default_factory=dict)
+
+    def of(self, a: SX) -> SX:
+        """The side of an expression: a symbol that stands for its sign."""
+        key = a.element_hash()
+        if key not in self.known:
+            symbol = ca.SX.sym(f"side{len(self.symbols)}")
+            self.functions.append(a)
+            self.symbols.append(symbol)
+            self.known[key] = symbol
+        return self.known[key]
+
+
+_HELD: Mapping[int, Callable[[_Sides, SX, SX], SX]] = {
+    ca.OP_FABS: lambda s, a, _: s.of(a) * a,
+    ca.OP_SIGN: lambda s, a, _: s.of(a),
+    ca.OP_FMIN: lambda s, a, b: ca.if_else(s.of(a - b) <= 0, a, b),
+    ca.OP_FMAX: lambda s, a, b: ca.if_else(s.of(a - b) >= 0, a, b),
+    ca.OP_LT: lambda s, a, b: s.of(a - b) < 0,
+    ca.OP_LE: lambda s, a, b: s.of(a - b) <= 0,
+}
+"""What takes the place of an operation whose branches are held."""
+
+
+def _locked(
+    inputs: Sequence[SX], outputs: Sequence[SX], moving: SX, sides: _Sides | None = None
+) -> tuple[list[SX], _Sides]:
+    """The outputs with their branches held; those that depend on `moving`."""
+    sides = sides or _Sides()
+    f = ca.Function("f", list(inputs), [ca.densify(o) for o in outputs], {"cse": True})
+    work: dict[int, SX] = {}
+    given = [ca.SX(column).elements() for column in inputs]
+    results: list[list[SX]] = [[ca.SX(0)] * o.numel() for o in outputs]
+    blind = ca.vertcat(*inputs[2:4])
+    for k in range(f.n_instructions()):
+        op, reads, writes = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if op == ca.OP_INPUT:
+            work[writes[0]] = given[reads[0]][reads[1]]
+        elif op == ca.OP_OUTPUT:
+            results[writes[0]][writes[1]] = work[reads[0]]
+        elif op == ca.OP_CONST:
+            work[writes[0]] = ca.SX(f.instruction_constant(k))
+        else:
+            a = work[reads[0]]
+            b = work[reads[1]] if len(reads) > 1 else ca.SX(0)
+            both = ca.vertcat(a, b)
+            held = op in _HELD and ca.depends_on(both, moving)
+            if held and not (blind.numel() and ca.depends_on(both, blind)):
+                work[writes[0]] = _HELD[op](sides, a, b)
+            elif len(reads) > 1:
+                work[writes[0]] = ca.SX.binary(op, a, b)
+            else:
+                work[writes[0]] = ca.SX.unary(op, a)
+    shaped = [
+        ca.reshape(ca.vertcat(ca.SX(0, 1), *found), *o.shape) for found, o in zip(results, outputs)
+    ]
+    return shaped, sides
+
+
+def _names(flow: Flow, sides: _Sides) -> tuple[str, ...]:
+    """The channel that each switching function belongs to, told by its values at a random state."""
+    count = len(sides.functions)
+    if not count:
+        return ()
+    rng = np.random.default_rng(1)
+    point = [flow.t, flow.x, flow.p]
+    numbers = [np.abs(rng.standard_normal(column.numel())) + 0.1 for column in point]
+
+    def values(found: _Sides) -> np.ndarray:
+        symbols = ca.vertcat(ca.SX(0, 1), *found.symbols)
+        functions = ca.vertcat(ca.SX(0, 1), *found.functions)
+        f = ca.Function("g", [*point, symbols], [ca.densify(functions)])
+        return np.array(f(*numbers, np.ones(len(found.symbols)))).ravel()
+
+    wanted = values(sides)
+    names = ["equations"] * count
+    if flow.own is None:
+        inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
+        for part in channels(flow.system):
+            _, own = _locked(inputs, [part.force], ca.vertcat(flow.t, flow.x))
+            for value in values(own) if own.functions else ():
+                for k in np.flatnonzero(np.isclose(np.abs(wanted), abs(value), rtol=1e-12)):
+                    names[int(k)] = part.name
+    return tuple(names)

@@ -1,0 +1,137 @@
+"""What happened between the rows of a trajectory: impacts, switches, events.
+
+A trajectory keeps strictly increasing times, so the two states at an instant at which speeds jump are no
+rows of it: each such instant is an `Occurrence`, with the states before and after. A row at exactly that
+time holds the state after. Integrals over samples are taken in pieces, from one occurrence to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.channels import split
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Occurrence:
+    """An instant of a run at which something happened.
+
+    t            when (s)
+    names        what: ``"impact floor"``, ``"switch actuator motor"``, ``"event apex"``; several if they
+                 happened together
+    q            (nq,) coordinates
+    u_before, u_after        (nu,) speeds; equal but at impacts
+    udot_before, udot_after  (nu,) accelerations, None if the run has none
+    forces_before, forces_after  channel -> (nu,) generalized force, of the channels that the run logs
+    impulses     channel -> (nu,) generalized impulse (N·s or N·m·s): ``"impact floor"``, and what the
+                 constraints and the drives of prescribed joints answered
+
+    Raises InputError for arrays of other sizes or values that are not finite.
+    """
+
+    t: float
+    names: tuple[str, ...]
+    q: FloatArray
+    u_before: FloatArray
+    u_after: FloatArray
+    udot_before: FloatArray | None = None
+    udot_after: FloatArray | None = None
+    forces_before: Mapping[str, FloatArray] = field(default_factory=dict)
+    forces_after: Mapping[str, FloatArray] = field(default_factory=dict)
+    impulses: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        where = f"occurrence {', '.join(self.names)!r} at t = {self.t!r}"
+        object.__setattr__(self, "t", float(self.t))
+        object.__setattr__(self, "names", tuple(self.names))
+        if not np.isfinite(self.t):
+            raise InputError(f"{where}: expected a finite time in seconds")
+        object.__setattr__(self, "q", _array(self.q, None, f"q of {where}"))
+        nu = np.size(self.u_before)
+        for name in ("u_before", "u_after", "udot_before", "udot_after"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _array(value, nu, f"{name} of {where}"))
+        for name in ("forces_before", "forces_after", "impulses"):
+            found = {}
+            for channel, value in getattr(self, name).items():
+                split(channel)
+                found[channel] = _array(value, nu, f"{name} of {channel!r} of {where}")
+            object.__setattr__(self, name, MappingProxyType(found))
+
+    @property
+    def work(self) -> dict[str, float]:
+        """Work of each impulse on the system (J): its product with the mean of both speeds."""
+        mean = 0.5 * (self.u_before + self.u_after)
+        return {channel: float(impulse @ mean) for channel, impulse in self.impulses.items()}
+
+    @property
+    def energy_lost(self) -> float:
+        """Kinetic energy that the impacts took out (J); negative where they put some in."""
+        return -sum(w for channel, w in self.work.items() if channel.startswith("impact "))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON; `from_dict` is the inverse."""
+        return {
+            "t": self.t,
+            "names": list(self.names),
+            **{name: _listed(getattr(self, name)) for name in _ARRAYS},
+            **{
+                name: {channel: value.tolist() for channel, value in getattr(self, name).items()}
+                for name in _MAPPINGS
+            },
+        }
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> Occurrence:
+        """The occurrence that `to_dict` wrote; InputError for entries that are missing or unknown."""
+        known = ("t", "names", *_ARRAYS, *_MAPPINGS)
+        if not isinstance(values, Mapping):
+            raise InputError(f"metadata: an event is {values!r}, expected a mapping of its entries")
+        for name in values:
+            if name not in known:
+                raise InputError(
+                    f"metadata: unknown entry {name!r} of an event{closest(name, known)}"
+                )
+        for name in known:
+            if name not in values:
+                raise InputError(f"metadata: an event has no entry {name!r}")
+        return Occurrence(**values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Occurrence.from_dict, (self.to_dict(),)
+
+    def __repr__(self) -> str:
+        lost = f", {self.energy_lost:.6g} J lost" if self.impulses else ""
+        return f"Occurrence({', '.join(self.names)} at t = {self.t:.9g} s{lost})"
+
+
+_ARRAYS = ("q", "u_before", "u_after", "udot_before", "udot_after")
+_MAPPINGS = ("forces_before", "forces_after", "impulses")
+
+
+def _array(value: Any, size: int | None, where: str) -> FloatArray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: found {value!r}, expected numbers") from None
+    if array.ndim != 1 or (size is not None and array.size != size):
+        expected = "a list of numbers" if size is None else f"{size} numbers"
+        raise InputError(f"{where}: found shape {array.shape}, expected {expected}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{where}: found {array.tolist()}, expected finite numbers")
+    array.flags.writeable = False
+    return array
+
+
+def _listed(value: FloatArray | None) -> list[float] | None:
+    return None if value is None else [float(entry) for entry in value]

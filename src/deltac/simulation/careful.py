@@ -48,7 +48,7 @@ class LeastSquares:
         self._energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
         lam = ca.SX.sym("lambda", len(rows))
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
-        known = terms(system, system.udot_all, forces, None, bound, Reactions(driving, lam))
+        known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
         powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
         given = [flow.t, flow.x, flow.p, system.udot, lam]
         self._powers = ca.Function("P", given, [ca.vertcat(ca.SX(0, 1), *powers)])

@@ -1,0 +1,5 @@
+"""Implicit fixed-step solvers: equations of motion unsolved, one step as equations, Newton's method."""
+
+from deltac.simulation.implicit.stepper import DEFAULT_RADIUS, ImplicitStepper, check_radius
+
+__all__ = ["DEFAULT_RADIUS", "ImplicitStepper", "check_radius"]

@@ -96,7 +96,7 @@ class Newton:
                 y = y + step
                 scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLOWEST)
                 ahead = size * min(rate, 1.0)  # what the next step would be
-                if size <= TOLERANCE * scale or (k > 1 and ahead <= TOLERANCE * scale):
+                if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
                     return Outcome(y, True, k, r)
                 if fresh and size >= smallest and size <= ROUNDING * scale:
                     return Outcome(y, True, k, r)

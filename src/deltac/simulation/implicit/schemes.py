@@ -33,10 +33,12 @@ class Before:
 class StepEquations:
     """A step in symbols: `residual` of the `unknowns` must vanish; then x is `after`, the memory `memory`.
 
-    `rates` are the accelerations and powers, `multipliers` λ, that the step found.
+    `rates` are the accelerations and powers, `multipliers` λ, that the step found; `speeds` is how many of
+    the unknowns, the first, are speeds.
     """
 
     unknowns: SX
+    speeds: int
     residual: SX
     after: SX
     memory: SX
@@ -60,7 +62,7 @@ def backward_euler(form: Form, b: Before, s: Settings) -> StepEquations:
     after = ca.vertcat(end.q, u, _integrated(b, P, b.h))
     residual = ca.vertcat(b.h * form.dynamics(end, s), psi)
     rates = ca.vertcat(end.udot, P)
-    return StepEquations(ca.vertcat(u, impulse), residual, after, ca.SX(0, 1), rates, lam)
+    return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1), rates, lam)
 
 
 def implicit_midpoint(form: Form, b: Before, s: Settings) -> StepEquations:
@@ -78,7 +80,7 @@ def implicit_midpoint(form: Form, b: Before, s: Settings) -> StepEquations:
     residual = ca.vertcat(b.h * form.dynamics(middle, s), psi)
     rates = ca.vertcat(middle.udot, P)
     return StepEquations(
-        ca.vertcat(u, impulse), residual, after, ca.SX(0, 1), rates, middle.multipliers
+        ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1), rates, middle.multipliers
     )
 
 
@@ -119,7 +121,7 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     residual = ca.vertcat(b.h * form.dynamics(end, s), tied)
     rates = ca.vertcat(udot, P)
     return StepEquations(
-        ca.vertcat(w, impulse), residual, ca.vertcat(q, u, z), memory, rates, lam
+        ca.vertcat(w, impulse), w.shape[0], residual, ca.vertcat(q, u, z), memory, rates, lam
     )
 
 
@@ -152,9 +154,10 @@ def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
     P = form.powers(middle, s)
     after = ca.vertcat(q, u, _integrated(b, P, b.h))
     residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic] / b.h)
-    unknowns = ca.vertcat(u, impulse, kappa)
+    unknowns = ca.vertcat(u, kappa, impulse)
     rates = ca.vertcat(middle.udot, P)
-    return StepEquations(unknowns, residual, after, ca.SX(0, 1), rates, middle.multipliers)
+    speeds = u.shape[0] + kappa.shape[0]
+    return StepEquations(unknowns, speeds, residual, after, ca.SX(0, 1), rates, middle.multipliers)
 
 
 SCHEMES: dict[str, Scheme] = {

@@ -92,7 +92,7 @@ class ImplicitStepper:
     def newton(self) -> Newton:
         """The solver of the step's equations."""
         equations = self._equations
-        return Newton(equations.unknowns, self._data, equations.residual, self.flow.u_size)
+        return Newton(equations.unknowns, self._data, equations.residual, equations.speeds)
 
     @cached_property
     def _ending(self) -> Kernel:

@@ -37,6 +37,7 @@ _MODULES = (
     "rolling_disc",
     "simple_pendulum",
     "spherical_pendulum",
+    "stiff_governor",
     "torque_free_box",
     "triple_pendulum",
 )

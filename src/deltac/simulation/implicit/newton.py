@@ -88,8 +88,9 @@ class Newton:
                     step = np.zeros_like(y)
                     continue
                 size = float(np.abs(step[: self._speeds]).max())
-                rate = size / last if last > 0 else 0.0
-                if rate > SLOW and not fresh and np.isfinite(last):
+                known = 0.0 < last < np.inf
+                rate = size / last if known else 1.0
+                if known and rate > SLOW and not fresh:
                     refreshed = True  # the step is not taken: the old Jacobian is no good here
                     last = np.inf
                     continue
@@ -101,7 +102,7 @@ class Newton:
                 if fresh and size >= smallest and size <= ROUNDING * scale:
                     return Outcome(y, True, k, r)
                 smallest = min(size, smallest)
-                last, refreshed = size, rate > SLOW
+                last, refreshed = size, known and rate > SLOW
         self.forget()
         return Outcome(y, False, MOST_ITERATIONS, r)
 

@@ -89,6 +89,10 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     Multibody Syst. Dyn. 18 (2007) 185-202; turns as by Brüls and Cardona, J. Comput. Nonlinear Dyn. 5 (2010)
     031002.
 
+    Constraints are met on the position level; velocities are then off by a bias of second order, on which
+    multipliers of second order depend. A run that is projected has no such bias: q and u are of second order
+    as before, the method's λ is of first, and what a trajectory records is the λ of the state.
+
     The memory holds the rates (u̇, P) and the method's auxiliary ones, which belong to the time
     t + (α_m − α_f) h. Powers are integrated by the same formulas as speeds (Jansen, Whiting, Hulbert, Comput.
     Methods Appl. Mech. Eng. 190 (2000) 305-319, for first-order systems).
@@ -114,7 +118,9 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     phi, psi, _ = form.constraints(t, q, u, s)
     tied = ca.SX(psi)
     tied[form.holonomic] = phi[form.holonomic] / b.h
-    P = form.powers(end, s)
+    # A projected velocity leaves the method's own λ with an error of first order (it lives on a bias of
+    # second order in ψ), so powers take the λ of the state.
+    P = form.solved_powers(t, q, u, s) if form.multipliers else form.powers(end, s)
     p0, p1 = aux[n:], following(P, slice(n, width))
     z = _integrated(b, (1 - gamma) * p0 + gamma * p1, b.h)
     memory = ca.vertcat(udot, P, a1, p1)
@@ -151,7 +157,8 @@ def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
     still = 2.2e-16 * ca.fabs(before) + 1e-300
     mu = gap / (ca.dot(middle.u, momentum) + still)
     phi, psi, _ = form.constraints(t, q, u, s)
-    P = form.powers(middle, s)
+    # What λ does at the middle, where ψ is not zero, the correction has undone: it is no one's work.
+    P = form.powers(Point(middle.t, middle.q, middle.u, middle.udot, 0 * impulse), s)
     after = ca.vertcat(q, u, _integrated(b, P, b.h))
     residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic] / b.h)
     unknowns = ca.vertcat(u, kappa, impulse)

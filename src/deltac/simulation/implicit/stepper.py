@@ -143,25 +143,31 @@ class ImplicitStepper:
 
     def _stopped(self, t: float, following: float, h: float, outcome: Outcome) -> str:
         """In words, why a step could not be taken."""
-        n = self.flow.u_size
-        forces = np.abs(outcome.residual[:n]) / h
-        where = ""
-        if self.flow.own is None:
-            speeds = self.flow.system.mechanism.speeds
-            worst = int(np.argmax(np.where(np.isfinite(forces), forces, np.inf)))
-            name = speeds[int(self.flow.system.mechanism.free.u[worst])].name
-            where = f", {forces[worst]:.3g} N or N·m at worst, for speed {name!r}"
-        why = (
-            f"the equations of the step are singular after {outcome.iterations} iterations"
-            if outcome.singular
-            else f"Newton's method found no solution in {outcome.iterations} iterations"
-        )
+        if outcome.solved:
+            why = "the new state cannot be brought onto the constraints"
+        elif outcome.singular:
+            why = f"the equations of the step are singular{self._left(h, outcome)}"
+        else:
+            why = (
+                f"Newton's method found no solution in {outcome.iterations} iterations"
+                f"{self._left(h, outcome)}"
+            )
         return (
-            f"stopped at t = {t:.9g} s: in the step to {following:.9g} s {why} (what is left of the "
-            f"equations of motion{where}). The motion up to t = {t:.9g} s is kept. Take a smaller step; if "
-            "that does not help, look for a law that jumps or is not defined there, or constraints that "
-            "lock"
+            f"stopped at t = {t:.9g} s: in the step to {following:.9g} s {why}. The motion up to "
+            f"t = {t:.9g} s is kept. Take a smaller step; if that does not help, look for a law that jumps "
+            "or is not defined there, or for constraints that lock"
         )
+
+    def _left(self, h: float, outcome: Outcome) -> str:
+        """What is left of the equations of motion, and for which speed it is worst."""
+        forces = np.abs(outcome.residual[: self.flow.u_size]) / h
+        if self.flow.own is not None:
+            return f" ({np.max(forces):.3g} is left of the equations of motion)"
+        worst = int(np.argmax(np.where(np.isfinite(forces), forces, np.inf)))
+        mechanism = self.flow.system.mechanism
+        name = mechanism.speeds[int(mechanism.free.u[worst])].name
+        left = f"{forces[worst]:.3g} N or N·m" if np.isfinite(forces[worst]) else "no finite force"
+        return f" ({left} is left of the equations of motion for speed {name!r}, the worst)"
 
 
 class Run:

@@ -37,8 +37,12 @@ def pendulum(**options: Any) -> Mechanism:
     )
 
 
-def robot() -> tuple[Mechanism, State]:
-    """A driven shaft, a hinge with motor and damper, a ball joint and a universal joint: all smooth."""
+def robot(driven: bool = True) -> tuple[Mechanism, State]:
+    """A driven shaft, a hinge with motor and damper, a ball joint and a universal joint: all smooth.
+
+    Without the drive the shaft turns by itself, a rotor inertia on it.
+    """
+    shaft: dict[str, Any] = {"motion": "0.4*sin(1.3*t)"} if driven else {"armature": 0.1}
     mechanism = Mechanism(
         [
             frame("shaft"),
@@ -47,7 +51,7 @@ def robot() -> tuple[Mechanism, State]:
             box("arm", 0.5, [0.1, 0.2, 0.6], [0, 0, -0.3]),
         ],
         [
-            revolute("drive", "ground", "shaft", "z", motion="0.4*sin(1.3*t)"),
+            revolute("drive", "ground", "shaft", "z", **shaft),
             revolute(
                 "hinge",
                 "shaft",

@@ -17,7 +17,7 @@ import pytest
 import sympy
 
 from deltac import problems
-from oracles import loops, pendulums, rolling, rubbing
+from oracles import governor, loops, pendulums, rolling, rubbing
 from oracles.common import Values, integrated
 
 INTEGRATED = 2e-9  # DOP853 at its tolerance, with the growth of errors over 10 s
@@ -253,6 +253,7 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
     "n-four-bar": (loops.n_four_bar, 1e-15),
     "andrews-squeezer": (loops.andrews_squeezer, CALM),
     "bricard": (loops.bricard, CALM),
+    "stiff-governor": (governor.stiff_governor, CALM),
     "rolling-disc": (rolling.rolling_disc, CALM),
     "disc-on-moving-plane": (rolling.disc_on_moving_plane, CALM),
     "ball-on-table": (rolling.ball_on_table, CALM),

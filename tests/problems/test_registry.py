@@ -132,7 +132,8 @@ def test_energy_alone_is_conserved_only_where_the_problem_says_so(case: str) -> 
         by_hand = problem.invariants["energy"](run)
         np.testing.assert_allclose(by_hand, energy, rtol=0, atol=ROUNDING * size)
     else:
-        assert change >= 1e-3
+        # Stiff couplers lose a few millionths; three decades lie between that and what is conserved.
+        assert change >= 1e-6
 
 
 @every_case

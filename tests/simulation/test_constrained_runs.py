@@ -18,7 +18,7 @@ from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
 from linkages import disc, four_bars, linkage
 
-FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
+STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 PROJECTABLE = ["RK45", "DOP853", "Radau"]
 ALL = ("wang", "liu-huston", "kane-levinson-1990")
 Make = Callable[[], tuple[dc.Mechanism, dc.State]]
@@ -88,7 +88,7 @@ def one_four_bar() -> tuple[dc.Mechanism, dc.State]:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize("name", STEPPING)
 @pytest.mark.parametrize(
     ("make", "T"),
     [(one_four_bar, 0.6), pytest.param(disc, 0.4, marks=pytest.mark.slow)],

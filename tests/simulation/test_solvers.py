@@ -16,9 +16,11 @@ import deltac as dc
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS, find_solver
 from deltac.simulation.solvers.explicit import TABLEAUS
+from deltac.simulation.sundials import SUNDIALS
 from machines import pendulum, robot
 
 FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
+STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 ADAPTIVE = [s.name for s in SOLVERS.values() if s.family == "adaptive"]
 
 # --- Butcher's order conditions --------------------------------------------------------------------
@@ -105,21 +107,29 @@ def test_stages_are_counted(name: str) -> None:
 # --- observed order --------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def reference() -> Any:
-    mechanism, state = robot()
+CONSERVATIVE = ("discrete-gradient",)
+"""Solvers that refuse what is driven in time."""
+
+
+@cache
+def reference(driven: bool) -> Any:
+    mechanism, state = robot(driven)
     return dc.simulate(mechanism, state, 1.28, step=1.28, solver="taylor", testing=())
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", FIXED)
-def test_order_by_slope(name: str, reference: Any) -> None:
+@pytest.mark.parametrize("name", STEPPING)
+def test_order_by_slope(name: str) -> None:
     """log2 of the ratio of state errors, in the finest pair of steps that is clear of rounding."""
-    mechanism, state = robot()
+    driven = name not in CONSERVATIVE
+    mechanism, state = robot(driven)
+    end = reference(driven)
     errors, steps = [1.0], 32
-    while len(errors) < 3 or (errors[-1] > 1e-12 and steps <= 4096):
+    # Implicit steps cost the more; second order shows well before rounding.
+    finest = 4096 if SOLVERS[name].family == "fixed" else 1024
+    while len(errors) < 3 or (errors[-1] > 1e-12 and steps <= finest):
         run = dc.simulate(mechanism, state, 1.28, 1.28 / steps, name, testing=())
-        found = np.concatenate([run.q[-1] - reference.q[-1], run.u[-1] - reference.u[-1]])
+        found = np.concatenate([run.q[-1] - end.q[-1], run.u[-1] - end.u[-1]])
         errors.append(float(np.abs(found).max()))
         steps *= 2
     clear = [e for e in errors[1:] if e > 1e-13]
@@ -167,12 +177,15 @@ def test_adaptive_solvers_follow_their_tolerance(name: str) -> None:
         errors.append(max(abs(run.q[-1, 0] - angle), abs(run.u[-1, 0] - rate)))
         assert run.t[-1] == 2.0
         assert errors[-1] < 1000 * tolerance  # multistep methods accumulate most
-    assert errors[0] > 10 * errors[1] > 100 * errors[2]
+    # SUNDIALS changes the order as it goes: at loose tolerances its errors fall by fits and starts.
+    least = 2 if name in SUNDIALS else 10
+    assert errors[0] > least * errors[1] and errors[1] > least * errors[2]
+    assert errors[0] > 100 * errors[2]
 
 
-@pytest.mark.parametrize("name", ["DOP853", "Radau"])
+@pytest.mark.parametrize("name", ["DOP853", "Radau", "CVODES", "IDAS"])
 def test_adaptive_solvers_on_every_kind_of_joint(name: str) -> None:
-    """Two methods of different families agree where no closed form is known."""
+    """Methods of different families agree where no closed form is known."""
     mechanism, state = robot()
     fine = dc.simulate(mechanism, state, 0.5, 0.5 / 512, "ode8", record_every=512)
     run = dc.simulate(mechanism, state, 0.5, 0.1, name, tolerance=1e-8)

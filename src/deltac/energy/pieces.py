@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import Impulses, impulse_terms
 from deltac.dynamics.momentum import momentum_balances
-from deltac.dynamics.terms import Constrained
 from deltac.dynamics.system import System
+from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.quadrature import Integral, Powers, Samples, hermite_parts, integrate
 from deltac.mechanism.coordinates import CoordinateMap

@@ -41,6 +41,7 @@ _MODULES = (
     "simple_pendulum",
     "spherical_pendulum",
     "stick_slip",
+    "stiff_governor",
     "torque_free_box",
     "triple_pendulum",
     "tumbling_box",

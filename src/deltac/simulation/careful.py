@@ -48,7 +48,7 @@ class LeastSquares:
         self._energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
         lam = ca.SX.sym("lambda", len(rows))
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
-        known = terms(system, system.udot_all, forces, None, bound, Reactions(driving, lam))
+        known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
         powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
         due = [known.nonpotential_power + known.prescribed_power] if flow.correcting else []
         still = ca.SX.zeros(len(flow.integrals) - len(powers) - len(due))

@@ -123,7 +123,7 @@ def simulate_ensemble(
     found = find_solver(solver)
     if found.family != "fixed":
         raise InputError(
-            f"ensembles take fixed steps; {solver!r} is adaptive, use 'ode4' or 'ode8'"
+            f"ensembles take explicit fixed steps, {solver!r} does not; use 'ode4' or 'ode8'"
         )
     steps = round(duration / step)
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:

@@ -37,6 +37,11 @@ def constraint_start(
     singular start, and for a stabilisation that is unknown or does not go with the solver.
     """
     _check_stabilisation(stabilisation)
+    if solver.family == "implicit" and isinstance(stabilisation, tuple):
+        raise InputError(
+            f"solver {solver.name!r} meets the constraints themselves, so Baumgarte's {stabilisation!r} has "
+            "nothing to act on; use stabilisation='projection' or 'none'"
+        )
     if not mechanism.constraints:
         return ()
     if stabilisation == "projection" and solver.name in ("BDF", "LSODA"):

@@ -47,7 +47,9 @@ class Flow:
     accelerations of a hand-written function that could not be traced (else empty). `q_size`, `u_size`
     divide x; `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the `driving`
     forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
-    constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x).
+    constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
+    `split` are the generalized speeds of the testing functions, where they are not the mechanism's;
+    `damping` is Baumgarte's (α, β).
     """
 
     system: System
@@ -55,9 +57,11 @@ class Flow:
     integrals: tuple[str, ...]
     equations: Equations | None
     own: OwnCoordinates | None
+    split: OwnCoordinates | None
     bound: Constrained | None
     projecting: bool
     correcting: bool
+    damping: tuple[float, float]
     t: SX
     x: SX
     inputs: SX
@@ -159,9 +163,9 @@ def build_flow(
     split_own = trace_map(system, split) if split is not None else None
     bound = constrained(system, constraint_rows(system).select(rows))
     own: OwnCoordinates | None = None
+    damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
     given = ca.SX(0, 1)
     if equations is None:
-        damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
@@ -208,9 +212,11 @@ def build_flow(
         integrals=integrals,
         equations=equations,
         own=own,
+        split=split_own,
         bound=bound,
         projecting=projecting,
         correcting=correcting,
+        damping=damping,
         t=system.t,
         x=x,
         inputs=system.inputs,

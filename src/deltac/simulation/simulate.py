@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -28,8 +29,11 @@ from deltac.simulation.events.simulating import (
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
+from deltac.simulation.implicit import ImplicitStepper, check_radius
 from deltac.simulation.observation import observer, recorded, while_assembled
 from deltac.simulation.solvers import Solver, find_solver
+from deltac.simulation.stiffness import explained
+from deltac.simulation.sundials import SUNDIALS, run_sundials
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
@@ -56,6 +60,7 @@ def simulate(
     speeds: CoordinateMap | None = None,
     stabilisation: Stabilisation = "projection",
     correct: str | None = None,
+    spectral_radius: float | None = None,
     vary: Sequence[str] = (),
     switches: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -67,7 +72,7 @@ def simulate(
         state: where it starts (`mechanism.state(...)`).
         duration: how long, s.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
-            samples; without it they are sampled at their own steps (Taylor: 200 samples).
+            samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
         solver: a name or alias of `solver_names()`.
         testing: names of the testing functions whose power is integrated by the same solver and step;
             the integrals (J) are in the trajectory's `integrals`.
@@ -82,6 +87,8 @@ def simulate(
             solver, by the least change in the mass metric. What that does to the energy is booked as
             `correction energy`, so ΔC still shows what the solver lost; what the corrected motion is
             worth, it does not show.
+        spectral_radius: of the generalized-α solver at infinite frequency, from 0 (what is fast is gone
+            in a step) to 1 (no numerical damping); default 0.8.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
@@ -104,7 +111,8 @@ def simulate(
     every = _count(record_every)
     _check(mechanism, state, found, equations, controller, step, tolerance)
     _check_correction(correct, found)
-    steps = _steps(duration, step, every) if found.family == "fixed" else 0
+    radius = check_radius(found, spectral_radius)
+    steps = _steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
     flow, stepper, observe = _compiled(
@@ -143,12 +151,20 @@ def simulate(
         case "fixed":
             h = duration / steps
             compiled = controller is None and flow.traced
-            if stepper is None or not (compiled and stepper.fusible):
+            if not (isinstance(stepper, FixedStepper) and compiled and stepper.fusible):
                 motion = run_in_python(
                     flow, found, controller, p, x0, state.t, h, steps, every, progress
                 )
             else:
                 motion = stepper.run(p, x0, state.t, h, steps, every, progress)
+            motion = explained(flow, found, h, motion, state.t, x0, p)
+        case "implicit":
+            assert isinstance(stepper, ImplicitStepper)
+            h = duration / steps
+            motion = stepper.run(controller, p, x0, state.t, h, steps, every, progress, radius)
+        case "adaptive" if found.name in SUNDIALS:
+            times = _grid(state.t, duration, duration / 200 if step is None else step)
+            motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
         case "adaptive":
             times = None if step is None else _grid(state.t, duration, step)
             span = (state.t, state.t + duration)
@@ -163,7 +179,7 @@ def simulate(
     provenance = Provenance(
         simulator="deltac",
         solver=found.name,
-        step=step if found.family == "fixed" else None,
+        step=step if found.takes_steps else None,
         tolerance=tolerance,
         model=mechanism.name,
         model_hash=mechanism.hash,
@@ -177,7 +193,9 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-_KEPT: Kept[tuple[Flow, FixedStepper | None, Kernel]] = Kept(32)
+Stepper: TypeAlias = FixedStepper | ImplicitStepper | None
+
+_KEPT: Kept[tuple[Flow, Stepper, Kernel]] = Kept(32)
 
 
 def _compiled(
@@ -191,7 +209,7 @@ def _compiled(
     stabilisation: Stabilisation,
     correct: str | None,
     steps: int,
-) -> tuple[Flow, FixedStepper | None, Kernel]:
+) -> tuple[Flow, Stepper, Kernel]:
     """The flow, its compiled step and its observer; made once for all that differs in code."""
     key = (
         mechanism.digest(vary),
@@ -206,7 +224,7 @@ def _compiled(
         steps >= LONG_RUN,
     )
 
-    def make() -> tuple[Flow, FixedStepper | None, Kernel]:
+    def make() -> tuple[Flow, Stepper, Kernel]:
         flow = build_flow(
             mechanism,
             testing,
@@ -217,8 +235,11 @@ def _compiled(
             stabilisation,
             correcting=correct == "energy",
         )
-        fixed = solver.family == "fixed"
-        stepper = FixedStepper(flow, solver, steps >= LONG_RUN) if fixed else None
+        stepper: Stepper = None
+        if solver.family == "fixed":
+            stepper = FixedStepper(flow, solver, steps >= LONG_RUN)
+        elif solver.family == "implicit":
+            stepper = ImplicitStepper(flow, solver)
         return flow, stepper, observer(flow)
 
     return _KEPT.get(key, make)
@@ -248,7 +269,7 @@ def _check(
         )
     if step is not None:
         _positive(step, "step")
-    if solver.family == "fixed":
+    if solver.takes_steps:
         if step is None:
             raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
         if tolerance is not None:
@@ -286,8 +307,8 @@ def _check_correction(correct: str | None, solver: Solver) -> None:
         raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
     if correct is not None and solver.family != "fixed":
         raise InputError(
-            f"solver {solver.name!r} chooses its own steps, after which the energy cannot be corrected; "
-            "use a fixed-step solver such as 'ode5'"
+            f"the energy is corrected after steps of explicit fixed-step solvers only; {solver.name!r} is "
+            "none of them, use one such as 'ode5'"
         )
 
 

@@ -1,4 +1,4 @@
-"""Solvers by name: fixed-step ones after Simulink, adaptive ones of SciPy, Taylor of heyoka."""
+"""Solvers by name: fixed steps, explicit and implicit; adaptive ones of SciPy and SUNDIALS; Taylor."""
 
 from __future__ import annotations
 
@@ -18,6 +18,15 @@ _FIXED = (
     Solver("ode8", "fixed", 8, explicit_step(TABLEAUS["ode8"]), 12, ("dop853",)),
     Solver("semi-implicit-euler", "fixed", 1, semi_implicit_euler_step, 2, ("symplectic-euler",)),
 )
+_IMPLICIT = tuple(
+    Solver(name, "implicit", order, None, 1, aliases)
+    for name, order, aliases in (
+        ("ode1be", 1, ("backward-euler",)),
+        ("implicit-midpoint", 2, ("midpoint",)),
+        ("generalized-alpha", 2, ("chung-hulbert",)),
+        ("discrete-gradient", 2, ("energy-momentum",)),
+    )
+)
 _ADAPTIVE = tuple(
     Solver(name, "adaptive", order, None, 0, ())
     for name, order in (
@@ -27,6 +36,8 @@ _ADAPTIVE = tuple(
         ("Radau", 5),
         ("BDF", None),
         ("LSODA", None),
+        ("CVODES", None),
+        ("IDAS", None),
     )
 )
 _TAYLOR = (
@@ -34,7 +45,7 @@ _TAYLOR = (
     Solver("taylor-quad", "taylor", None, None, 0, ()),
 )
 
-SOLVERS: dict[str, Solver] = {s.name: s for s in (*_FIXED, *_ADAPTIVE, *_TAYLOR)}
+SOLVERS: dict[str, Solver] = {s.name: s for s in (*_FIXED, *_IMPLICIT, *_ADAPTIVE, *_TAYLOR)}
 """Every solver by its own name."""
 
 _BY_ALIAS = {alias: solver for solver in SOLVERS.values() for alias in solver.aliases}

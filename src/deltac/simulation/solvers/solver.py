@@ -25,10 +25,10 @@ StepFunction: TypeAlias = Callable[[Rate, Any, Any, Any, Parts], Any]
 
 @dataclass(frozen=True)
 class Solver:
-    """A solver: its Simulink name, its family ("fixed", "adaptive", "taylor"), its order.
+    """A solver: its Simulink name, its family ("fixed", "implicit", "adaptive", "taylor"), its order.
 
-    `step` advances fixed-step solvers, at the cost of `stages` evaluations of ẋ; `order` is None where
-    it varies along the run.
+    `step` advances the explicit solvers of family "fixed", at the cost of `stages` evaluations of ẋ; the
+    implicit ones are in `simulation.implicit`. `order` is None where it varies along the run.
     """
 
     name: str
@@ -37,3 +37,8 @@ class Solver:
     step: StepFunction | None
     stages: int
     aliases: tuple[str, ...]
+
+    @property
+    def takes_steps(self) -> bool:
+        """Whether its steps are all of one length, which the user chooses."""
+        return self.family in ("fixed", "implicit")

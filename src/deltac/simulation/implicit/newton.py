@@ -1,0 +1,146 @@
+"""Newton's method, modified: a factorised Jacobian serves as long as it makes the iteration contract."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.dynamics.spatial import SX
+from deltac.kernels import Kernel
+
+Array: TypeAlias = NDArray[np.float64]
+MOST_ITERATIONS = 40
+TOLERANCE = 1e-13
+"""Of the speeds, relative to the largest of the run: some rounding errors above the best there is."""
+
+SLOW = 0.2
+"""A contraction worse than this calls for a new Jacobian."""
+
+ROUNDING = 1e-8
+"""Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
+
+SLOWEST = 1e-3
+"""Speeds (m/s or rad/s) below this are not resolved to more than `TOLERANCE` of it."""
+
+SPARSE = 48
+"""Unknowns from which on a sparse factorisation pays."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What Newton's method came to: unknowns, whether they solve, iterations, residual."""
+
+    y: Array
+    solved: bool
+    iterations: int
+    residual: Array
+    singular: bool = False
+
+
+class Newton:
+    """Solves residual(y; data) = 0, one compiled call for the residual, one for it and its Jacobian."""
+
+    def __init__(self, y: SX, data: dict[str, SX], residual: SX, speeds: int) -> None:
+        """Differentiate; `speeds` is how many of the unknowns, the first, tell convergence."""
+        jacobian = ca.sparsify(ca.jacobian(residual, y))
+        self._size, self._speeds = y.shape[0], speeds
+        pattern = jacobian.sparsity()
+        rows, columns = pattern.get_triplet()
+        self._rows, self._columns = np.array(rows, dtype=int), np.array(columns, dtype=int)
+        self._indptr = np.array(pattern.colind(), dtype=np.int32)
+        inputs = {"y": y, **{name: column for name, column in data.items() if column.shape[0]}}
+        self._residual = Kernel(inputs, {"r": residual}, name="residual")
+        entries = jacobian.nz[:]
+        self._both = Kernel(inputs, {"r": residual, "J": entries}, name="residual and Jacobian")
+        self._in = np.empty(self._both.n_in)
+        self._out, self._r = np.empty(self._both.n_out), np.empty(self._size)
+        self._solver: Callable[[Array], Array] | None = None
+
+    def solve(self, start: Array, data: Array, fastest: float) -> Outcome:
+        """The unknowns near `start`; `fastest` is the largest speed of the run, the measure."""
+        y = start.copy()
+        self._in[self._size :] = data
+        step, last, refreshed, smallest = np.zeros_like(y), np.inf, False, np.inf
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # singular factors: seen by what comes out
+            for k in range(1, MOST_ITERATIONS + 1):
+                fresh = self._solver is None or refreshed
+                r = self._evaluated(y, fresh)
+                if not np.isfinite(r).all():
+                    if not np.any(step):
+                        return Outcome(y, False, k, r)
+                    self.forget()
+                    step = step / 2
+                    y = y - step
+                    continue
+                assert self._solver is not None
+                step = -self._solver(r)
+                if not np.isfinite(step).all():
+                    if fresh:
+                        return Outcome(y, False, k, r, singular=True)
+                    self.forget()
+                    step = np.zeros_like(y)
+                    continue
+                size = float(np.abs(step[: self._speeds]).max())
+                known = 0.0 < last < np.inf
+                rate = size / last if known else 1.0
+                if known and rate > SLOW and not fresh:
+                    refreshed = True  # the step is not taken: the old Jacobian is no good here
+                    last = np.inf
+                    continue
+                y = y + step
+                scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLOWEST)
+                ahead = size * min(rate, 1.0)  # what the next step would be
+                if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
+                    return Outcome(y, True, k, r)
+                if fresh and size >= smallest and size <= ROUNDING * scale:
+                    return Outcome(y, True, k, r)
+                smallest = min(size, smallest)
+                last, refreshed = size, known and rate > SLOW
+        self.forget()
+        return Outcome(y, False, MOST_ITERATIONS, r)
+
+    def forget(self) -> None:
+        """Make a new Jacobian at the next iteration."""
+        self._solver = None
+
+    def _evaluated(self, y: Array, fresh: bool) -> Array:
+        """The residual; with the Jacobian factorised anew if `fresh`."""
+        self._in[: self._size] = y
+        if not fresh:
+            return self._residual.single(self._in, self._r).copy()
+        self._both.single(self._in, self._out)
+        r = self._out[: self._size].copy()
+        entries = self._out[self._size :]
+        if np.isfinite(r).all() and np.isfinite(entries).all():
+            self._solver = self._factorised(entries)
+        elif np.isfinite(r).all():
+            r[:] = np.nan
+        return r
+
+    def _factorised(self, entries: Array) -> Callable[[Array], Array]:
+        n = self._size
+        if n >= SPARSE:
+            from scipy.sparse import csc_matrix
+            from scipy.sparse.linalg import splu
+
+            matrix = csc_matrix((entries, self._rows.astype(np.int32), self._indptr), shape=(n, n))
+            try:
+                found: Any = splu(matrix)
+            except RuntimeError:  # exactly singular
+                return lambda b: np.full_like(b, np.nan)
+            return lambda b: found.solve(b)
+        from scipy.linalg.lapack import dgetrf, dgetrs
+
+        J = np.zeros((n, n), order="F")
+        J[self._rows, self._columns] = entries
+        lu, pivots, failed = dgetrf(J, overwrite_a=True)
+        if failed:
+            return lambda b: np.full_like(b, np.nan)
+        return lambda b: dgetrs(lu, pivots, b)[0]

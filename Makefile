@@ -14,11 +14,11 @@ DEV := $(VENV)/.deltac-dev
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench docs clean
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-correction docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(CORE)  ## reproduce the thesis's study: ten figures, one table
 	$(VENV)/bin/deltac reproduce $(ARGS)
@@ -47,6 +47,9 @@ check: lint types layers test-casadi test  ## all of the checks, as in continuou
 
 bench: $(TEST)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)
+
+bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
+	$(PY) benchmarks/correction.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

@@ -14,7 +14,7 @@ DEV := $(VENV)/.deltac-dev
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-correction docs clean
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-correction bench-verdict docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -47,6 +47,9 @@ check: lint types layers test-casadi test  ## all of the checks, as in continuou
 
 bench: $(TEST)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)
+
+bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false verdicts
+	$(PY) benchmarks/verdict.py $(ARGS)
 
 bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
 	$(PY) benchmarks/correction.py $(ARGS)

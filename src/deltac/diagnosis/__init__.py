@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from deltac.diagnosis.audit import Audit, audit
-from deltac.diagnosis.check import EquationCheck, check_equations
+from deltac.diagnosis.check import check_equations
+from deltac.diagnosis.check_result import EquationCheck
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.localisation_run import Localisation, localise
 from deltac.diagnosis.models import load_callable, load_model

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.check_rhs import Caller
 from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.localisation_terms import Match, explain_by, explain_row, plain_parts
+from deltac.diagnosis.localisation_terms import Match, explain_residual
 from deltac.diagnosis.states import States
 from deltac.mechanism.joints import KINDS
 
@@ -21,12 +21,6 @@ BASES = 16
 
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Factors of all speeds; five, so that polynomials up to the fourth degree are told apart."""
-
-MOST_VARIABLES = 4
-"""Coordinates in a dictionary of plain functions."""
-
-SAMPLES = 512
-"""States at which a residual is compared with the terms it may consist of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +133,7 @@ def _terms(
     udot = caller(test.states)
     if not np.isfinite(udot).all():
         return ()
-    residual = test.residual(udot)[row]
-    found = explain_row(test, residual, udot, row)
-    if found:
-        return found
-    names = test.states.coordinates
-    some = (
-        range(len(names))
-        if depends is None
-        else [k for k, name in enumerate(names) if f"q.{name}" in depends]
-    )
-    if len(some) > MOST_VARIABLES:
-        return ()
-    return explain_by(residual, plain_parts(test.states, udot, list(some)))
+    return explain_residual(test, test.residual(udot)[row], udot, row, depends)
 
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:

@@ -121,17 +121,3 @@ def test_bad_input(mistaken: tuple[dc.problems.Problem, dc.Trajectory]) -> None:
     motion = dc.simulate(problem.mechanism, problem.state, duration=0.1, step=1e-2)
     with pytest.raises(dc.InputError, match="inverse"):
         dc.localise(problem.mechanism, motion, coordinates=case.coordinates)
-
-
-def test_equations_in_minimal_coordinates_can_be_simulated() -> None:
-    """A loop told by one angle, against the closed pendulum and the model with multipliers."""
-    case = CASES["four_bar"]()
-    p = dc.problems.load("n-four-bar")
-    assert case.coordinates is not None
-    mapped = replace(case.coordinates, inverse={"angle": "q.crank0"})
-    run = dc.simulate(
-        p.mechanism, p.state, duration=0.5, step=1e-3, equations=dc.Equations(case.rhs, mapped)
-    )
-    own = dc.simulate(p.mechanism, p.state, duration=0.5, step=1e-3)
-    assert np.abs(run.q - own.q).max() < 1e-10
-    assert np.abs(run.u - own.u).max() < 1e-9

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.check_rhs import Caller
 from deltac.diagnosis.equation_test import EquationTest
+from deltac.diagnosis.findings import percent
 from deltac.diagnosis.localisation_terms import Match, explain_residual
 from deltac.diagnosis.states import States
 from deltac.mechanism.joints import KINDS
@@ -29,8 +30,8 @@ class Blame:
 
     Attributes:
         speed: the own speed it belongs to, and `number`, its place (from 1).
-        relative: largest |F_r + F*_r|, as a fraction of the equation's typical terms.
-        residual: its root mean square over the states, in `unit`.
+        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms.
+        residual: the same in `unit`.
         acceleration: root mean square error of u̇ of that speed, in `acceleration_unit`.
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
@@ -50,7 +51,7 @@ class Blame:
 
     def __str__(self) -> str:
         said = [
-            f"equation {self.number} ({self.speed}) is off by {100 * self.relative:.3g} % of its terms"
+            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms"
         ]
         if self.degrees:
             said.append(
@@ -113,7 +114,7 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
             Blame(
                 speed=test.speeds[k],
                 number=k + 1,
-                relative=float(relative[k]),
+                relative=_rms(residual[k]) / float(typical[k]),
                 residual=_rms(residual[k]),
                 unit=units[k],
                 acceleration=_rms(wrong[k]),

@@ -160,7 +160,7 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
     own_q = kane.own_coordinates(t, q)
     if own_q is None:
         raise InputError(
-            "the coordinate map is not linear in its own coordinates, so its inverse is not known; give it "
+            "the coordinate map is not linear with as many coordinates, so its inverse is unknown; give it "
             "inverse="
         )
     own_u, _ = _own_speeds(kane, t, own_q, u)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.tape import CONSTANTS, ELEMENTARY, Operation, Slot, Tape, solve
+from deltac.diagnosis.repair.tape import CONSTANTS, ELEMENTARY, Operation, Row, Slot, Solve, Tape
 
 Call = Callable[[Tape, list[Any], dict[str, Any]], Any]
 
@@ -166,15 +166,11 @@ def _solve(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
     if b.ndim == 2:
         columns = [_solve(tape, [A, b[:, k]], {}) for k in range(b.shape[1])]
         return np.stack(columns, axis=1)
-    whole = tape.record(solve(rows), *A.ravel(), *b)
+    whole = tape.record(Solve(rows), *A.ravel(), *b)
     result = np.empty(rows, dtype=object)
     for k in range(rows):
-        result[k] = tape.record(_row(k), whole)
+        result[k] = tape.record(Row(k), whole)
     return result
-
-
-def _row(k: int) -> Operation:
-    return lambda matrix: matrix[k]
 
 
 def _inverse(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:

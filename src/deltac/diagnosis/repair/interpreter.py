@@ -8,6 +8,7 @@ helper functions and constants of the same module. Everything else is refused wi
 from __future__ import annotations
 
 import ast
+import contextlib
 import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -69,6 +70,7 @@ class Trace:
     inputs         the slots of t, of q and of u
     instances      the evaluations of each node, by the node's place in `source.nodes`
     parameters     slots of constants that have a name: where the module sets them
+    scope          the module's names
     """
 
     source: Source
@@ -77,6 +79,7 @@ class Trace:
     outputs: tuple[int, ...] = ()
     instances: dict[int, list[Instance]] = field(default_factory=dict)
     parameters: dict[str, int] = field(default_factory=dict)
+    scope: dict[str, Any] = field(default_factory=dict)
 
 
 class Refused(InputError):
@@ -152,7 +155,19 @@ class _Reader:
                 f"{len(u)} accelerations u̇"
             )
         self.result.outputs = tuple(self.tape.slot(entry).index for entry in flat)
+        self.unused()
         return self.result
+
+    def unused(self) -> None:
+        """Read the module's other constants: one of them may be what the function lacks."""
+        for statement in self.source.module.body:
+            if isinstance(statement, ast.Assign | ast.AnnAssign):
+                for name in _bound(statement) - self.globals.keys():
+                    with contextlib.suppress(
+                        InputError, TapeError, ArithmeticError, LookupError, TypeError, ValueError
+                    ):
+                        self.lookup(name, {}, statement)
+        self.result.scope = dict(self.globals)
 
     def where(self, node: ast.AST) -> str:
         return f"{self.source.name}:{getattr(node, 'lineno', 0)}"
@@ -520,7 +535,10 @@ class _Reader:
         if len(named) != len(e.keywords):
             self.refuse(e, "arguments with two stars")
         if isinstance(function, Function):
-            return self.noted(e, scope, lambda: self.call(function, arguments, named))
+            outer, self.tape.node = self.tape.node, None
+            value = self.call(function, arguments, named)
+            self.tape.node = outer
+            return self.loaded(e, value, scope)
         if not callable(function):
             self.refuse(e, f"calls {ast.unparse(e.func)}, which is not understood")
         self.node = e

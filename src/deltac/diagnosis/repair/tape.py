@@ -34,20 +34,42 @@ class Change:
     inputs: tuple[int, ...]
 
 
-def solve(rows: int) -> Operation:
-    """x of A x = b as an operation on the entries of A (row by row) and b: an array (rows, B)."""
+@dataclass(frozen=True)
+class Solve:
+    """x (rows, B) of A x = b, from the entries of A (row by row) and of b."""
 
-    def operation(*entries: Any) -> Any:
-        width = max((np.size(entry) for entry in entries), default=1)
-        full = np.array([np.broadcast_to(entry, (width,)) for entry in entries], dtype=float)
-        A = np.moveaxis(full[: rows * rows].reshape(rows, rows, width), -1, 0)
+    rows: int
+
+    def __call__(self, *entries: Any) -> Any:
+        """The solution; not a number where A is singular."""
+        rows = self.rows
+        full = stacked(entries)
+        A = np.moveaxis(full[: rows * rows].reshape(rows, rows, -1), -1, 0)
         b = full[rows * rows :].T[:, :, None]
         try:
             return np.linalg.solve(A, b)[:, :, 0].T
         except np.linalg.LinAlgError:
-            return np.full((rows, width), np.nan)
+            return np.full((rows, full.shape[1]), np.nan)
 
-    return operation
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a solution."""
+
+    k: int
+
+    def __call__(self, solution: Any) -> Any:
+        """Row k (B,)."""
+        return solution[self.k]
+
+
+def stacked(values: Sequence[Any]) -> Array:
+    """Numbers and arrays (B,) as one array (n, B)."""
+    width = max((np.size(value) for value in values), default=1)
+    full = np.empty((len(values), width))
+    for row, value in zip(full, values):
+        row[:] = value
+    return full
 
 
 def identity(value: Any) -> Any:
@@ -140,8 +162,9 @@ class Tape:
     ) -> Array:
         """The outputs (n, B) with some operations changed and some slots given other values."""
         changes, values = changes or {}, values or {}
-        first = sorted({*changes, *values})
-        again: set[int] = set(first).union(*(self.after(k) for k in first)) if first else set()
+        again = {*changes, *values}
+        for k in tuple(again):
+            again.update(self.after(k))
         new: dict[int, Any] = {}
         old, operations, inputs = self.values, self.operations, self.inputs
         with np.errstate(all="ignore"):
@@ -156,12 +179,7 @@ class Tape:
                     new[k] = old[k]
                     continue
                 new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
-        return self.stack([new[k] if k in new else old[k] for k in outputs])
-
-    def stack(self, values: Sequence[Any]) -> Array:
-        """Values of slots as an array (n, B)."""
-        width = max((np.size(value) for value in values), default=1)
-        return np.array([np.broadcast_to(value, (width,)) for value in values], dtype=float)
+        return stacked([new[k] if k in new else old[k] for k in outputs])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,163 @@
+"""The search for edits: what each expression must be, then the edits that make it so."""
+
+from __future__ import annotations
+
+import ast
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltac.diagnosis.repair.candidates import Candidate, short
+from deltac.diagnosis.repair.insertions import Vocabulary, insertions
+from deltac.diagnosis.repair.program import Program, named_parameters, read
+from deltac.diagnosis.repair.required import Requirement, required
+from deltac.diagnosis.repair.samples import RIGHT, Target
+from deltac.diagnosis.repair.source import Source
+from deltac.diagnosis.repair.substitutions import substitutions
+from deltac.diagnosis.repair.tape import Array, Change
+from deltac.diagnosis.repair.texts import apply
+from deltac.errors import InputError
+
+MOST = 240
+"""Edits that are tried on fresh states, cheapest first."""
+
+
+@dataclass(eq=False)
+class Search:
+    """One program, and what was found out about its expressions."""
+
+    program: Program
+    deadline: float = np.inf
+    requirements: dict[int, Requirement] = field(default_factory=dict)
+
+    def require(self) -> None:
+        """Find what each expression must be."""
+        for place in self.program.numbers:
+            if time.monotonic() > self.deadline:
+                break
+            with np.errstate(all="ignore"):
+                found = required(self.program, place)
+            if found is not None:
+                self.requirements[place] = found
+
+    @property
+    def whole(self) -> list[Requirement]:
+        """The expressions any one of which could be the only mistake."""
+        return [r for r in self.requirements.values() if r.whole]
+
+    @property
+    def partial(self) -> list[Requirement]:
+        """The expressions that could be the mistake in some of the equations that are wrong."""
+        return [r for r in self.requirements.values() if not r.whole]
+
+    def single(self) -> list[Candidate]:
+        """Single edits that seem to make the function right, cheapest first."""
+        found = [c for r in self.whole for c in self.edits(r)]
+        numbers = self.program.numbers
+        for place in self.program.trace.instances:  # arrays, and what is evaluated more than once
+            if place not in numbers and time.monotonic() < self.deadline:
+                for candidate in substitutions(self.program, place):
+                    if candidate.changes and self.program.passes(candidate.changes):
+                        found.append(candidate)
+        found += self.exchanged()
+        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+
+    def exhaustive(self) -> list[Candidate]:
+        """Single substitutions found by running every one: for where no required value was found."""
+        found = []
+        for place in self.program.numbers:
+            for candidate in substitutions(self.program, place):
+                if time.monotonic() > self.deadline:
+                    return found
+                if candidate.changes and self.program.passes(candidate.changes):
+                    found.append(candidate)
+        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+
+    def edits(self, r: Requirement) -> Iterator[Candidate]:
+        """Edits of one expression that give it the value it must have."""
+        for candidate in substitutions(self.program, r.place):
+            if candidate.changes and self.meets(r, candidate.changes):
+                yield candidate
+        yield from insertions(self.program, r, Vocabulary(self.program))
+
+    def meets(self, r: Requirement, changes: dict[int, Change] | object) -> bool:
+        """Whether an edit gives an expression its required value; by running it where there may be others."""
+        assert isinstance(changes, dict)
+        if not r.linear:
+            residual = self.program.residual(changes)
+            return bool(np.abs(residual[list(r.rows)]).max() < RIGHT)
+        change = changes[r.slot]
+        with np.errstate(all="ignore"):
+            x = change.operation(*(self.program.tape.values[k] for k in change.inputs))
+        size = np.abs(r.required).max() + np.abs(r.value).max()
+        return bool(np.abs(x - r.required).max() <= 1e-7 * size)
+
+    def exchanged(self) -> list[Candidate]:
+        """Two elements of a list or of an unpacking exchanged: found by reading the text again."""
+        source, found = self.program.source, []
+        for place, node in enumerate(source.nodes):
+            if not isinstance(node, ast.Tuple | ast.List) or not 2 <= len(node.elts) <= 6:
+                continue
+            if isinstance(source.nodes[source.parent[place]], ast.Subscript):
+                continue
+            for i in range(len(node.elts)):
+                for j in range(i + 1, len(node.elts)):
+                    if time.monotonic() > self.deadline:
+                        return found
+                    candidate = _exchange(source, place, node, i, j)
+                    if candidate is not None and self._right(candidate):
+                        found.append(candidate)
+        return found
+
+    def _right(self, candidate: Candidate) -> bool:
+        changed = apply(self.program.source, [candidate])
+        if changed is None:
+            return False
+        samples = self.program.samples
+        nominal = samples.group == 0
+        try:
+            from deltac.diagnosis.repair.interpreter import trace
+
+            found = trace(changed, samples.t[nominal], samples.q[:, nominal], samples.u[:, nominal])
+        except InputError:
+            return False
+        off = found.tape.run(found.outputs) - samples.acceleration[:, nominal]
+        r = np.einsum("bij,jb->ib", samples.M[nominal], off) / samples.typical[:, nominal]
+        return bool(np.abs(r).max() < RIGHT)
+
+
+def _exchange(
+    source: Source, place: int, node: ast.Tuple | ast.List, i: int, j: int
+) -> Candidate | None:
+    first, second = source.segment(node.elts[i]), source.segment(node.elts[j])
+    if first == second or len(first) + len(second) > 200:
+        return None
+    start, end = source.span(node)
+    (a, b), (c, d) = source.span(node.elts[i]), source.span(node.elts[j])
+    text = source.text[start:a] + second + source.text[b:c] + first + source.text[d:end]
+    words = f"{short(first, 40)} and {short(second, 40)} should be exchanged"
+    return Candidate(place, text, words, "order", 1.2, None)
+
+
+def confirmed(
+    source: Source, target: Target, edits: Sequence[Candidate], varied: tuple[str, ...]
+) -> Source | None:
+    """The edited source if it is right at states that the search has not seen, else None.
+
+    Where the search varied parameters, they are varied again; an edit must not hide one.
+    """
+    changed = apply(source, edits)
+    if changed is None:
+        return None
+    try:
+        program = read(changed, target, vary=bool(varied), fresh=True)
+    except InputError:
+        return None
+    if varied and not set(varied) <= program.samples.parameters.keys():
+        return None
+    return changed if program.wrong < RIGHT else None
+
+
+__all__ = ["MOST", "Search", "confirmed", "named_parameters"]

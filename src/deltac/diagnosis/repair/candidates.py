@@ -180,11 +180,9 @@ def written(meant: ast.expr, *texts: str) -> str:
 def product(source: Source, node: ast.expr, factor: str, divide: bool = False) -> str:
     """The text of a node times (or by) a factor."""
     symbol, op = ("/", ast.Div()) if divide else ("*", ast.Mult())
-    meant = ast.BinOp(node, op, parsed(factor))
     own = source.segment(node)
-    return written(
-        meant, f"{own} {symbol} {factor}", f"({own}) {symbol} {factor}", f"({own}) {symbol} ({factor})"
-    )
+    bare = written(ast.BinOp(node, op, ast.Name("x", ast.Load())), f"{own} {symbol} x", f"({own}) {symbol} x")
+    return f"{bare[:-1]}{factor}"
 
 
 def total(source: Source, node: ast.expr, term: str, subtract: bool = False) -> str:

@@ -10,7 +10,6 @@ from fractions import Fraction
 import numpy as np
 
 from deltac.diagnosis.repair.candidates import Candidate, product, short, total, values, vocabulary
-from deltac.diagnosis.repair.interpreter import Instance
 from deltac.diagnosis.repair.monomials import Atoms, Product, Table, powers_of, products
 from deltac.diagnosis.repair.program import Program
 from deltac.diagnosis.repair.required import Requirement
@@ -26,11 +25,11 @@ MOST = 60
 
 @dataclass(eq=False)
 class Vocabulary:
-    """Atoms at the places of a program, made once for each scope."""
+    """Atoms at the places of a program, and their products, made once for each scope."""
 
     program: Program
-    _known: dict[tuple[frozenset[str], int], tuple[Atoms, Atoms]] = field(default_factory=dict)
-    _tables: dict[tuple[int, int, bool], Table] = field(default_factory=dict)
+    _atoms: dict[tuple[object, ...], tuple[Atoms, Atoms]] = field(default_factory=dict)
+    _tables: dict[tuple[object, ...], Table] = field(default_factory=dict)
 
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
@@ -38,76 +37,96 @@ class Vocabulary:
         instance = program.numbers[requirement.place]
         names = {**program.trace.scope, **instance.scope}
         owner = program.owner(requirement.place)
-        later = set(program.tape.after(requirement.slot)) | {requirement.slot}
-        found = vocabulary(program, instance)
-        state: list[tuple[str, Array]] = []
-        constant: list[tuple[str, Array]] = []
-        for text, slot in found.items():
-            if slot.index not in later:
-                side = state if program.tape.varying[slot.index] else constant
-                side.append((text, values(program, slot.index)))
-        counts = (len(state), len(constant))
-        for text, slot_index in self._expressions(names, owner, later):
-            side = state if program.tape.varying[slot_index] else constant
-            if all(text != known for known, _ in side):
-                side.append((text, values(program, slot_index)))
-        state += self._sines(instance, state)
-        return _atoms(state, counts[0]), _atoms(constant, counts[1])
+        later = {*program.tape.after(requirement.slot), requirement.slot}
+        variables = {
+            text: slot.index
+            for text, slot in vocabulary(program, instance).items()
+            if slot.index not in later
+        }
+        expressions = {
+            text: slot
+            for text, (slot, used) in self._expressions(owner).items()
+            if slot not in later and used <= names.keys() and text not in variables
+        }
+        key = (id(owner), tuple(variables), tuple(expressions))
+        if key not in self._atoms:
+            sines = self._sines(variables, expressions)
+            self._atoms[key] = (
+                self._side(variables, expressions, sines, varying=True),
+                self._side(variables, expressions, {}, varying=False),
+            )
+        return self._atoms[key]
 
-    def _expressions(
-        self, names: dict[str, object], owner: ast.AST, later: set[int]
-    ) -> Iterator[tuple[str, int]]:
-        """Expressions of the same function, written with names that are in scope."""
-        program, count = self.program, 0
+    def _side(
+        self,
+        variables: dict[str, int],
+        expressions: dict[str, int],
+        sines: dict[str, Array],
+        varying: bool,
+    ) -> Atoms:
+        program = self.program
+        chosen = [
+            {text: values(program, k) for text, k in found.items() if program.tape.varying[k] == varying}
+            for found in (variables, expressions)
+        ]
+        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST]), **sines}
+        width = len(program.samples.t)
+        rows = np.array(list(together.values())) if together else np.empty((0, width))
+        return Atoms(tuple(together), rows, len(chosen[0]))
+
+    def table(self, atoms: Atoms, degree: int, quotients: bool) -> Table:
+        """`powers_of`, kept."""
+        key = (id(atoms), degree, quotients)
+        if key not in self._tables:
+            self._tables[key] = powers_of(atoms, degree, quotients)
+        return self._tables[key]
+
+    def _expressions(self, owner: ast.AST) -> dict[str, tuple[int, set[str]]]:
+        """Expressions of a function with their slots and the names they use, the likeliest parts first."""
+        if id(owner) in self._known:
+            return self._known[id(owner)]
+        program = self.program
+        found: list[tuple[int, str, int, set[str]]] = []
         for place, instance in program.numbers.items():
             node = program.source.nodes[place]
-            if not isinstance(node, ast.BinOp | ast.Call) or count >= MOST:
+            if not isinstance(node, ast.BinOp | ast.Call) or program.owner(place) is not owner:
+                continue
+            text = " ".join(program.source.segment(node).split())
+            if text.startswith(("-", "+")) or "#" in text:
                 continue
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-            if instance.value.index in later or not used <= names.keys():
-                continue
-            if program.owner(place) is owner and _worth(node):
-                count += 1
-                yield " ".join(program.source.segment(node).split()), instance.value.index
+            rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
+            found.append((rank, text, instance.value.index, used))
+        found.sort(key=lambda x: (x[0], len(x[1])))
+        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(found)}
+        self._known[id(owner)] = dict(reversed(self._known[id(owner)].items()))
+        return self._known[id(owner)]
 
-    def _sines(
-        self, instance: Instance, state: list[tuple[str, Array]]
-    ) -> list[tuple[str, Array]]:
+    _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
+
+    def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
         """sin and cos of the coordinates, and of their differences, that are not there yet."""
         program = self.program
-        known = {text for text, _ in state}
-        count = len(program.samples.q)
-        inputs = program.trace.inputs[1 : 1 + count]
+        inputs = program.trace.inputs[1 : 1 + len(program.samples.q)]
         angles = [
-            (text, slot.index)
-            for text, slot in vocabulary(program, instance).items()
-            if any(program.tape.values[slot.index] is program.tape.values[k] for k in inputs)
+            (text, k)
+            for text, k in variables.items()
+            if any(program.tape.values[k] is program.tape.values[i] for i in inputs)
         ]
-        made = []
+        made = {}
         for name, called in callables(program):
             function = getattr(np, name)
-            for i, (text, slot) in enumerate(angles):
-                if f"{called}({text})" not in known:
-                    made.append((f"{called}({text})", function(values(program, slot))))
-                for other, other_slot in angles[i + 1 :]:
-                    difference = f"{called}({text} - {other})"
-                    x = values(program, slot) - values(program, other_slot)
-                    if difference not in known and len(angles) <= 4:
-                        made.append((difference, function(x)))
-        return made
+            for i, (text, k) in enumerate(angles):
+                made[f"{called}({text})"] = function(values(program, k))
+                if len(angles) <= 4:
+                    for other, j in angles[i + 1 :]:
+                        x = values(program, k) - values(program, j)
+                        made[f"{called}({text} - {other})"] = function(x)
+        return {text: x for text, x in made.items() if text not in expressions}
 
 
-def _worth(node: ast.expr) -> bool:
-    """Whether an expression is a likely part: a sum, a call, a power; products are made anyway."""
-    if isinstance(node, ast.Call):
-        return True
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Pow | ast.Mult)
-
-
-def _atoms(found: list[tuple[str, Array]], names: int) -> Atoms:
-    if not found:
-        return Atoms((), np.empty((0, 1)), 0)
-    return Atoms(tuple(text for text, _ in found), np.array([v for _, v in found]), names)
+_RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast.Mult: 2}
+"""Sums and powers before products, which are made of names anyway."""
 
 
 def insertions(
@@ -128,40 +147,32 @@ def insertions(
     if not (factor or term):
         return
     state, constant = words.atoms(requirement)
-    width = len(requirement.value)
-    state_terms = powers_of(_wide(state, width), 3, quotients=False)
-    constant_terms = powers_of(_wide(constant, width), 3, quotients=False)
     group = program.samples.group
     own = source.segment(node)
     if factor:
         with np.errstate(all="ignore"):
             wanted = requirement.required / requirement.value
-        few = powers_of(_wide(state, width), 2, quotients=True)
-        constants = powers_of(_wide(constant, width), 2, quotients=True)
-        for p in products(wanted, group, (state, few), (constant, constants)):
-            yield _with_factor(program, place, node, own, p)
+        few = (state, words.table(state, 2, True)), (constant, words.table(constant, 2, True))
+        for p in products(wanted, group, *few):
+            candidate = _with_factor(program, place, node, own, p)
+            if candidate is not None:
+                yield candidate
     if term:
-        wanted = requirement.required - requirement.value
-        for p in products(wanted, group, (state, state_terms), (constant, constant_terms)):
-            negative = p.number < 0
-            text = total(source, node, p.text, subtract=negative)
-            sign = "−" if negative else "+"
-            said = f"{short(own)} lacks the term {sign} {p.text}"
+        many = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, False))
+        for p in products(requirement.required - requirement.value, group, *many):
+            text = total(source, node, p.text, subtract=p.number < 0)
+            said = f"{short(own)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
             yield Candidate(place, text, said, "term", 1.5 + p.cost, None)
-        for p in products(requirement.required, group, (state, few_of(state, width)), (constant, constant_terms)):
-            sign = "-" if p.number < 0 else ""
-            said = f"{short(own)} should be {sign}{p.text}"
-            yield Candidate(place, f"{sign}{p.text}", said, "term", 2.0 + p.cost, None)
-
-
-def few_of(state: Atoms, width: int) -> Table:
-    """Products of at most two state-dependent atoms."""
-    return powers_of(_wide(state, width), 2, quotients=False)
+        if factor:
+            for p in products(requirement.required, group, *many):
+                sign = "-" if p.number < 0 else ""
+                said = f"{short(own)} should be {sign}{p.text}"
+                yield Candidate(place, f"{sign}{p.text}", said, "term", 2.0 + p.cost, None)
 
 
 def _with_factor(
     program: Program, place: int, node: ast.expr, own: str, p: Product
-) -> Candidate:
+) -> Candidate | None:
     source = program.source
     negative = p.number < 0
     divisors = [*([str(p.number.denominator)] if p.number.denominator != 1 else []), *p.below]
@@ -171,21 +182,15 @@ def _with_factor(
         text = product(source, node, divisor, divide=True)
         said = f"{short(own)} must be divided by {' and '.join(divisors)}"
     elif not p.above and not divisors and abs(p.number) == 1:
-        text, said = own, f"{short(own)} is right up to its sign"
+        return None  # a sign: not an insertion
     else:
         text = product(source, node, p.text)
         said = f"{short(own)} lacks the factor {p.text}"
     if negative:
-        text = f"-({text})" if not only_below else f"-({text})"
+        text = f"-({text})"
         said += ", and has the wrong sign"
     kind = "number" if not p.above and not p.below else "factor"
     return Candidate(place, text, said, kind, 1.25 + p.cost + 0.5 * negative, None)
-
-
-def _wide(atoms: Atoms, width: int) -> Atoms:
-    if len(atoms):
-        return atoms
-    return Atoms((), np.empty((0, width)), 0)
 
 
 def _number(

@@ -71,6 +71,7 @@ class Trace:
     instances      the evaluations of each node, by the node's place in `source.nodes`
     parameters     slots of constants that have a name: where the module sets them
     scope          the module's names
+    statements     lines of the module's statements that the function depends on
     """
 
     source: Source
@@ -80,6 +81,7 @@ class Trace:
     instances: dict[int, list[Instance]] = field(default_factory=dict)
     parameters: dict[str, int] = field(default_factory=dict)
     scope: dict[str, Any] = field(default_factory=dict)
+    statements: frozenset[int] = frozenset()
 
 
 class Refused(InputError):
@@ -123,6 +125,7 @@ class _Reader:
         self.result = Trace(source, self.tape)
         self.globals: Environment = {}
         self.pending: set[str] = set()
+        self.read_statements: set[int] = set()
         self.depth = 0
         self.node: ast.AST = source.function
 
@@ -155,6 +158,7 @@ class _Reader:
                 f"{len(u)} accelerations u̇"
             )
         self.result.outputs = tuple(self.tape.slot(entry).index for entry in flat)
+        self.result.statements = frozenset(self.read_statements)
         self.unused()
         return self.result
 
@@ -226,6 +230,7 @@ class _Reader:
                     statement, ast.Assign | ast.AnnAssign | ast.AugAssign | ast.FunctionDef
                 ) or isinstance(statement, ast.Import | ast.ImportFrom):
                     self.statement(statement, self.globals)
+                    self.read_statements.add(statement.lineno)
                 else:
                     self.refuse(
                         statement,

@@ -7,10 +7,12 @@ fraction is left, the product is found. So the unknown coefficient is solved for
 
 from __future__ import annotations
 
+import ast
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,9 +161,11 @@ def _product(
         for (place, power), times in _counted(powers):
             text = atoms.texts[place]
             single = place < atoms.names
-            own = text if _is_atom(text) else f"({text})"
+            bound = _binding(text)
             cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1)
             side = above if power > 0 else below
+            tight = bound > 2 or (bound == 2 and times == 1) or (bound == 1 and power > 0 and times == 1)
+            own = text if tight else f"({text})"
             side.append(own if times == 1 else f"{own}**{times}")
     return Product(number, tuple(above), tuple(below), cost)
 
@@ -173,9 +177,12 @@ def _counted(powers: Sequence[tuple[int, int]]) -> list[tuple[tuple[int, int], i
     return list(counts.items())
 
 
-def _is_atom(text: str) -> bool:
-    """Whether a text can be a factor without parentheses."""
-    import ast
-
+@lru_cache(maxsize=4096)
+def _binding(text: str) -> int:
+    """How tightly a text holds together: 3 a name or call, 2 a power, 1 a product, 0 a sum."""
     node = ast.parse(text, mode="eval").body
-    return isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.Constant)
+    if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.Constant):
+        return 3
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        return 2
+    return int(isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult))

@@ -84,6 +84,11 @@ class Program:
         return np.maximum(rms, 1e-9 * rms.max())
 
     @cached_property
+    def original_residual(self) -> Array:
+        """The residual (n, B) of the function as it stands."""
+        return self.residual()
+
+    @cached_property
     def wrong(self) -> float:
         """How wrong the function is as it stands."""
         return self.samples.wrong(self.run())
@@ -103,19 +108,9 @@ class Program:
                     found[place] = instances[0]
         return found
 
-    @cached_property
-    def _mattering(self) -> frozenset[int]:
-        seen, stack = set(self.trace.outputs), list(self.trace.outputs)
-        while stack:
-            for k in self.tape.inputs[stack.pop()]:
-                if k not in seen:
-                    seen.add(k)
-                    stack.append(k)
-        return frozenset(seen)
-
     def matters(self, slot: int) -> bool:
         """Whether the accelerations depend on a slot."""
-        return slot in self._mattering
+        return slot in self.tape.before(self.trace.outputs)
 
     def owner(self, place: int) -> ast.AST:
         """The function definition, or the module, that a node is in."""

@@ -29,7 +29,7 @@ class Samples:
 
     t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `M` (B, n, n) mass
     matrix; `typical` (n, B) size of each equation's terms; `parameters` the values (B,) of those that are
-    varied; `group` (B,) counts the sets of values.
+    varied; `group` (B,) counts the sets of values; `speeds` names the own speeds.
     """
 
     t: Array
@@ -40,6 +40,21 @@ class Samples:
     typical: Array
     parameters: Mapping[str, Array]
     group: NDArray[np.intp]
+    speeds: tuple[str, ...]
+
+    def at(self, which: NDArray[np.bool_]) -> Samples:
+        """Some of the states."""
+        return Samples(
+            self.t[which],
+            self.q[:, which],
+            self.u[:, which],
+            self.acceleration[:, which],
+            self.M[which],
+            self.typical[:, which],
+            {name: values[which] for name, values in self.parameters.items()},
+            self.group[which],
+            self.speeds,
+        )
 
     def residual(self, udot: Array) -> Array:
         """M (u̇ − u̇ of the model) over the typical size of the equation's terms (n, B)."""
@@ -115,4 +130,5 @@ class Target:
                 for name in varied
             },
             group=np.repeat(np.arange(len(sizes)), sizes),
+            speeds=tests[0].speeds,
         )

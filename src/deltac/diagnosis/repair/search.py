@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import ast
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.insertions import Vocabulary, insertions
-from deltac.diagnosis.repair.program import Program, named_parameters, read
+from deltac.diagnosis.repair.interpreter import trace
+from deltac.diagnosis.repair.program import Program, read
 from deltac.diagnosis.repair.required import Requirement, required
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.substitutions import substitutions
-from deltac.diagnosis.repair.tape import Array, Change
+from deltac.diagnosis.repair.tape import Change
 from deltac.diagnosis.repair.texts import apply
 from deltac.errors import InputError
 
-MOST = 240
-"""Edits that are tried on fresh states, cheapest first."""
+SIMPLE = 1.2
+"""With an edit as simple as one name in hand, exchanges of two are not looked for."""
 
 
 @dataclass(eq=False)
@@ -31,6 +32,9 @@ class Search:
     program: Program
     deadline: float = np.inf
     requirements: dict[int, Requirement] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.vocabulary = Vocabulary(self.program)
 
     def require(self) -> None:
         """Find what each expression must be."""
@@ -61,7 +65,8 @@ class Search:
                 for candidate in substitutions(self.program, place):
                     if candidate.changes and self.program.passes(candidate.changes):
                         found.append(candidate)
-        found += self.exchanged()
+        if not any(c.cost <= SIMPLE for c in found):
+            found += self.exchanged()
         return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
 
     def exhaustive(self) -> list[Candidate]:
@@ -80,12 +85,11 @@ class Search:
         for candidate in substitutions(self.program, r.place):
             if candidate.changes and self.meets(r, candidate.changes):
                 yield candidate
-        yield from insertions(self.program, r, Vocabulary(self.program))
+        yield from insertions(self.program, r, self.vocabulary)
 
-    def meets(self, r: Requirement, changes: dict[int, Change] | object) -> bool:
+    def meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""
-        assert isinstance(changes, dict)
-        if not r.linear:
+        if not r.unique:
             residual = self.program.residual(changes)
             return bool(np.abs(residual[list(r.rows)]).max() < RIGHT)
         change = changes[r.slot]
@@ -118,8 +122,6 @@ class Search:
         samples = self.program.samples
         nominal = samples.group == 0
         try:
-            from deltac.diagnosis.repair.interpreter import trace
-
             found = trace(changed, samples.t[nominal], samples.q[:, nominal], samples.u[:, nominal])
         except InputError:
             return False
@@ -160,4 +162,3 @@ def confirmed(
     return changed if program.wrong < RIGHT else None
 
 
-__all__ = ["MOST", "Search", "confirmed", "named_parameters"]

@@ -96,6 +96,7 @@ class Tape:
     varying: list[bool] = field(default_factory=list)
     node: int | None = None
     _after: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    _before: dict[tuple[int, ...], frozenset[int]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.operations)
@@ -154,6 +155,18 @@ class Tape:
             self._after[index] = tuple(sorted(touched))
         return self._after[index]
 
+    def before(self, outputs: tuple[int, ...]) -> frozenset[int]:
+        """The slots that some outputs depend on, with themselves."""
+        if outputs not in self._before:
+            seen, stack = set(outputs), list(outputs)
+            while stack:
+                for k in self.inputs[stack.pop()]:
+                    if k not in seen:
+                        seen.add(k)
+                        stack.append(k)
+            self._before[outputs] = frozenset(seen)
+        return self._before[outputs]
+
     def run(
         self,
         outputs: Sequence[int],
@@ -165,6 +178,7 @@ class Tape:
         again = {*changes, *values}
         for k in tuple(again):
             again.update(self.after(k))
+        again &= self.before(tuple(outputs))
         new: dict[int, Any] = {}
         old, operations, inputs = self.values, self.operations, self.inputs
         with np.errstate(all="ignore"):

@@ -164,13 +164,13 @@ class _Reader:
 
     def unused(self) -> None:
         """Read the module's other constants: one of them may be what the function lacks."""
-        for statement in self.source.module.body:
+        for name in self.source.setters.keys() - self.globals.keys():
+            statement = self.source.setters[name][0]
             if isinstance(statement, ast.Assign | ast.AnnAssign):
-                for name in _bound(statement) - self.globals.keys():
-                    with contextlib.suppress(
-                        InputError, TapeError, ArithmeticError, LookupError, TypeError, ValueError
-                    ):
-                        self.lookup(name, {}, statement)
+                with contextlib.suppress(
+                    InputError, TapeError, ArithmeticError, LookupError, TypeError, ValueError
+                ):
+                    self.lookup(name, {}, statement)
         self.result.scope = dict(self.globals)
 
     def where(self, node: ast.AST) -> str:
@@ -197,8 +197,8 @@ class _Reader:
         self.globals[name] = value
         return value
 
-    def set_by_module(self) -> set[str]:
-        return {name for statement in self.source.module.body for name in _bound(statement)}
+    def set_by_module(self) -> Mapping[str, list[ast.stmt]]:
+        return self.source.setters
 
     def outside(self, name: str, value: Any) -> Any:
         """A value of a closure or of a live module."""
@@ -220,7 +220,7 @@ class _Reader:
             return calls.BUILTINS[name]
         if name in self.pending:
             self.refuse(node, f"{name!r} is defined by itself")
-        setters = [s for s in self.source.module.body if name in _bound(s)]
+        setters = self.source.setters.get(name, [])
         if not setters:
             self.refuse(node, f"the name {name!r} is not known here")
         self.pending.add(name)
@@ -598,21 +598,6 @@ def objects(entries: list[Any]) -> np.ndarray[Any, Any]:
     for k, entry in enumerate(entries):
         array[k] = entry
     return array
-
-
-def _bound(statement: ast.stmt) -> set[str]:
-    """Names that a statement of the module sets."""
-    match statement:
-        case ast.FunctionDef() | ast.ClassDef():
-            return {statement.name}
-        case ast.Import() | ast.ImportFrom():
-            return {(a.asname or a.name.partition(".")[0]) for a in statement.names}
-        case _:
-            return {
-                n.id
-                for n in ast.walk(statement)
-                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-            }
 
 
 def _as_load(target: ast.expr) -> ast.expr:

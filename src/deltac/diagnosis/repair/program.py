@@ -152,16 +152,24 @@ def named_parameters(found: Trace, target: Target) -> tuple[str, ...]:
 
 
 def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False) -> Program:
-    """The program at samples in which the parameters `varied` take other values too."""
+    """The program at samples in which the parameters `varied` take other values too.
+
+    Raises InputError where the function does not have them all, with the model's values.
+    """
     samples = target.samples(varied, fresh)
     found = trace(source, samples.t, samples.q, samples.u)
-    tape = found.tape
-    missing = [name for name in varied if name not in found.parameters]
+    missing = set(varied) - set(named_parameters(found, target))
     if missing:
-        raise InputError(f"{source.name}: no constant {missing[0]!r}")
+        raise InputError(f"{source.name}: no constant {min(missing)!r} with the model's value")
+    if not varied:
+        return Program(found, samples)
+    tape = found.tape
     given = {found.parameters[name]: samples.parameters[name] for name in varied}
+    changed = set(given)
+    for k in given:
+        changed.update(tape.after(k))
     with np.errstate(all="ignore"):
-        for k in range(len(tape)):
+        for k in sorted(changed):
             operation = tape.operations[k]
             if k in given:
                 tape.values[k] = given[k]

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.repair import runner
+from deltac.diagnosis.repair.calls import ELEMENTARY
 from deltac.diagnosis.repair.candidates import Candidate, short
+from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.pairs import pairs
 from deltac.diagnosis.repair.program import Program, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
@@ -36,6 +38,12 @@ GROUPS = 8
 
 TRIED = 120
 """Edits that are tried on fresh states, cheapest first."""
+
+ALIKE = 4
+"""Ways to write a repair that are reported for one statement."""
+
+DEARER = 1.6
+"""Edits that cost this much more than the least one are not reported."""
 
 AGREE = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
@@ -224,13 +232,14 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     if program.wrong < RIGHT:
         return _report(program, [], start, deadline)
     found, suspects = _search(program, target, deadline)
+    coincidence = False
     if not found and program.samples.parameters:
-        # The model's parameters may not be all that its numbers come from: as it stands, then.
+        # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
         plain = read(source, target, vary=False)
         found, more = _search(plain, target, deadline)
         if found or not suspects:
-            program, suspects = plain, more
-    return _report(program, found, start, deadline, suspects)
+            program, suspects, coincidence = plain, more, True
+    return _report(program, found, start, deadline, suspects, coincidence)
 
 
 def _search(
@@ -256,12 +265,20 @@ def _confirm(
     varied = tuple(program.samples.parameters)
     found: list[tuple[tuple[Candidate, ...], Source]] = []
     seen: set[str] = set()
+    places: dict[tuple[int, ...], int] = {}
+    cheapest = np.inf
     for tried, edits in enumerate(candidates):
-        if tried >= TRIED or (time.monotonic() > deadline and found):
+        cost = sum(e.cost for e in edits)
+        if tried >= TRIED or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
+        where = tuple(program.source.statement(e.place).lineno for e in edits)
+        if places.get(where, 0) >= ALIKE:
+            continue
         changed = confirmed(program.source, target, edits, varied)
         if changed is not None and changed.text not in seen:
             seen.add(changed.text)
+            places[where] = places.get(where, 0) + 1
+            cheapest = min(cheapest, cost)
             found.append((edits, changed))
     return found
 
@@ -278,6 +295,7 @@ def _report(
     start: float,
     deadline: float,
     suspects: Sequence[str] = (),
+    coincidence: bool = False,
 ) -> Repair:
     source = program.source
     names = program.samples.speeds
@@ -289,7 +307,7 @@ def _report(
         residual=program.wrong,
         equations=tuple(name for name, off in zip(names, wrong) if off),
         fixes=fixes,
-        certain=bool(fixes) and _one_formula(program, [s for _, s in found]),
+        certain=bool(fixes) and not coincidence and _one_formula(program, _first(program, found)),
         varied=tuple(program.samples.parameters),
         suspects=tuple(dict.fromkeys(suspects)),
         complete=time.monotonic() <= deadline,
@@ -297,17 +315,27 @@ def _report(
     )
 
 
-def _fixes(
-    program: Program, found: Sequence[tuple[tuple[Candidate, ...], Source]]
-) -> tuple[Fix, ...]:
-    """One fix for each statement (or pair of them), with what else could be written there."""
-    source = program.source
+Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+
+
+def _groups(program: Program, found: Found) -> list[Found]:
+    """Edits of the same statements together."""
     groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
     for edits, changed in found:
-        key = tuple(source.statement(e.place).lineno for e in edits)
+        key = tuple(program.source.statement(e.place).lineno for e in edits)
         groups.setdefault(key, []).append((edits, changed))
+    return list(groups.values())[:GROUPS]
+
+
+def _first(program: Program, found: Found) -> list[Source]:
+    return [members[0][1] for members in _groups(program, found)]
+
+
+def _fixes(program: Program, found: Found) -> tuple[Fix, ...]:
+    """One fix for each statement (or pair of them), with what else could be written there."""
+    source, groups = program.source, _groups(program, found)
     fixes = []
-    for members in list(groups.values())[:GROUPS]:
+    for members in groups:
         edits, changed = members[0]
         fixes.append(
             Fix(
@@ -321,20 +349,17 @@ def _fixes(
                 others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
             )
         )
-    return _tried(program, fixes, [members[0][1] for members in groups.values()])
+    return _tried(program, fixes, _first(program, found))
 
 
 def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) -> tuple[Fix, ...]:
     """The fixes after Python has run them; those that give something else then are left out."""
-    from deltac.diagnosis.repair.interpreter import trace
-
     samples = program.samples
-    nominal = samples.group == 0
-    at = samples.at(nominal)
+    at = samples.at(samples.group == 0)
     kept = list(fixes)
     modules, places = [], []
-    for k, (fix, changed) in enumerate(zip(fixes, sources)):
-        module = runner.extract(trace(changed, at.t, at.q, at.u))
+    for k, changed in enumerate(sources[: len(fixes)]):
+        module = runner.extract(changed, program.trace.statements)
         if module is not None and _nothing_new(program.source, changed):
             modules.append(module)
             places.append(k)
@@ -349,8 +374,6 @@ def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) ->
 
 def _nothing_new(source: Source, changed: Source) -> bool:
     """Whether an edit brings no import and no call other than of elementary functions."""
-    from deltac.diagnosis.repair.calls import ELEMENTARY
-
     def used(tree: ast.Module) -> tuple[list[str], set[str]]:
         nodes = list(ast.walk(tree))
         imports = [ast.unparse(n) for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
@@ -364,8 +387,6 @@ def _nothing_new(source: Source, changed: Source) -> bool:
 
 def _one_formula(program: Program, sources: Sequence[Source]) -> bool:
     """Whether all repaired functions stay equal when their named constants are moved."""
-    from deltac.diagnosis.repair.interpreter import trace
-
     at = program.samples.at(program.samples.group == 0)
     results: list[Array] = []
     traces = [trace(source, at.t, at.q, at.u) for source in sources]

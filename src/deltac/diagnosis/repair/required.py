@@ -89,7 +89,7 @@ def required(program: Program, place: int) -> Requirement | None:
         if straight:
             x, found = start + step, np.abs(after[rows]).max(axis=0) < RIGHT
         else:
-            x, found = _newton(off, nearest, rows, start, size)
+            x, found = _newton(off, nearest, rows, start, size, constant)
             after = off(x)
         if not found.all():
             return None
@@ -106,6 +106,7 @@ def _newton(
     rows: Flags,
     start: Array,
     size: Array,
+    constant: bool,
 ) -> tuple[Array, Flags]:
     """Roots of the residual in `rows`, and at which states they were found."""
     best = start.copy()
@@ -118,7 +119,8 @@ def _newton(
             dx = nearest((off(x + h)[rows] - r) / h, r)
             x = np.where(np.isfinite(dx), x + dx, x)
             r = off(x)[rows]
-            new = (np.abs(r).max(axis=0) < RIGHT) & ~found
+            good = np.abs(r).max(axis=0) < RIGHT
+            new = (np.full_like(found, good.all()) if constant else good) & ~found
             best[new] = x[new]
             found |= new
             if found.all() or not (~found & (np.abs(dx) > 1e-6 * size)).any():

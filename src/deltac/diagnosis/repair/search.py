@@ -12,7 +12,7 @@ import numpy as np
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.insertions import Vocabulary, insertions
 from deltac.diagnosis.repair.interpreter import trace
-from deltac.diagnosis.repair.program import Program, read
+from deltac.diagnosis.repair.program import Program, at
 from deltac.diagnosis.repair.required import Requirement, required
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source
@@ -154,11 +154,7 @@ def confirmed(
     if changed is None:
         return None
     try:
-        program = read(changed, target, vary=bool(varied), fresh=True)
+        program = at(changed, target, varied, fresh=True)
     except InputError:
         return None
-    if varied and not set(varied) <= program.samples.parameters.keys():
-        return None
     return changed if program.wrong < RIGHT else None
-
-

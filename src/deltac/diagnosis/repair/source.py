@@ -62,6 +62,15 @@ class Source:
         }
 
     @cached_property
+    def setters(self) -> dict[str, list[ast.stmt]]:
+        """The statements of the module that set each of its names."""
+        found: dict[str, list[ast.stmt]] = {}
+        for statement in self.module.body:
+            for name in sorted(_bound(statement)):
+                found.setdefault(name, []).append(statement)
+        return found
+
+    @cached_property
     def function(self) -> ast.FunctionDef:
         """The definition meant. InputError where there is none."""
         body: list[ast.stmt] = self.module.body
@@ -166,3 +175,18 @@ def _of_function(function: Callable[..., Any]) -> Source:
     if receiver is not None:
         outside["<self>"] = receiver
     return Source(path.name, path.read_text("utf-8"), plain.__qualname__, path, outside)
+
+
+def _bound(statement: ast.stmt) -> set[str]:
+    """Names that a statement of the module sets."""
+    match statement:
+        case ast.FunctionDef() | ast.ClassDef():
+            return {statement.name}
+        case ast.Import() | ast.ImportFrom():
+            return {(a.asname or a.name.partition(".")[0]) for a in statement.names}
+        case _:
+            return {
+                n.id
+                for n in ast.walk(statement)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+            }

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.diagnosis.equation_test import LEAST as FLOOR
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.states import random_states
 from deltac.mechanism.coordinates import CoordinateMap
@@ -17,6 +18,8 @@ Array = NDArray[np.float64]
 
 NOMINAL, VARIED, SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""
+
+LEAST = 1e-3
 
 RIGHT = 1e-8
 """Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
@@ -121,7 +124,7 @@ class Target:
             M=np.concatenate([test.M for test in tests]),
             typical=join(
                 [
-                    np.repeat(test.typical(test.acceleration)[:, None], size, axis=1)
+                    np.repeat(_typical(test)[:, None], size, axis=1)
                     for test, size in zip(tests, sizes)
                 ]
             ),
@@ -132,3 +135,11 @@ class Target:
             group=np.repeat(np.arange(len(sizes)), sizes),
             speeds=tests[0].speeds,
         )
+
+
+def _typical(test: EquationTest) -> Array:
+    """Size of each equation's terms (n,), at least a thousandth of its natural inertia force.
+
+    Where the terms of an equation cancel (two equal moments of inertia), what is left of them is rounding.
+    """
+    return np.maximum(test.typical(test.acceleration), LEAST / FLOOR * test.floor)

@@ -24,7 +24,22 @@ def load(case: str) -> tuple[Any, Any]:
 
     if case == "triple_pendulum":
         mechanism = triple_pendulum.problem(damping=DAMPING).mechanism
+    elif case == "heavy_top":
+        mechanism = _top()
     else:
         mechanism = problems.load(case.replace("_", "-")).mechanism
     pendulum = case in ("triple_pendulum", "double_pendulum")
     return mechanism, absolute_angles(mechanism) if pendulum else None
+
+
+def _top() -> Any:
+    """A heavy body on a fixed tip, without symmetry: one with two equal moments hides mistakes."""
+    import deltac as dc
+
+    return dc.Mechanism(
+        bodies=[dc.body("top", "m", ("Jx", "Jy", "Jz"), (0.0, "h", 0.0))],
+        joints=[dc.spherical("tip", "ground", "top")],
+        gravity=(0.0, 0.0, "-g"),
+        parameters={"m": 15.0, "g": 9.81, "h": 0.8, "Jx": 0.3, "Jy": 0.47, "Jz": 0.39},
+        name="heavy body on a tip",
+    )

@@ -1,15 +1,15 @@
-"""The heavy top on a fixed tip: Euler's equations about the tip, angular velocity in body components.
+"""A heavy body on a fixed tip: Euler's equations about the tip, angular velocity in body components.
 
-O. Brüls, A. Cardona, J. Comput. Nonlinear Dyn. 5 (2010) 031002 (the data); L. D. Landau, E. M.
-Lifshitz, Mechanics, section 36 (the equations). The mass centre is at `h` on the body's y axis.
+L. D. Landau, E. M. Lifshitz, Mechanics, section 36. The mass centre is at `h` on the body's y axis; the
+moments of inertia differ, so that no mistake is hidden by a symmetry.
 """
 
 import numpy as np
 
 m = 15.0
 g = 9.81
-h = 1.0
-Jx, Jy, Jz = 0.234375, 0.46875, 0.234375  # about the mass centre
+h = 0.8
+Jx, Jy, Jz = 0.3, 0.47, 0.39  # about the mass centre
 A, B, C = Jx + m * h**2, Jy, Jz + m * h**2  # about the tip
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.repair import runner
-from deltac.diagnosis.repair.calls import ELEMENTARY
+from deltac.diagnosis.repair.calls import ELEMENTARY, flatten
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.pairs import pairs
@@ -22,6 +22,7 @@ from deltac.diagnosis.repair.program import Program, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.search import Search, confirmed
 from deltac.diagnosis.repair.source import Source, read_source
+from deltac.diagnosis.repair.tape import Slot
 from deltac.diagnosis.repair.texts import unified_diff
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
@@ -249,8 +250,6 @@ def _search(
     search = Search(program, deadline)
     search.require()
     found = _confirm(program, target, ((c,) for c in search.single()), deadline)
-    if not found and not search.whole:
-        found = _confirm(program, target, ((c,) for c in search.exhaustive()), deadline)
     if not found:
         found = _confirm(program, target, pairs(search), deadline)
     return found, [_suspect(program.source, r.place) for r in search.whole]
@@ -307,7 +306,9 @@ def _report(
         residual=program.wrong,
         equations=tuple(name for name, off in zip(names, wrong) if off),
         fixes=fixes,
-        certain=bool(fixes) and not coincidence and _one_formula(program, _first(program, found)),
+        certain=bool(fixes)
+        and (_all_varied(program) or not coincidence and _about_the_state(program, found))
+        and _one_formula(program, _first(program, found)),
         varied=tuple(program.samples.parameters),
         suspects=tuple(dict.fromkeys(suspects)),
         complete=time.monotonic() <= deadline,
@@ -383,6 +384,31 @@ def _nothing_new(source: Source, changed: Source) -> bool:
     before, after = used(source.module), used(changed.module)
     new = {name.rpartition(".")[2] for name in after[1] - before[1]}
     return before[0] == after[0] and new <= ELEMENTARY.keys()
+
+
+STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
+
+
+def _all_varied(program: Program) -> bool:
+    """Whether every named constant that the function uses was varied with the model's parameters."""
+    used = {name for name, slot in program.trace.parameters.items() if program.matters(slot)}
+    return used <= program.samples.parameters.keys()
+
+
+def _about_the_state(program: Program, found: Found) -> bool:
+    """Whether the least edit changes how the result depends on the state, not on constants alone.
+
+    States are drawn at random, so that nothing that depends on them fits by chance; constants can.
+    """
+    edits, _ = found[0]
+    tape = program.tape
+
+    def varies(place: int) -> bool:
+        instances = program.trace.instances.get(place, [])
+        slots = [s for i in instances for s in flatten(i.value) if isinstance(s, Slot)]
+        return any(tape.varying[slot.index] for slot in slots)
+
+    return all(e.kind in STATE_KINDS and varies(e.place) for e in edits)
 
 
 def _one_formula(program: Program, sources: Sequence[Source]) -> bool:

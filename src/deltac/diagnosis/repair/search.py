@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ast
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.insertions import Vocabulary, insertions
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.program import Program, at
-from deltac.diagnosis.repair.required import Requirement, required
+from deltac.diagnosis.repair.required import Requirement, Requirements
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.substitutions import substitutions
@@ -31,54 +31,49 @@ class Search:
 
     program: Program
     deadline: float = np.inf
-    requirements: dict[int, Requirement] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.vocabulary = Vocabulary(self.program)
+        self.requirements = Requirements(self.program)
 
     def require(self) -> None:
         """Find what each expression must be."""
         for place in self.program.numbers:
             if time.monotonic() > self.deadline:
                 break
-            with np.errstate(all="ignore"):
-                found = required(self.program, place)
-            if found is not None:
-                self.requirements[place] = found
+            self.requirements.find(place)
 
     @property
     def whole(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
-        return [r for r in self.requirements.values() if r.whole]
+        return [r for r in self.requirements.found.values() if r.whole]
 
     @property
     def partial(self) -> list[Requirement]:
         """The expressions that could be the mistake in some of the equations that are wrong."""
-        return [r for r in self.requirements.values() if not r.whole]
+        return [r for r in self.requirements.found.values() if not r.whole]
 
     def single(self) -> list[Candidate]:
         """Single edits that seem to make the function right, cheapest first."""
         found = [c for r in self.whole for c in self.edits(r)]
         numbers = self.program.numbers
-        for place in self.program.trace.instances:  # arrays, and what is evaluated more than once
-            if place not in numbers and time.monotonic() < self.deadline:
-                for candidate in substitutions(self.program, place):
-                    if candidate.changes and self.program.passes(candidate.changes):
-                        found.append(candidate)
+        # Arrays, and what is evaluated more than once, have no one value that they must have.
+        others = [place for place in self.program.trace.instances if place not in numbers]
+        found += self.tried([*others, *self.requirements.undecided])
         if not any(c.cost <= SIMPLE for c in found):
             found += self.exchanged()
         return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
 
-    def exhaustive(self) -> list[Candidate]:
-        """Single substitutions found by running every one: for where no required value was found."""
+    def tried(self, places: Iterable[int]) -> list[Candidate]:
+        """Substitutions at some nodes that make the function right, found by running every one."""
         found = []
-        for place in self.program.numbers:
+        for place in places:
             for candidate in substitutions(self.program, place):
                 if time.monotonic() > self.deadline:
                     return found
                 if candidate.changes and self.program.passes(candidate.changes):
                     found.append(candidate)
-        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+        return found
 
     def edits(self, r: Requirement) -> Iterator[Candidate]:
         """Edits of one expression that give it the value it must have."""

@@ -69,7 +69,7 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
     "heavy_top": [
         ("Euler's equations with the wrong sign", [("(C - B) * wy * wz", "(B - C) * wy * wz")]),
         ("a parallel axis forgotten", [("Jz + m * h**2", "Jz")]),
-        ("a quaternion's sign", [("2 * (y * z + w * x)", "2 * (y * z - w * x)")]),
+        ("a quaternion's sign", [("-2 * (x * z - w * y)", "-2 * (x * z + w * y)")]),
         ("half the rotation matrix", [("-2 * (x * z", "-(x * z")]),
     ],
     "chaplygin_sleigh": [

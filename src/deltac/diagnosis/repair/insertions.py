@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import ast
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
 import numpy as np
 
-from deltac.diagnosis.repair.candidates import Candidate, product, short, total, values, vocabulary
+from deltac.diagnosis.repair.candidates import (
+    Candidate,
+    combine,
+    product,
+    short,
+    slots,
+    total,
+    values,
+    vocabulary,
+)
 from deltac.diagnosis.repair.monomials import Atoms, Product, Table, powers_of, products
 from deltac.diagnosis.repair.program import Program
 from deltac.diagnosis.repair.required import Requirement
+from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.substitutions import callables
 from deltac.diagnosis.repair.tape import Array
 
 EXACT = 1e-9
 """A required value that differs by less than this (relative) from state to state is one number."""
+
+TRIPLE = 40
+"""Names and functions that are multiplied three at a time."""
+
+SUMMED = 24
+"""Constants of which sums and differences of two are taken as well."""
 
 MOST = 60
 """Expressions of the source that are taken as parts of what is missing."""
@@ -69,10 +86,21 @@ class Vocabulary:
             {text: values(program, k) for text, k in found.items() if program.tape.varying[k] == varying}
             for found in (variables, expressions)
         ]
+        names = len(chosen[0])
         together = {**chosen[0], **dict(list(chosen[1].items())[:MOST]), **sines}
+        calls = sum("(" in text and text[-1] == ")" for text in together)
         width = len(program.samples.t)
         rows = np.array(list(together.values())) if together else np.empty((0, width))
-        return Atoms(tuple(together), rows, len(chosen[0]))
+        if varying:
+            return Atoms(tuple(together), rows, names, len(rows), min(names + calls, TRIPLE))
+        group = program.samples.group
+        rows = rows[:, np.searchsorted(group, np.arange(group[-1] + 1))]
+        core, texts = len(rows), list(together)
+        if group[-1] > 0 and names <= SUMMED:  # at one set of numbers, sums fit too easily
+            for i, j in itertools.combinations(range(names), 2):
+                texts += [f"{texts[i]} + {texts[j]}", f"{texts[i]} - {texts[j]}"]
+                rows = np.concatenate([rows, [rows[i] + rows[j], rows[i] - rows[j]]])
+        return Atoms(tuple(texts), rows, names, min(core, TRIPLE), min(names, TRIPLE))
 
     def table(self, atoms: Atoms, degree: int, quotients: bool) -> Table:
         """`powers_of`, kept."""
@@ -161,13 +189,49 @@ def insertions(
         many = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, False))
         for p in products(requirement.required - requirement.value, group, *many):
             text = total(source, node, p.text, subtract=p.number < 0)
-            said = f"{short(own)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
-            yield Candidate(place, text, said, "term", 1.5 + p.cost, None)
+            said = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
+            place_cost = 0.0 if isinstance(node, ast.BinOp) else 0.05
+            yield Candidate(place, text, said, "term", 1.5 + p.cost + place_cost, None)
         if factor:
             for p in products(requirement.required, group, *many):
                 sign = "-" if p.number < 0 else ""
                 said = f"{short(own)} should be {sign}{p.text}"
                 yield Candidate(place, f"{sign}{p.text}", said, "term", 2.0 + p.cost, None)
+
+
+def _named(source: Source, node: ast.expr) -> str:
+    """What an expression is called in words: the variable that it is assigned to, or its text."""
+    parent = source.nodes[source.parent[source.number[id(node)]]]
+    if isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
+        return parent.targets[0].id
+    return short(source.segment(node))
+
+
+def additions(program: Program, place: int) -> Iterator[Candidate]:
+    """A name added, subtracted, multiplied or divided by: to be tried where a value is not unique."""
+    source, node = program.source, program.source.nodes[place]
+    if place not in program.numbers or not isinstance(node, ast.expr):
+        return
+    parent = source.nodes[source.parent[place]]
+    inside = isinstance(parent, ast.BinOp) and type(parent.op) in (ast.Mult, ast.Div)
+    if isinstance(node, ast.Constant) or inside or not program.tape.varying[slots(program, place)[0]]:
+        return
+    own = short(source.segment(node))
+    for name, slot in vocabulary(program, program.numbers[place]).items():
+        if slot.index >= program.numbers[place].value.index:
+            continue
+        changes = {
+            symbol: combine(program, place, operation, slot.index)
+            for symbol, operation in zip("+-*/", (np.add, np.subtract, np.multiply, np.true_divide))
+        }
+        for symbol, subtract in (("+", False), ("-", True)):
+            said = f"{own} lacks the term {'−' if subtract else '+'} {name}"
+            text = total(source, node, name, subtract)
+            yield Candidate(place, text, said, "term", 1.75, changes[symbol])
+        for symbol, divide in (("*", False), ("/", True)):
+            said = f"{own} must be divided by {name}" if divide else f"{own} lacks the factor {name}"
+            text = product(source, node, name, divide)
+            yield Candidate(place, text, said, "factor", 1.6, changes[symbol])
 
 
 def _with_factor(

@@ -35,11 +35,17 @@ Powers = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class Atoms:
-    """Texts and their values, (A, B); `names` are those that are single names, not expressions."""
+    """Texts and their values, (A, B), or (A, G) of constants; simple ones first.
+
+    The first `names` are single names; the first `core` are multiplied with every other, the first `triple`
+    with each other three at a time.
+    """
 
     texts: tuple[str, ...]
     values: Array
     names: int
+    core: int
+    triple: int
 
     def __len__(self) -> int:
         return len(self.texts)
@@ -74,7 +80,7 @@ class Table:
 
 
 def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
-    """All products of at most `degree` atoms (degree three: of names only), with quotients if wanted."""
+    """Products of at most `degree` atoms, with quotients of names if wanted."""
     A, n = len(atoms), atoms.names
     combinations: list[Powers] = [()]
     blocks = [np.ones((1, atoms.values.shape[1]))]
@@ -84,12 +90,12 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
         blocks.append(V)
         i, j = np.triu_indices(A)
         if degree >= 2:
-            keep = (i < n) | (j < n)
+            keep = (i < atoms.core) | (i == j)
             i, j = i[keep], j[keep]
             combinations += [((int(a), 1), (int(b), 1)) for a, b in zip(i, j)]
             blocks.append(V[i] * V[j])
         if degree >= 3:
-            triples = list(itertools.combinations_with_replacement(range(n), 3))
+            triples = list(itertools.combinations_with_replacement(range(atoms.triple), 3))
             if triples:
                 index = np.array(triples)
                 combinations += [tuple((a, 1) for a in triple) for triple in triples]
@@ -126,18 +132,16 @@ def products(
         coefficient = 0.5 * (low[k] + high[k])
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
             powers = state[1].powers[k]
-            for number, others in _numbers(coefficient, constant[1], starts):
+            for number, others in _numbers(coefficient, constant[1]):
                 found.append(_product(number, powers, state[0], others, constant[0]))
     found.sort(key=lambda p: (p.cost, p.text))
     return found[:KEPT]
 
 
-def _numbers(
-    coefficient: Array, table: Table, starts: NDArray[np.intp]
-) -> list[tuple[Fraction, Powers]]:
+def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:
     """Fractions times products of constants that equal a coefficient in every group."""
     with np.errstate(all="ignore"):
-        ratio = coefficient / table.values[:, starts]
+        ratio = coefficient / table.values
         middle = ratio[:, 0]
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= CONSTANT * np.abs(middle)
         sizes = np.array([float(f) for f in FRACTIONS])
@@ -162,7 +166,7 @@ def _product(
             text = atoms.texts[place]
             single = place < atoms.names
             bound = _binding(text)
-            cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1)
+            cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1 if bound else 0.3)
             side = above if power > 0 else below
             tight = bound > 2 or (bound == 2 and times == 1) or (bound == 1 and power > 0 and times == 1)
             own = text if tight else f"({text})"

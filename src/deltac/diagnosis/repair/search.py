@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac.diagnosis.repair.candidates import Candidate, short
-from deltac.diagnosis.repair.insertions import Vocabulary, insertions
+from deltac.diagnosis.repair.insertions import Vocabulary, additions, insertions
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.program import Program, at
 from deltac.diagnosis.repair.required import Requirement, Requirements
@@ -68,7 +69,9 @@ class Search:
         """Substitutions at some nodes that make the function right, found by running every one."""
         found = []
         for place in places:
-            for candidate in substitutions(self.program, place):
+            for candidate in itertools.chain(
+                substitutions(self.program, place), additions(self.program, place)
+            ):
                 if time.monotonic() > self.deadline:
                     return found
                 if candidate.changes and self.program.passes(candidate.changes):
@@ -81,6 +84,8 @@ class Search:
             if candidate.changes and self.meets(r, candidate.changes):
                 yield candidate
         yield from insertions(self.program, r, self.vocabulary)
+        if not r.unique:
+            yield from (c for c in additions(self.program, r.place) if self.meets(r, c.changes or {}))
 
     def meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""

@@ -14,7 +14,7 @@ DEV := $(VENV)/.deltac-dev
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench docs clean
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-repair docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -47,6 +47,9 @@ check: lint types layers test-casadi test  ## all of the checks, as in continuou
 
 bench: $(TEST)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)
+
+bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are detected, and repaired
+	$(PY) benchmarks/repair.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

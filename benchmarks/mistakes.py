@@ -9,12 +9,18 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
         ("length for half a length", [("r2, r3 = l1 / 2, l2 / 2", "r2, r3 = l1 / 2, l2")]),
         ("cosine for sine", [("g * np.sin(th1)", "g * np.cos(th1)")]),
         ("a parallel axis forgotten", [("M33 = I3 + m3 * r3**2", "M33 = I3")]),
-        ("the last body's mass forgotten", [("(m2 * r2 + m3 * l2) * l1 * C21", "m2 * r2 * l1 * C21")]),
+        (
+            "the last body's mass forgotten",
+            [("(m2 * r2 + m3 * l2) * l1 * C21", "m2 * r2 * l1 * C21")],
+        ),
         ("a square forgotten", [("S32 * w3**2", "S32 * w3")]),
         ("rates exchanged", [("S31 * w1**2", "S31 * w3**2")]),
         ("absolute rate in a damper", [("- c3 * (w3 - w2)\n\n", "- c3 * w3\n\n")]),
         ("the reaction of a damper forgotten", [(" + c2 * (w2 - w1)", "")]),
-        ("angle difference the wrong way round", [("np.sin(th2 - th1), np.cos", "np.sin(th1 - th2), np.cos")]),
+        (
+            "angle difference the wrong way round",
+            [("np.sin(th2 - th1), np.cos", "np.sin(th1 - th2), np.cos")],
+        ),
         ("a coupling not symmetric", [("[M13, M23, M33]", "[M12, M23, M33]")]),
         ("a coupling forgotten", [("[M12, M22, M23]", "[M12, M22, 0]")]),
         ("g forgotten", [("m3 * r3 * g * np.sin", "m3 * r3 * np.sin")]),
@@ -30,7 +36,10 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
         ),
         (
             "two signs in one equation",
-            [("f2 = f2 - (m2", "f2 = f2 + (m2"), ("+ c3 * (w3 - w2)\n    f3", "- c3 * (w3 - w2)\n    f3")],
+            [
+                ("f2 = f2 - (m2", "f2 = f2 + (m2"),
+                ("+ c3 * (w3 - w2)\n    f3", "- c3 * (w3 - w2)\n    f3"),
+            ],
         ),
         (
             "a damper's sign and the wrong rate",
@@ -58,7 +67,10 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
     ],
     "elastic_pendulum": [
         ("a stretch from the wrong length", [("(length - l0)", "(length + l0)")]),
-        ("a component along the wrong axis", [("-pull * x / length / m,", "-pull * y / length / m,")]),
+        (
+            "a component along the wrong axis",
+            [("-pull * x / length / m,", "-pull * y / length / m,")],
+        ),
         ("the direction not normalised", [("-pull * x / length / m", "-pull * x / m")]),
     ],
     "spherical_pendulum": [

@@ -162,7 +162,9 @@ def main() -> None:
     """Run the campaign and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--limit", type=int, default=500, help="mutants of a problem at most; 0: all")
+    parser.add_argument(
+        "--limit", type=int, default=500, help="mutants of a problem at most; 0: all"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", type=Path)

@@ -59,15 +59,13 @@ def mutants(text: str, function: str, names: int = 2, seed: int = 0) -> list[Mut
         seed: of that draw.
     """
     module = ast.parse(text)
-    target = next(
-        s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function
-    )
+    target = next(s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function)
     draw = random.Random(seed)
     found: dict[str, Mutant] = {}
     scopes = [*_constants(module, target), target]
     for scope in scopes:
         known = _known(module, scope, target)
-        for parent, field, place, node in _slots(scope):
+        for parent, field, node in _slots(scope):
             for kind, new in _changes(parent, field, node, known, names, draw):
                 mutant = _write(text, kind, node, new)
                 if mutant is not None:
@@ -84,7 +82,9 @@ def _constants(module: ast.Module, target: ast.FunctionDef) -> list[ast.Assign]:
     chosen: list[ast.Assign] = []
     for statement in reversed(module.body):
         if isinstance(statement, ast.Assign):
-            bound = {n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+            bound = {
+                n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)
+            }
             if bound & needed:
                 chosen.insert(0, statement)
                 needed |= {n.id for n in ast.walk(statement.value) if isinstance(n, ast.Name)}
@@ -112,17 +112,16 @@ def _known(module: ast.Module, scope: ast.stmt, target: ast.FunctionDef) -> dict
     return known
 
 
-def _slots(root: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, ast.AST]]:
-    """Every node below a root, with its parent and its place there, in the order of the source."""
+def _slots(root: ast.AST) -> Iterator[tuple[ast.AST, str, ast.AST]]:
+    """Every expression and statement below a root, with its parent and the field it is in."""
     for parent in ast.walk(root):
         for field, value in ast.iter_fields(parent):
-            if field in ("args", "ctx", "op", "annotation", "returns") and not isinstance(
-                parent, ast.Call
-            ):
+            skipped = ("args", "ctx", "op", "annotation", "returns")
+            if field in skipped and not isinstance(parent, ast.Call):
                 continue
-            for place, node in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            for node in value if isinstance(value, list) else [value]:
                 if isinstance(node, ast.expr | ast.stmt):
-                    yield parent, field, place, node
+                    yield parent, field, node
 
 
 # --- what -------------------------------------------------------------------------------------------
@@ -159,9 +158,9 @@ def _changes(
             for value in _other_constants(node.value):
                 yield "power" if exponent else "constant", ast.Constant(value)
         case ast.Subscript(slice=ast.Constant(value=int() as index)):
-            for other in (index - 1, index + 1):
-                if other >= 0:
-                    yield "index", ast.Subscript(node.value, ast.Constant(other), ast.Load())
+            for place in (int(index) - 1, int(index) + 1):
+                if place >= 0:
+                    yield "index", ast.Subscript(node.value, ast.Constant(place), ast.Load())
         case ast.Call():
             yield from _called_otherwise(node)
         case ast.AugAssign():
@@ -240,5 +239,3 @@ def _write(text: str, kind: str, node: ast.AST, new: ast.AST | None) -> Mutant |
     except SyntaxError:
         return None
     return Mutant(kind, node.lineno, before, after, changed)
-
-

@@ -77,7 +77,7 @@ class Mutation:
 
     @property
     def status(self) -> int:
-        """Exit status of the command line: 0 unless a mistake escapes every test, or the function is wrong."""
+        """Exit status of the command line: 1 if a mistake escapes every test, or the function is wrong."""
         escaped = any(t.reason == "coincidence" for t in self.trials)
         return int(escaped or self.residual >= RIGHT)
 
@@ -167,11 +167,12 @@ def mutate_equations(
         InputError: no source, or one that is not understood, as for `repair_equations`.
     """
     found = load_model(model)
-    chosen = coordinates
     if isinstance(rhs, Equations):
-        chosen = rhs.coordinates if coordinates is None else coordinates
+        chosen = rhs.coordinates if coordinates is None else chosen_map(found, coordinates)
         rhs = rhs.rhs
-    target = Target(found.mechanism, chosen_map(found, chosen), seed)
+    else:
+        chosen = chosen_map(found, coordinates)
+    target = Target(found.mechanism, chosen, seed)
     source = read_source(rhs)
     program = read(source, target)
     varied = tuple(program.samples.parameters)
@@ -221,7 +222,9 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     if CONSTRAINTS in seen:
         seen[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
     seen[RESIDUAL] = samples.wrong(udot)
-    return Trial(mutant, seen, _reason(changed, seen, target, varied, named_parameters(read_again, target)))
+    return Trial(
+        mutant, seen, _reason(changed, seen, target, varied, named_parameters(read_again, target))
+    )
 
 
 def _reason(

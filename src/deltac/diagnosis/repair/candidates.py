@@ -131,9 +131,10 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
                 add(f"{name}[{key!r}]".replace("'", '"'), entry)
     for place, instances in program.trace.instances.items():
         node = program.source.nodes[place]
-        if isinstance(node, ast.Attribute | ast.Subscript) and isinstance(instances[0].value, Slot):
-            if not program.tape.varying[instances[0].value.index]:
-                add(program.source.segment(node), instances[0].value)
+        value = instances[0].value
+        entry = isinstance(node, ast.Attribute | ast.Subscript) and isinstance(value, Slot)
+        if entry and not program.tape.varying[value.index]:
+            add(program.source.segment(node), value)
     return found
 
 
@@ -181,7 +182,9 @@ def product(source: Source, node: ast.expr, factor: str, divide: bool = False) -
     """The text of a node times (or by) a factor."""
     symbol, op = ("/", ast.Div()) if divide else ("*", ast.Mult())
     own = source.segment(node)
-    bare = written(ast.BinOp(node, op, ast.Name("x", ast.Load())), f"{own} {symbol} x", f"({own}) {symbol} x")
+    bare = written(
+        ast.BinOp(node, op, ast.Name("x", ast.Load())), f"{own} {symbol} x", f"({own}) {symbol} x"
+    )
     return f"{bare[:-1]}{factor}"
 
 

@@ -83,7 +83,11 @@ class Vocabulary:
     ) -> Atoms:
         program = self.program
         chosen = [
-            {text: values(program, k) for text, k in found.items() if program.tape.varying[k] == varying}
+            {
+                text: values(program, k)
+                for text, k in found.items()
+                if program.tape.varying[k] == varying
+            }
             for found in (variables, expressions)
         ]
         names = len(chosen[0])
@@ -133,7 +137,7 @@ class Vocabulary:
     _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
 
     def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
-        """sin and cos of the coordinates, and of their differences, that are not there yet."""
+        """The sines and cosines of the coordinates, and of their differences, that are not there yet."""
         program = self.program
         inputs = program.trace.inputs[1 : 1 + len(program.samples.q)]
         angles = [
@@ -214,7 +218,11 @@ def additions(program: Program, place: int) -> Iterator[Candidate]:
         return
     parent = source.nodes[source.parent[place]]
     inside = isinstance(parent, ast.BinOp) and type(parent.op) in (ast.Mult, ast.Div)
-    if isinstance(node, ast.Constant) or inside or not program.tape.varying[slots(program, place)[0]]:
+    if (
+        isinstance(node, ast.Constant)
+        or inside
+        or not program.tape.varying[slots(program, place)[0]]
+    ):
         return
     own = short(source.segment(node))
     for name, slot in vocabulary(program, program.numbers[place]).items():
@@ -229,7 +237,9 @@ def additions(program: Program, place: int) -> Iterator[Candidate]:
             text = total(source, node, name, subtract)
             yield Candidate(place, text, said, "term", 1.75, changes[symbol])
         for symbol, divide in (("*", False), ("/", True)):
-            said = f"{own} must be divided by {name}" if divide else f"{own} lacks the factor {name}"
+            said = (
+                f"{own} must be divided by {name}" if divide else f"{own} lacks the factor {name}"
+            )
             text = product(source, node, name, divide)
             yield Candidate(place, text, said, "factor", 1.6, changes[symbol])
 
@@ -257,9 +267,7 @@ def _with_factor(
     return Candidate(place, text, said, kind, 1.25 + p.cost + 0.5 * negative, None)
 
 
-def _number(
-    program: Program, requirement: Requirement, node: ast.Constant
-) -> Iterator[Candidate]:
+def _number(program: Program, requirement: Requirement, node: ast.Constant) -> Iterator[Candidate]:
     """Another number, where one number serves at all states and parameters."""
     x = requirement.required
     mean = float(np.mean(x))

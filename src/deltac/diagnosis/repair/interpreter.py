@@ -18,7 +18,7 @@ import numpy as np
 
 from deltac.diagnosis.repair import calls
 from deltac.diagnosis.repair.source import Source
-from deltac.diagnosis.repair.tape import CONSTANTS, Array, Slot, Tape, TapeError, identity
+from deltac.diagnosis.repair.tape import Array, Slot, Tape, TapeError, identity
 from deltac.errors import InputError
 
 DEPTH = 40
@@ -26,6 +26,9 @@ DEPTH = 40
 
 TURNS = 20_000
 """Turns of a while loop."""
+
+READ = ast.Assign | ast.AnnAssign | ast.AugAssign | ast.FunctionDef | ast.Import | ast.ImportFrom
+"""Statements of a module that are read."""
 
 Environment = dict[str, Any]
 
@@ -226,9 +229,7 @@ class _Reader:
         self.pending.add(name)
         try:
             for statement in setters:
-                if isinstance(
-                    statement, ast.Assign | ast.AnnAssign | ast.AugAssign | ast.FunctionDef
-                ) or isinstance(statement, ast.Import | ast.ImportFrom):
+                if isinstance(statement, READ):
                     self.statement(statement, self.globals)
                     self.read_statements.add(statement.lineno)
                 else:
@@ -383,7 +384,7 @@ class _Reader:
                     self.note_parameters(ast.Name(key), entry, part)
         if isinstance(of, ast.Call) and isinstance(value, dict):  # dict(m=1.0)
             for keyword in of.keywords:
-                if keyword.arg in value:
+                if keyword.arg is not None and keyword.arg in value:
                     self.note_parameters(ast.Name(keyword.arg), value[keyword.arg], keyword.value)
 
     def bind(self, target: ast.expr, value: Any, scope: Environment) -> None:
@@ -586,7 +587,7 @@ class _Reader:
         return value
 
     def remember(self, node: ast.AST, value: Any, scope: Environment) -> None:
-        if isinstance(value, Slot) or isinstance(value, np.ndarray):
+        if isinstance(value, Slot | np.ndarray):
             place = self.source.number[id(node)]
             known = self.result.instances.setdefault(place, [])
             known.append(Instance(value, {**self.globals, **scope}))

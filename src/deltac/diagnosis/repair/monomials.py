@@ -146,7 +146,10 @@ def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= CONSTANT * np.abs(middle)
         sizes = np.array([float(f) for f in FRACTIONS])
         place = np.clip(np.searchsorted(sizes, np.abs(middle)), 1, len(sizes) - 1)
-        below, above = np.abs(sizes[place - 1] - np.abs(middle)), np.abs(sizes[place] - np.abs(middle))
+        below, above = (
+            np.abs(sizes[place - 1] - np.abs(middle)),
+            np.abs(sizes[place] - np.abs(middle)),
+        )
         place = np.where(below < above, place - 1, place)
         near = np.abs(sizes[place] - np.abs(middle)) <= CONSTANT * sizes[place]
     return [
@@ -168,7 +171,11 @@ def _product(
             bound = _binding(text)
             cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1 if bound else 0.3)
             side = above if power > 0 else below
-            tight = bound > 2 or (bound == 2 and times == 1) or (bound == 1 and power > 0 and times == 1)
+            tight = (
+                bound > 2
+                or (bound == 2 and times == 1)
+                or (bound == 1 and power > 0 and times == 1)
+            )
             own = text if tight else f"({text})"
             side.append(own if times == 1 else f"{own}**{times}")
     return Product(number, tuple(above), tuple(below), cost)

@@ -81,8 +81,9 @@ def _adding_up(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
-            if j > i and pool[i].place != pool[j].place:
-                if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
-                    found.append((pool[i], pool[int(j)]))
+            if j <= i or pool[i].place == pool[j].place:
+                continue
+            if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
+                found.append((pool[i], pool[int(j)]))
     found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
     yield from found

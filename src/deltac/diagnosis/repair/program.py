@@ -81,7 +81,7 @@ class Program:
         A = entries[: n * n].reshape(n, n, -1)
         size = np.einsum("ijb,jb->ib", A, np.abs(self.samples.acceleration)) + entries[n * n :]
         rms = np.sqrt(np.mean(size**2, axis=1))
-        return np.maximum(rms, 1e-9 * rms.max())
+        return np.asarray(np.maximum(rms, 1e-9 * rms.max()))
 
     @cached_property
     def original_residual(self) -> Array:
@@ -103,9 +103,10 @@ class Program:
         found = {}
         for place, instances in self.trace.instances.items():
             value = instances[0].value
-            if len(instances) == 1 and isinstance(value, Slot):
-                if self.tape.nodes[value.index] == place and self.matters(value.index):
-                    found[place] = instances[0]
+            if len(instances) != 1 or not isinstance(value, Slot):
+                continue
+            if self.tape.nodes[value.index] == place and self.matters(value.index):
+                found[place] = instances[0]
         return found
 
     def matters(self, slot: int) -> bool:

@@ -13,8 +13,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.diagnosis.check import chosen_map
+from deltac.diagnosis.models import load_model
 from deltac.diagnosis.repair import runner
-from deltac.diagnosis.repair.calls import ELEMENTARY, flatten
+from deltac.diagnosis.repair.calls import flatten
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.pairs import pairs
@@ -22,11 +24,9 @@ from deltac.diagnosis.repair.program import Program, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.search import Search, confirmed
 from deltac.diagnosis.repair.source import Source, read_source
-from deltac.diagnosis.repair.tape import Slot
+from deltac.diagnosis.repair.tape import ELEMENTARY, Slot
 from deltac.diagnosis.repair.texts import unified_diff
-from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.equations import Equations
 
 Array: TypeAlias = NDArray[np.float64]
@@ -79,7 +79,9 @@ class Fix:
     ran: bool | None = None
 
     def __str__(self) -> str:
-        return "; ".join(f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words))
+        return "; ".join(
+            f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words)
+        )
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,13 @@ class Repair:
         """What was found, in words, with the diff of the first fix."""
         name = f"{self.file}:{self.function}"
         if self.right:
-            return f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
+            return (
+                f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
+            )
         where = ", ".join(self.equations)
-        lines = [f"{name} is wrong: residual {self.residual:.2g} of the terms, in the equation of {where}."]
+        lines = [
+            f"{name} is wrong: residual {self.residual:.2g} of the terms, in the equation of {where}."
+        ]
         if self.fixes:
             lines += self._fixes()
         elif self.suspects:
@@ -156,7 +162,7 @@ class Repair:
             lines.append(f"Tested at {tested}; no other formula was found.")
         else:
             lines.append(
-                f"Tested at {tested}. The edits are different formulas that agree at these numbers: choose, or "
+                f"Tested at {tested}. Other formulas may agree at these numbers too: choose, or "
                 "name the constants as the model does, so that they can be varied."
             )
         return lines
@@ -192,10 +198,10 @@ class Repair:
 
 
 def repair_equations(
-    mechanism: Mechanism,
+    model: Any,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
-    coordinates: CoordinateMap | None = None,
+    coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
 ) -> Repair:
@@ -209,9 +215,9 @@ def repair_equations(
     process of its own. The file is left as it is.
 
     Args:
-        mechanism: the model that the equations belong to.
+        model: a Mechanism, a Problem or a problem's name, a model file.
         rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
-        coordinates: the user's own coordinates (those of `dc.Equations` by default).
+        coordinates: the function's own coordinates, as for `check_equations`.
         seed: of the random states.
         time_limit: of the search (s).
 
@@ -219,10 +225,13 @@ def repair_equations(
         InputError: no source, no Python, or a function with branches on the state, side effects, endless
             loops, classes, or calls that are not understood; file and line are named.
     """
+    found = load_model(model)
     if isinstance(rhs, Equations):
-        coordinates = rhs.coordinates if coordinates is None else coordinates
+        chosen = rhs.coordinates if coordinates is None else chosen_map(found, coordinates)
         rhs = rhs.rhs
-    return repair_source(read_source(rhs), Target(mechanism, coordinates, seed), time_limit)
+    else:
+        chosen = chosen_map(found, coordinates)
+    return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -319,7 +328,7 @@ def _report(
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
 
-def _groups(program: Program, found: Found) -> list[Found]:
+def _groups(program: Program, found: Found) -> Sequence[Found]:
     """Edits of the same statements together."""
     groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
     for edits, changed in found:
@@ -375,6 +384,7 @@ def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) ->
 
 def _nothing_new(source: Source, changed: Source) -> bool:
     """Whether an edit brings no import and no call other than of elementary functions."""
+
     def used(tree: ast.Module) -> tuple[list[str], set[str]]:
         nodes = list(ast.walk(tree))
         imports = [ast.unparse(n) for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]

@@ -100,7 +100,7 @@ class Requirements:
             down, square = np.sum(slope * r, axis=0), np.sum(slope**2, axis=0)
             if common:
                 down, square = (np.add.reduceat(x, starts)[group] for x in (down, square))
-            return -down / np.maximum(square, 1e-24 * square.max())
+            return np.asarray(-down / np.maximum(square, 1e-24 * square.max()))
 
         size = np.abs(start) + np.sqrt(np.mean(start**2)) + 1e-12
         before = program.original_residual
@@ -174,7 +174,9 @@ def _newton(
                 break
         if found.all() or (multiple == -1.0 and np.mean(found) < 0.3):
             break  # hopeless: the states contradict each other
-    if found.all():  # once more: the last step of a quadratic method gives the other half of the digits
+    if (
+        found.all()
+    ):  # once more: the last step of a quadratic method gives the other half of the digits
         dx = nearest((off(best + h)[rows] - off(best)[rows]) / h, off(best)[rows])
         best = np.where(np.isfinite(dx), best + dx, best)
     return best, found

@@ -90,7 +90,9 @@ class Target:
             self._samples[key] = self._draw(varied, fresh)
         return self._samples[key]
 
-    def test(self, group: int = 0, fresh: bool = False, varied: tuple[str, ...] = ()) -> EquationTest:
+    def test(
+        self, group: int = 0, fresh: bool = False, varied: tuple[str, ...] = ()
+    ) -> EquationTest:
         """The model's equations at the states of one set of parameters' values."""
         key = (group, int(fresh), varied if group else ())
         if key not in self._tests:

@@ -67,7 +67,7 @@ class Search:
 
     def tried(self, places: Iterable[int]) -> list[Candidate]:
         """Substitutions at some nodes that make the function right, found by running every one."""
-        found = []
+        found: list[Candidate] = []
         for place in places:
             for candidate in itertools.chain(
                 substitutions(self.program, place), additions(self.program, place)
@@ -85,7 +85,9 @@ class Search:
                 yield candidate
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:
-            yield from (c for c in additions(self.program, r.place) if self.meets(r, c.changes or {}))
+            yield from (
+                c for c in additions(self.program, r.place) if self.meets(r, c.changes or {})
+            )
 
     def meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""
@@ -100,7 +102,8 @@ class Search:
 
     def exchanged(self) -> list[Candidate]:
         """Two elements of a list or of an unpacking exchanged: found by reading the text again."""
-        source, found = self.program.source, []
+        source = self.program.source
+        found: list[Candidate] = []
         for place, node in enumerate(source.nodes):
             if not isinstance(node, ast.Tuple | ast.List) or not 2 <= len(node.elts) <= 6:
                 continue

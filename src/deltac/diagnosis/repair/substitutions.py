@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.calls import ELEMENTARY
 from deltac.diagnosis.repair.candidates import (
     Candidate,
     compose,
@@ -23,7 +22,7 @@ from deltac.diagnosis.repair.candidates import (
     written,
 )
 from deltac.diagnosis.repair.program import Program
-from deltac.diagnosis.repair.tape import BINARY, Change, Slot, identity
+from deltac.diagnosis.repair.tape import BINARY, ELEMENTARY, Change, Slot, identity
 
 SYMBOLS: dict[type[ast.operator], tuple[str, str]] = {
     ast.Add: ("+", "add"),
@@ -125,9 +124,7 @@ def _operators(program: Program, place: int, node: ast.BinOp) -> Iterator[Candid
         yield Candidate(place, text, words, "term", 1.4, change(np.negative, (1,)))
 
 
-def _with_operator(
-    program: Program, node: ast.BinOp, old: str, new: str, op: ast.operator
-) -> str:
+def _with_operator(program: Program, node: ast.BinOp, old: str, new: str, op: ast.operator) -> str:
     """The node's text with another operator, everything else as the user wrote it."""
     source = program.source
     (start, end), a, b = source.span(node), source.span(node.left)[1], source.span(node.right)[0]
@@ -140,7 +137,7 @@ def _with_operator(
 
 
 def _updates(program: Program, place: int, node: ast.AugAssign) -> Iterator[Candidate]:
-    """x += y for x -= y and the like: the whole statement is replaced."""
+    """Another operator in an update, x += y for x -= y; the whole statement is replaced."""
     source, tape = program.source, program.tape
     symbol, name = SYMBOLS[type(node.op)]
     own = slots(program, place)
@@ -156,7 +153,9 @@ def _updates(program: Program, place: int, node: ast.AugAssign) -> Iterator[Cand
             had, due = ("+", "−") if symbol == "+" else ("−", "+")
             words = f"{short(value)} enters with {had}, should be {due}"
         text = f"{target} {other}= {value}"
-        yield Candidate(place, text, words, "sign" if "enters" in words else "operator", 1.0, changes)
+        yield Candidate(
+            place, text, words, "sign" if "enters" in words else "operator", 1.0, changes
+        )
 
 
 def _functions(program: Program, place: int, node: ast.Call) -> Iterator[Candidate]:
@@ -165,9 +164,7 @@ def _functions(program: Program, place: int, node: ast.Call) -> Iterator[Candida
     own = slots(program, place)
     callee = source.segment(node.func)
     prefix, _, name = callee.rpartition(".")
-    if name not in ELEMENTARY or any(
-        tape.operations[k] is not ELEMENTARY[name][0] for k in own
-    ):
+    if name not in ELEMENTARY or any(tape.operations[k] is not ELEMENTARY[name][0] for k in own):
         return
     arguments = [source.segment(a) for a in node.args]
     for others in FAMILIES:
@@ -251,7 +248,7 @@ def _more(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
 
 
 def callables(program: Program) -> list[tuple[str, str]]:
-    """sin and cos as this source calls them."""
+    """The names by which this source calls sin and cos."""
     found = {}
     for node in program.source.nodes:
         if isinstance(node, ast.Call):

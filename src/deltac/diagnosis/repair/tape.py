@@ -130,7 +130,12 @@ class Tape:
         raise TapeError(f"arithmetic with {type(value).__name__}")
 
     def _append(
-        self, operation: Operation | None, slots: tuple[int, ...], value: Any, exact: Any, varying: bool
+        self,
+        operation: Operation | None,
+        slots: tuple[int, ...],
+        value: Any,
+        exact: Any,
+        varying: bool,
     ) -> Slot:
         if len(self.operations) >= LIMIT:
             raise TapeError(f"more than {LIMIT} operations: is there a loop that does not end?")
@@ -212,7 +217,9 @@ class Slot:
         """Its Python number; TapeError where it depends on the state."""
         number = self.tape.exact[self.index]
         if number is None:
-            raise TapeError("an index, a size or a count that depends on the state or on a parameter")
+            raise TapeError(
+                "an index, a size or a count that depends on the state or on a parameter"
+            )
         return number
 
     def __index__(self) -> int:
@@ -249,7 +256,7 @@ def _binary(operation: Operation) -> tuple[Operation, Operation]:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """base ** exponent; squares and cubes as products, which is faster and exact."""
+    """A power; squares and cubes as products, which is faster and exact."""
     if np.ndim(exponent) == 0:
         if exponent == 2:
             return base * base
@@ -272,7 +279,7 @@ for _name, _operation in BINARY.items():
     setattr(Slot, f"__{_name}__", _forward)
     setattr(Slot, f"__r{_name}__", _reflected)
 
-for _name, _operation in {
+for _name, _compare in {
     "lt": np.less,
     "le": np.less_equal,
     "gt": np.greater,
@@ -280,10 +287,11 @@ for _name, _operation in {
     "eq": np.equal,
     "ne": np.not_equal,
 }.items():
-    setattr(Slot, f"__{_name}__", _binary(_operation)[0])
+    setattr(Slot, f"__{_name}__", _binary(_compare)[0])
 Slot.__hash__ = object.__hash__  # type: ignore[method-assign]
 
-for _name, _operation in {"neg": np.negative, "pos": identity, "abs": np.abs}.items():
+_UNARY: dict[str, Operation] = {"neg": np.negative, "pos": identity, "abs": np.abs}
+for _name, _operation in _UNARY.items():
     setattr(Slot, f"__{_name}__", lambda self, f=_operation: self.tape.record(f, self))
 
 ELEMENTARY: dict[str, tuple[Operation, int]] = {

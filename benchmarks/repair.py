@@ -17,6 +17,7 @@ import statistics
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -96,14 +97,27 @@ def same(source: Any, other: Any, target: Any) -> bool:
     return bool(np.abs(results[0] - results[1]).max() < 1e-7 * np.abs(results[0]).max())
 
 
-def campaign(case: str, tasks: list[dict[str, Any]], processes: int) -> list[dict[str, Any]]:
-    """All mutants of one case."""
+def campaign(
+    case: str, tasks: list[dict[str, Any]], processes: int, keep: Callable[[dict[str, Any]], None]
+) -> None:
+    """All mutants of one case, each handed to `keep` when it is done."""
     jobs = [(case, task) for task in tasks]
     if processes == 1:
         prepare(case)
-        return [attempt(job) for job in jobs]
+        outcomes = map(attempt, jobs)
+        for done, row in enumerate(outcomes, 1):
+            keep(row)
+            report(case, done, len(jobs))
+        return
     with ProcessPoolExecutor(processes, initializer=prepare, initargs=(case,)) as pool:
-        return list(pool.map(attempt, jobs, chunksize=4))
+        for done, row in enumerate(pool.map(attempt, jobs, chunksize=2), 1):
+            keep(row)
+            report(case, done, len(jobs))
+
+
+def report(case: str, done: int, total: int) -> None:
+    """Progress on standard error."""
+    print(f"\r{case}: {done} of {total}", end="" if done < total else "\n", file=sys.stderr)
 
 
 def drawn(case: str, limit: int, seed: int) -> list[dict[str, Any]]:
@@ -172,8 +186,15 @@ def main() -> None:
     results: dict[str, Any] = {}
     for case in options.only:
         tasks = drawn(case, options.limit, options.seed)
-        rows = campaign(case, [*tasks, *by_hand(case)], options.processes)
+        rows: list[dict[str, Any]] = []
         results[case] = rows
+
+        def keep(row: dict[str, Any], rows: list[dict[str, Any]] = rows) -> None:
+            rows.append(row)
+            if options.json and len(rows) % 10 == 0:
+                options.json.write_text(json.dumps(results, indent=1))
+
+        campaign(case, [*by_hand(case), *tasks], options.processes, keep)
         show(case, rows)
         if options.json:
             options.json.write_text(json.dumps(results, indent=1))

@@ -14,7 +14,8 @@ DEV := $(VENV)/.deltac-dev
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-correction bench-verdict docs clean
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-repair \
+	bench-correction docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -53,6 +54,9 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 
 bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
 	$(PY) benchmarks/correction.py $(ARGS)
+
+bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are detected, and repaired
+	$(PY) benchmarks/repair.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.check_rhs import Caller
 from deltac.problems.triple_pendulum_equations import HandEquations
 from hand_equations import CASES, chaplygin_sleigh, free_box, lagrange_top, triple_pendulum
 
@@ -131,12 +130,10 @@ ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2
         "g1": {1}, "g2": {2}, "g3": {3}, "c1": {1}, "c2": {1, 2}, "c3": {2, 3}}  # fmt: skip
 
 
-@pytest.mark.parametrize("factor", [1.0001, -1.0, 0.0])
+@pytest.mark.parametrize("factor", [1.0001, -1.0])
 @pytest.mark.parametrize("name", COEFFICIENTS)
 def test_every_coefficient_counts(name: str, factor: float) -> None:
     """One coefficient of the hand-written equations wrong: the rows that hold it are blamed, no others."""
-    if name.startswith("J") and factor == 0.0:
-        return  # a singular matrix
     wrong = replace(HAND, **{name: factor * getattr(HAND, name)})
     found = check(wrong.free)
     assert found.verdict.kind == "equation-error", found.explain()
@@ -274,9 +271,15 @@ def test_batches_are_used_where_they_agree() -> None:
     assert found.verdict.kind == "consistent" and not found.vectorised
 
 
-def test_own_states_are_used() -> None:
-    states = dc.random_states(PENDULUM.mechanism, count=5, seed=9)
+def test_states_of_a_run_or_of_ones_own() -> None:
     relative = CASES["relative_triple_pendulum"]()
-    found = dc.check_equations(PENDULUM.mechanism, relative.rhs, states=states)
-    assert found.states is not None and len(found.states) == 5
-    assert Caller(relative.rhs, "f")(states).shape == (3, 5)
+    states = dc.random_states(PENDULUM.mechanism, count=5, seed=9)
+    found = dc.check_equations(PENDULUM, relative.rhs, states=states, coordinates="joint")
+    assert found.verdict.kind == "consistent" and len(found.states) == 5
+    with pytest.raises(dc.InputError, match="states are of joint1"):
+        dc.check_equations(PENDULUM, HAND.free, states=states)
+
+    run = dc.simulate(PENDULUM.mechanism, PENDULUM.state, duration=0.5, step=1e-2)
+    found = dc.check_equations(PENDULUM, HAND.free, states=run)
+    assert found.verdict.kind == "consistent"
+    assert np.allclose(found.states.q, np.cumsum(run.q, axis=1).T, atol=1e-14)

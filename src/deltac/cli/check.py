@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltac.cli.output import Json, new_table, number, print_json, print_table
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import EquationCheck
+    from deltac.diagnosis import EquationCheck, Repair
 
 
 def command(
@@ -42,6 +43,13 @@ def command(
             help="Accepted residual as a fraction of an equation's terms. [default: 1.5e-8]"
         ),
     ] = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Seek the line, the expression and the edit.")
+    ] = False,
+    write: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.patch", help="With --repair: write the least edit as a patch."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
@@ -51,20 +59,38 @@ def command(
     from deltac.diagnosis.check import TOLERANCE, check_equations
     from deltac.diagnosis.check_files import load_equations, load_map
 
+    rhs = load_equations(equations)
+    chosen = None if coordinates is None else load_map(coordinates)
+    # First, because it reads the function without running it: one that never ends is named, not awaited.
+    repaired = _repair(model, equations, rhs, chosen, seed) if repair or write else None
     found = check_equations(
         model,
-        load_equations(equations),
-        coordinates=None if coordinates is None else load_map(coordinates),
+        rhs,
+        coordinates=chosen,
         count=count,
         seed=seed,
         tolerance=TOLERANCE if tolerance is None else tolerance,
     )
-    # What else is asked of wrong equations (such as a repair) goes here, before anything is printed.
+    if write is not None and repaired is not None and repaired.fixes:
+        write.write_text(repaired.fixes[0].diff, encoding="utf-8")
     if as_json:
-        print_json(found.to_dict())
+        more = {} if repaired is None else {"repair": repaired.to_dict()}
+        print_json({**found.to_dict(), **more})
     else:
         _print(found)
+        if repaired is not None:
+            typer.echo(f"\nRepair. {repaired.explain()}")
     raise typer.Exit(found.status)
+
+
+def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair:
+    """Seek the edit: in the function that the text names, or that the `Equations` there have."""
+    from deltac.diagnosis.repair import repair_equations
+    from deltac.simulation.equations import Equations
+
+    return repair_equations(
+        model, rhs if isinstance(rhs, Equations) else text, coordinates=coordinates, seed=seed
+    )
 
 
 def _print(found: EquationCheck) -> None:

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.check_example import Example, simplest_failure
+from deltac.diagnosis.check_example import simplest_failure
+from deltac.diagnosis.check_result import LIMITS, EquationCheck, Seen, finite_worst
 from deltac.diagnosis.check_rhs import Caller, noise, uncertainty
 from deltac.diagnosis.equation_test import EquationTest, Residuals
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.kane import Kane
-from deltac.diagnosis.localisation import Blame, blame
+from deltac.diagnosis.localisation import blame
 from deltac.diagnosis.models import Model, load_model
-from deltac.diagnosis.states import States, draw, natural_scales
+from deltac.diagnosis.states import States, draw, natural_scales, some_rows, states_along
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.absolute import absolute_angles
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.simulation.equations import Equations
+from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -30,115 +30,14 @@ TOLERANCE = float(np.sqrt(np.finfo(np.float64).eps))
 """Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
 constant typed with seven digits shows."""
 
+MOST_ROWS = 256
+"""States of a run at which equations are tested."""
+
 CLEAR = 50.0
 """A residual this many times above the roughness of the function is no rounding."""
 
-STATUS = {"consistent": 0, "equation-error": 1, "unresolved": 3}
-
-SHOWN = 6
-"""Equations that are told of in words."""
-
-LIMITS = (
-    "states other than those drawn, such as a branch that is seldom taken",
-    "a parameter that is wrong in the model and in the equations alike",
-)
-
-MEANINGS = {
-    "consistent": "The equations are the model's.",
-    "equation-error": "The equations are not the model's.",
-    "unresolved": "The function is too rough, or too often undefined, to tell.",
-}
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What one test makes of the equations: its largest `relative` residual, and whether it `sees` them fail.
-
-    `test`: "coordinate residual", "constraint <name>", "momentum, <name>", or the name of a testing function.
-    """
-
-    test: str
-    relative: float
-    sees: bool
-
-
-@dataclass(frozen=True, eq=False)
-class EquationCheck:
-    """What a check of equations found.
-
-    Attributes:
-        verdict: "consistent", "equation-error" or "unresolved", with evidence and findings.
-        blame: the equations that fail, the worst first.
-        seen: which of all tests see that they fail.
-        example: a simple state at which they fail, and both accelerations; None if they do not.
-        states: where they were tested; `udot` (n, B) their accelerations there, `residuals` what is left.
-        test: the mechanism's own equations at these states.
-        roughness: of the function, as a fraction of the terms (n,), by speed.
-        tolerance: relative residual that is accepted.
-        coordinates: the map to the mechanism's coordinates, None for its own.
-        name: what the equations are called; `vectorised`: whether they take batches.
-    """
-
-    verdict: Verdict
-    blame: tuple[Blame, ...]
-    seen: tuple[Seen, ...]
-    example: Example | None
-    states: States
-    udot: Array
-    residuals: Residuals
-    test: EquationTest
-    roughness: Array
-    tolerance: float
-    coordinates: CoordinateMap | None
-    name: str
-    vectorised: bool
-
-    @property
-    def status(self) -> int:
-        """Exit status of the command line: 0 consistent, 1 wrong, 3 unresolved."""
-        return STATUS[self.verdict.kind]
-
-    @property
-    def worst(self) -> float:
-        """The largest relative residual, of all equations at all states where it is finite."""
-        values = self.residuals.relative
-        return float(values[np.isfinite(values)].max(initial=0.0))
-
-    def explain(self, width: int = 96) -> str:
-        """The check in words, a paragraph each."""
-        v = self.verdict
-        lines = [f"{v.kind} (confidence {v.confidence}). {MEANINGS[v.kind]}"]
-        lines += [f"- {sentence}." for sentence in v.evidence]
-        for k, finding in enumerate(self.blame[:SHOWN]):
-            lines.append(f"{'Where' if k == 0 else 'Also'}: {finding}.")
-        if len(self.blame) > SHOWN:
-            lines.append(f"Also: {len(self.blame) - SHOWN} more equations.")
-        if self.example is not None:
-            lines.append(f"Example: {self.example}.")
-        for heading, weight in (("Cause", "cause"), ("Doubt", "doubt"), ("Note", "note")):
-            lines += [f"{heading}: {f}." for f in v.findings if f.weight == weight]
-        lines.append(f"Not seen by this check: {'; '.join(v.limits)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "equations": self.name,
-            "mechanism": self.test.kane.mechanism.name,
-            "states": len(self.states),
-            "tolerance": self.tolerance,
-            "relative_residual": dict(zip(self.test.speeds, _finite_worst(self.residuals))),
-            "roughness": dict(zip(self.test.speeds, map(float, self.roughness))),
-            "vectorised": self.vectorised,
-            "blame": [entry.to_dict() for entry in self.blame],
-            "tests": [vars(entry) for entry in self.seen],
-            "example": None if self.example is None else self.example.to_dict(),
-            "findings": [vars(finding) for finding in self.verdict.findings],
-            "limits": list(self.verdict.limits),
-        }
+BLIND = 1e-3
+"""A power below this share of the residual is none."""
 
 
 def check_equations(
@@ -146,7 +45,7 @@ def check_equations(
     rhs: Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
-    states: States | None = None,
+    states: States | Trajectory | None = None,
     count: int = 64,
     seed: int = 0,
     tolerance: float = TOLERANCE,
@@ -159,7 +58,8 @@ def check_equations(
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
-        states: where to test; drawn by `random_states` if not given.
+        states: where to test: `States` in own coordinates, or the states of a run; drawn by `random_states`
+            if not given.
         count: how many states to draw.
         seed: which ones; the same seed gives the same states.
         tolerance: residual that is accepted, as a fraction of each equation's terms.
@@ -179,7 +79,12 @@ def check_equations(
         chosen = chosen_map(model, coordinates)
     kane = Kane(model.mechanism, chosen)
     scales = natural_scales(kane)
-    drawn = draw(kane, scales, count=count, seed=seed) if states is None else states
+    if states is None:
+        drawn = draw(kane, scales, count=count, seed=seed)
+    elif isinstance(states, Trajectory):
+        drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
+    else:
+        drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name)
     udot = caller(drawn)
@@ -203,7 +108,7 @@ def check_equations(
     wrong = kind == "equation-error"
     found = blame(caller, test, given, limit) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
-    findings = _findings(caller, finite, drawn)
+    findings = _findings(caller, finite, drawn, [m.name for m in model.mechanism.motors])
     if wrong:
         findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
@@ -222,6 +127,16 @@ def check_equations(
         name=equations.name,
         vectorised=bool(caller.vectorised),
     )
+
+
+def _fitting(kane: Kane, states: States) -> States:
+    names = (states.coordinates, states.speeds)
+    if names != (kane.coordinate_names, kane.speed_names):
+        raise InputError(
+            f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "
+            f"{', '.join(kane.coordinate_names)}. Draw them with the same coordinates="
+        )
+    return states
 
 
 def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
@@ -248,7 +163,7 @@ def _name_of(rhs: Any) -> str:
 def _judged(
     residuals: Residuals, limit: Array, tolerance: float, finite: bool
 ) -> tuple[Kind, Confidence]:
-    worst = np.array(_finite_worst(residuals))
+    worst = np.array(finite_worst(residuals))
     violated = float(residuals.relative_violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
     excess = max(float((worst / limit).max(initial=0.0)), violated / most)
@@ -259,13 +174,9 @@ def _judged(
     return "consistent", "high" if most <= tolerance else "medium"
 
 
-def _finite_worst(residuals: Residuals) -> list[float]:
-    return [float(row[np.isfinite(row)].max(initial=0.0)) for row in residuals.relative]
-
-
 def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> tuple[Seen, ...]:
     most = float(limit.max(initial=TOLERANCE))
-    worst = np.array(_finite_worst(residuals))
+    worst = np.array(finite_worst(residuals))
     found = [
         Seen("coordinate residual", float(worst.max(initial=0.0)), bool((worst > limit).any()))
     ]
@@ -293,7 +204,7 @@ def _evidence(
     udot: Array,
     wrong: bool,
 ) -> tuple[str, ...]:
-    worst = float(max(_finite_worst(residuals), default=0.0))
+    worst = float(max(finite_worst(residuals), default=0.0))
     said = [
         f"F_r + F*_r is at most {worst:.2g} of an equation's terms, at {len(test.states)} random states "
         f"(accepted: {float(limit.max(initial=tolerance)):.2g})"
@@ -315,17 +226,14 @@ def _evidence(
             "precision or derivatives by differences"
         )
     if wrong:
-        energy = {s.test: s.sees for s in seen if s.test in residuals.power}
-        blind = [name for name, sees in energy.items() if not sees]
-        if energy and len(blind) == len(energy):
+        energy = [s for s in seen if s.test in residuals.power]
+        sees = ", ".join(s.test for s in energy if s.sees)
+        if sees:
+            said.append(f"seen by the testing functions {sees}")
+        elif all(s.relative < max(tolerance, BLIND * worst) for s in energy):
             said.append(
                 "no energy test sees it: the error does no work, and a simulation would keep its energy"
             )
-        elif energy:
-            sees = ", ".join(name for name, s in energy.items() if s)
-            said.append(f"seen by the testing functions {sees}")
-            if blind:
-                said.append(f"not seen by {', '.join(blind)}")
         momenta = [s for s in seen if s.test.startswith("momentum")]
         if momenta:
             names = ", ".join(s.test.removeprefix("momentum, ") for s in momenta if s.sees)
@@ -342,7 +250,9 @@ def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple
     return tuple(n for n, x in zip(test.speeds, off) if x > float(limit.max()) * size)
 
 
-def _findings(caller: Caller, finite: NDArray[np.bool_], drawn: States) -> tuple[Finding, ...]:
+def _findings(
+    caller: Caller, finite: NDArray[np.bool_], drawn: States, motors: list[str]
+) -> tuple[Finding, ...]:
     found: list[Finding] = []
     if caller.mutates:
         found.append(
@@ -352,6 +262,15 @@ def _findings(caller: Caller, finite: NDArray[np.bool_], drawn: States) -> tuple
                 "it was handed copies here; a solver would be disturbed",
                 "Copy q and u before changing them",
                 "doubt",
+            )
+        )
+    if motors:
+        found.append(
+            Finding(
+                "motor",
+                f"the motors {', '.join(motors)} have no law, and were taken to exert nothing",
+                "a joint torque whose value a controller or a log supplies",
+                "Give the joint torque a law if the equations have one",
             )
         )
     missing = int((~finite).sum())

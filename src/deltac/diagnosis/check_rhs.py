@@ -175,8 +175,9 @@ def uncertainty(relative_noise: Array, clear: float) -> Array:
     Beside the noise itself: noise η far above rounding comes of derivatives by differences over a step
     δ ≈ ε/η, whose own error is of the size δ, or ten times it.
     """
-    by_differences = np.minimum(10.0 * EPS / np.maximum(relative_noise, EPS), 1e-3)
-    return clear * relative_noise + np.where(relative_noise > ROUGH, by_differences, 0.0)
+    worst = float(relative_noise.max(initial=EPS))
+    by_differences = min(10.0 * EPS / worst, 1e-3) if worst > ROUGH else 0.0
+    return clear * relative_noise + by_differences
 
 
 def _close(a: Array, b: Array) -> NDArray[np.bool_]:

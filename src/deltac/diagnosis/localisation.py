@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.check_rhs import Caller
 from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.localisation_terms import Match, explain_by, explain_row, plain_parts
+from deltac.diagnosis.findings import percent
+from deltac.diagnosis.localisation_terms import Match, explain_residual
 from deltac.diagnosis.states import States
 from deltac.mechanism.joints import KINDS
 
@@ -22,12 +23,6 @@ BASES = 16
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Factors of all speeds; five, so that polynomials up to the fourth degree are told apart."""
 
-MOST_VARIABLES = 4
-"""Coordinates in a dictionary of plain functions."""
-
-SAMPLES = 512
-"""States at which a residual is compared with the terms it may consist of."""
-
 
 @dataclass(frozen=True, eq=False)
 class Blame:
@@ -35,8 +30,8 @@ class Blame:
 
     Attributes:
         speed: the own speed it belongs to, and `number`, its place (from 1).
-        relative: largest |F_r + F*_r|, as a fraction of the equation's typical terms.
-        residual: its root mean square over the states, in `unit`.
+        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms.
+        residual: the same in `unit`.
         acceleration: root mean square error of u̇ of that speed, in `acceleration_unit`.
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
@@ -56,7 +51,7 @@ class Blame:
 
     def __str__(self) -> str:
         said = [
-            f"equation {self.number} ({self.speed}) is off by {100 * self.relative:.3g} % of its terms"
+            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms"
         ]
         if self.degrees:
             said.append(
@@ -119,7 +114,7 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
             Blame(
                 speed=test.speeds[k],
                 number=k + 1,
-                relative=float(relative[k]),
+                relative=_rms(residual[k]) / float(typical[k]),
                 residual=_rms(residual[k]),
                 unit=units[k],
                 acceleration=_rms(wrong[k]),
@@ -139,19 +134,7 @@ def _terms(
     udot = caller(test.states)
     if not np.isfinite(udot).all():
         return ()
-    residual = test.residual(udot)[row]
-    found = explain_row(test, residual, udot, row)
-    if found:
-        return found
-    names = test.states.coordinates
-    some = (
-        range(len(names))
-        if depends is None
-        else [k for k, name in enumerate(names) if f"q.{name}" in depends]
-    )
-    if len(some) > MOST_VARIABLES:
-        return ()
-    return explain_by(residual, plain_parts(test.states, udot, list(some)))
+    return explain_residual(test, test.residual(udot)[row], udot, row, depends)
 
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.findings import percent
 from deltac.diagnosis.kane import Kane, evaluate, times
-from deltac.diagnosis.localisation_terms import Match, explain_row
-from deltac.diagnosis.states import States
+from deltac.diagnosis.localisation_terms import Match, explain_residual
+from deltac.diagnosis.states import some_rows, states_along
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
-from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -141,21 +140,16 @@ def localise(
     Raises:
         InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.
     """
-    rows = np.unique(np.linspace(0, len(run) - 1, min(len(run), MOST_ROWS)).astype(np.intp))
+    rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None  # residuals would have refused
-    free = mechanism.free
-    t, q, u = run.t[rows], run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T
-    udot = run.udot[np.ix_(rows, free.u)].T
     kane = Kane(mechanism, coordinates)
-    own_q = kane.own_coordinates(t, q)
-    if own_q is None:
-        raise InputError("the coordinate map's inverse is not known; give it inverse=")
-    still = kane.point(t, own_q, np.zeros((len(kane.speed_names), len(t))))
-    back: Array = np.asarray(np.linalg.pinv(still.Y))
-    own_u = times(back, u - still.u)
-    states = States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
+    states = states_along(kane, run, rows)
     test = EquationTest(kane, states, strict=False)
+    free = mechanism.free
+    t, q, u = states.t, test.point.q, test.point.u
+    udot = run.udot[np.ix_(rows, free.u)].T
+    back: Array = np.asarray(np.linalg.pinv(test.point.Y))
     own_udot = times(back, udot - test.point.rest)
     own = times(test.point.Y.transpose(0, 2, 1), found)
     power = -u * found
@@ -180,7 +174,7 @@ def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Depar
     for k in map(int, np.argsort(-size)):
         if size[k] <= HOLDS:
             continue
-        terms = () if len(test.gamma) else explain_row(test, residual[k], udot, k)
+        terms = () if len(test.gamma) else explain_residual(test, residual[k], udot, k)
         made.append(
             Departure(
                 test.speeds[k], k + 1, float(size[k]), _span(test.states.t, residual[k]), terms

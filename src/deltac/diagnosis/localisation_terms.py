@@ -35,6 +35,9 @@ EXACT = 1e-7
 
 MOST_TERMS = 3
 
+MOST_VARIABLES = 4
+"""Coordinates in a dictionary of plain functions."""
+
 FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
 
 
@@ -200,6 +203,27 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
         for a, x in shapes
         for b, y in rates
     ]
+
+
+def explain_residual(
+    test: EquationTest,
+    residual: Array,
+    udot: Array,
+    row: int,
+    depends: tuple[str, ...] | None = None,
+) -> tuple[Match, ...]:
+    """What the residual (B,) of one equation consists of: the model's own terms, else plain functions.
+
+    `depends` names what it changes with, if that is known. Empty if it is no such sum.
+    """
+    found = explain_row(test, residual, udot, row)
+    if found:
+        return found
+    names = test.states.coordinates
+    some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
+    if len(some) > MOST_VARIABLES:
+        return ()
+    return explain_by(residual, plain_parts(test.states, udot, some))
 
 
 def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:

@@ -14,6 +14,7 @@ from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -138,6 +139,37 @@ def draw(
         kane.speed_names,
     )
     return joined.take(slice(0, count))
+
+
+def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
+    """Rows of a run as states in own coordinates.
+
+    Raises InputError for a run of another mechanism, and for a map whose inverse is not known.
+    """
+    for what, ours, theirs in (
+        ("coordinates", kane.mechanism.coordinates.names, run.coordinates),
+        ("speeds", kane.mechanism.speeds.names, run.speeds),
+    ):
+        if tuple(theirs) != ours:
+            raise InputError(
+                f"the run's {what} are {', '.join(theirs)}; those of {kane.mechanism.name!r} are "
+                f"{', '.join(ours)}"
+            )
+    free = kane.mechanism.free
+    t, q, u = run.t[rows], run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T
+    own_q = kane.own_coordinates(t, q)
+    if own_q is None:
+        raise InputError(
+            "the coordinate map is not linear with as many coordinates, so its inverse is unknown; give it "
+            "inverse="
+        )
+    own_u, _ = _own_speeds(kane, t, own_q, u)
+    return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
+
+
+def some_rows(run: Trajectory, most: int) -> NDArray[np.intp]:
+    """At most so many rows, evenly over a run."""
+    return np.unique(np.linspace(0, len(run) - 1, min(len(run), most)).astype(np.intp))
 
 
 def natural_scales(kane: Kane) -> Scales:

@@ -35,7 +35,7 @@ class OwnCoordinates:
         """q′ and u′ in the mechanism's symbols (t, q, u); InputError if the map has no inverse."""
         if self.inverse is None:
             raise InputError(
-                "the coordinate map is not linear in its own coordinates, so its inverse is not known; "
+                "the coordinate map is not linear with as many coordinates, so its inverse is unknown; "
                 "give inverse= with each own coordinate as a law of the mechanism's q.<coordinate>"
             )
         Y, Z = ca.substitute([self.Y, self.Z], [self.own_q], [self.inverse])

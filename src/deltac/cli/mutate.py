@@ -1,0 +1,73 @@
+"""`deltac mutate`: how well do the tests protect equations written by hand?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from deltac.cli.output import Json, new_table, print_json, print_table, progress_bar
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.mutation_report import Mutation
+
+
+def command(
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+        ),
+    ],
+    equations: Annotated[
+        str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
+    ],
+    coordinates: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.py:MAP",
+            help="The function's coordinates: joint, absolute, or a CoordinateMap.",
+        ),
+    ] = None,
+    names: Annotated[
+        int, typer.Option(min=0, help="Other names that take the place of each use of a name.")
+    ] = 2,
+    seed: Annotated[int, typer.Option(help="Which names and states are drawn.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Change equations in every small way, and see which tests notice.
+
+    Exit status 0 if every mutant that is a mistake is seen by the coordinate residual, 1 if not.
+    """
+    from deltac.diagnosis.check_files import load_map
+    from deltac.diagnosis.mutation_report import mutate_equations
+
+    with progress_bar() as progress:
+        found = mutate_equations(
+            model,
+            equations,
+            coordinates=None if coordinates is None else load_map(coordinates),
+            names=names,
+            seed=seed,
+            progress=progress,
+        )
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        _print(found)
+    raise typer.Exit(found.status)
+
+
+def _print(found: Mutation) -> None:
+    table = new_table()
+    table.add_column("mutants")
+    rows = found.table()
+    for column in ("made", "equivalent", *found.tests):
+        table.add_column(column, justify="right")
+    for kind, row in rows.items():
+        if kind == "all":
+            table.add_section()
+        table.add_row(kind, *(str(value) for value in row.values()))
+    print_table(table)
+    typer.echo("")
+    typer.echo(found.explain())

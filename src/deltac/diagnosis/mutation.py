@@ -1,0 +1,241 @@
+"""Mutants of a function: small mistakes made on purpose, after published mutation operators.
+
+The operators are those of DeMillo, Lipton and Sayward, Computer 11 (1978) 34-41, and of the Mothra system
+(King, Offutt, Software: Practice and Experience 21 (1991) 685-718), adapted to expressions of equations of
+motion, with the deletion operators of Delamaro, Offutt and Ammann (ICST 2014). Nothing here knows how
+repairs are sought.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+KINDS: dict[str, str] = {
+    "operator": "arithmetic operator replaced (AOR)",
+    "sign": "unary minus inserted or deleted (UOI, UOD)",
+    "name": "variable replaced by another in scope (SVR)",
+    "index": "array reference replaced (AAR)",
+    "constant": "constant changed (CRP)",
+    "power": "exponent changed, square inserted (CRP)",
+    "function": "elementary function replaced or deleted",
+    "dropped factor": "factor or divisor deleted (ODL)",
+    "dropped term": "term deleted (ODL)",
+    "statement": "update of a variable deleted or changed (SDL, ASR)",
+}
+"""Kinds of mutants, and the operators that they stand for."""
+
+_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
+_RELATED = (
+    {"sin", "cos", "tan"},
+    {"arcsin", "arccos", "arctan", "asin", "acos", "atan"},
+    {"sinh", "cosh", "tanh"},
+    {"sqrt", "exp", "log"},
+)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A function with one mistake: `before` became `after` on `line`; `text` is the whole module."""
+
+    kind: str
+    line: int
+    before: str
+    after: str
+    text: str
+
+
+def mutants(text: str, function: str, names: int = 2, seed: int = 0) -> list[Mutant]:
+    """All single mutants of a function and of the module's constants that it uses.
+
+    Args:
+        text: the module.
+        function: its name.
+        names: how many other names take the place of each use of a name (drawn by `seed`; all of
+            them would be thousands, most of them alike).
+        seed: of that draw.
+    """
+    module = ast.parse(text)
+    target = next(s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function)
+    draw = random.Random(seed)
+    found: dict[str, Mutant] = {}
+    scopes = [*_constants(module, target), target]
+    for scope in scopes:
+        known = _known(module, scope, target)
+        for parent, field, node in _slots(scope):
+            for kind, new in _changes(parent, field, node, known, names, draw):
+                mutant = _write(text, kind, node, new)
+                if mutant is not None:
+                    found.setdefault(mutant.text, mutant)
+    return list(found.values())
+
+
+# --- where ------------------------------------------------------------------------------------------
+
+
+def _constants(module: ast.Module, target: ast.FunctionDef) -> list[ast.Assign]:
+    """Assignments of the module whose names the function uses, directly or through others."""
+    needed = {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
+    chosen: list[ast.Assign] = []
+    for statement in reversed(module.body):
+        if isinstance(statement, ast.Assign):
+            bound = {
+                n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)
+            }
+            if bound & needed:
+                chosen.insert(0, statement)
+                needed |= {n.id for n in ast.walk(statement.value) if isinstance(n, ast.Name)}
+    return chosen
+
+
+def _known(module: ast.Module, scope: ast.stmt, target: ast.FunctionDef) -> dict[str, int]:
+    """Names of numbers that may be used in a scope, with the line from which each is known."""
+    known: dict[str, int] = {}
+    bodies = [s for s in module.body if isinstance(s, ast.Assign)]
+    if scope is target:
+        bodies += [s for s in ast.walk(target) if isinstance(s, ast.Assign)]
+    arrays = {
+        n.value.id
+        for n in ast.walk(target)
+        if isinstance(n, ast.Subscript) and isinstance(n.value, ast.Name)
+    }
+    for statement in bodies:
+        if isinstance(statement.value, ast.Call) and _called(statement.value) in ("array", "zeros"):
+            continue
+        for element in statement.targets:
+            for n in ast.walk(element):
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and n.id not in arrays:
+                    known.setdefault(n.id, statement.end_lineno or statement.lineno)
+    return known
+
+
+def _slots(root: ast.AST) -> Iterator[tuple[ast.AST, str, ast.AST]]:
+    """Every expression and statement below a root, with its parent and the field it is in."""
+    for parent in ast.walk(root):
+        for field, value in ast.iter_fields(parent):
+            skipped = ("args", "ctx", "op", "annotation", "returns")
+            if field in skipped and not isinstance(parent, ast.Call):
+                continue
+            for node in value if isinstance(value, list) else [value]:
+                if isinstance(node, ast.expr | ast.stmt):
+                    yield parent, field, node
+
+
+# --- what -------------------------------------------------------------------------------------------
+
+
+def _changes(
+    parent: ast.AST,
+    field: str,
+    node: ast.AST,
+    known: dict[str, int],
+    names: int,
+    draw: random.Random,
+) -> Iterator[tuple[str, ast.AST | None]]:
+    if isinstance(node, ast.expr) and isinstance(getattr(node, "ctx", None), ast.Store):
+        return
+    if field in ("func", "slice") or isinstance(parent, ast.Subscript | ast.Attribute):
+        return
+    match node:
+        case ast.BinOp():
+            yield from _binary(node)
+        case ast.UnaryOp(op=ast.USub()):
+            yield "sign", node.operand
+        case ast.Name() if node.id in known:
+            yield "sign", ast.UnaryOp(ast.USub(), node)
+            others = [n for n, line in known.items() if n != node.id and line < node.lineno]
+            for other in draw.sample(others, min(names, len(others))):
+                yield "name", ast.Name(other, ast.Load())
+            if not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)):
+                yield "power", ast.BinOp(node, ast.Pow(), ast.Constant(2))
+        case ast.Constant() if isinstance(node.value, int | float) and not isinstance(
+            node.value, bool
+        ):
+            exponent = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)
+            for value in _other_constants(node.value):
+                yield "power" if exponent else "constant", ast.Constant(value)
+        case ast.Subscript(slice=ast.Constant(value=int() as index)):
+            for place in (int(index) - 1, int(index) + 1):
+                if place >= 0:
+                    yield "index", ast.Subscript(node.value, ast.Constant(place), ast.Load())
+        case ast.Call():
+            yield from _called_otherwise(node)
+        case ast.AugAssign():
+            yield "statement", ast.Pass()
+            for op in (ast.Add, ast.Sub):
+                if not isinstance(node.op, op):
+                    changed = copy.copy(node)
+                    changed.op = op()
+                    yield "statement", changed
+        case ast.Assign(targets=[ast.Name(id=name)]) if any(
+            isinstance(n, ast.Name) and n.id == name for n in ast.walk(node.value)
+        ):
+            yield "statement", ast.Pass()
+
+
+def _binary(node: ast.BinOp) -> Iterator[tuple[str, ast.AST]]:
+    if isinstance(node.op, _ARITHMETIC):
+        for op in _ARITHMETIC:
+            if not isinstance(node.op, op):
+                yield "operator", ast.BinOp(node.left, op(), node.right)
+    if isinstance(node.op, ast.Mult):
+        yield "dropped factor", node.left
+        yield "dropped factor", node.right
+    elif isinstance(node.op, ast.Div):
+        yield "dropped factor", node.left
+    elif isinstance(node.op, ast.Pow):
+        yield "power", node.left
+    elif isinstance(node.op, ast.Add):
+        yield "dropped term", node.left
+        yield "dropped term", node.right
+    elif isinstance(node.op, ast.Sub):
+        yield "dropped term", node.left
+        yield "dropped term", ast.UnaryOp(ast.USub(), node.right)
+
+
+def _other_constants(value: float) -> list[float]:
+    found = [value + 1, value - 1, value * 2]
+    return [c for c in dict.fromkeys(found) if c not in (value, 0)]
+
+
+def _called(node: ast.Call) -> str:
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def _called_otherwise(node: ast.Call) -> Iterator[tuple[str, ast.AST]]:
+    name = _called(node)
+    for family in _RELATED:
+        if name not in family or len(node.args) != 1:
+            continue
+        if isinstance(node.func, ast.Attribute):
+            for other in sorted(family - {name}):
+                if name.startswith("arc") == other.startswith("arc"):
+                    func = ast.Attribute(node.func.value, other, ast.Load())
+                    yield "function", ast.Call(func, node.args, [])
+        yield "function", node.args[0]
+
+
+# --- writing ----------------------------------------------------------------------------------------
+
+
+def _write(text: str, kind: str, node: ast.AST, new: ast.AST | None) -> Mutant | None:
+    """The module with a node's text replaced; the rest stays as it was written."""
+    before = ast.unparse(node)
+    after = ast.unparse(new) if new is not None else ""
+    if before == after:
+        return None
+    lines = text.encode().splitlines(keepends=True)
+    assert isinstance(node, ast.expr | ast.stmt) and node.end_lineno and node.end_col_offset
+    start = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
+    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
+    raw = text.encode()
+    put = after if isinstance(node, ast.stmt) else f"({after})"
+    changed = (raw[:start] + put.encode() + raw[end:]).decode()
+    try:
+        ast.parse(changed)
+    except SyntaxError:
+        return None
+    return Mutant(kind, node.lineno, before, after, changed)

@@ -1,0 +1,13 @@
+"""Repair of equations of motion in their source: which line, which expression, which edit.
+
+`source` finds the function, `interpreter` reads it onto a `tape`, `samples` has what it must give;
+`required` finds what each expression must be, `substitutions` and `insertions` (`monomials`) the edits that
+make it so, `pairs` two of them; `search` puts these together, `texts` applies them, `runner` runs the
+outcome, `repair` reports.
+"""
+
+from __future__ import annotations
+
+from deltac.diagnosis.repair.repair import Fix, Repair, repair_equations
+
+__all__ = ["Fix", "Repair", "repair_equations"]

@@ -1,0 +1,213 @@
+"""A candidate edit: one node of the source replaced by another text; and the names that texts may use."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from deltac.diagnosis.repair.calls import flatten
+from deltac.diagnosis.repair.interpreter import Instance
+from deltac.diagnosis.repair.program import Program
+from deltac.diagnosis.repair.source import Source
+from deltac.diagnosis.repair.tape import Array, Change, Operation, Slot, identity
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An edit that may be the repair.
+
+    place    the node that it replaces, by its place in `source.nodes`
+    text     what it is replaced by
+    words    the edit in words, after "eom.py:24: "
+    kind     sign, operator, name, index, function, power, number, factor, term, order
+    cost     how much is changed: 1 for one sign, operator or name; more for what is put in
+    changes  what becomes of the tape; None if it must be read again
+    """
+
+    place: int
+    text: str
+    words: str
+    kind: str
+    cost: float
+    changes: Mapping[int, Change] | None
+
+
+def compose(program: Program, place: int, after: Operation) -> dict[int, Change]:
+    """Apply an operation to the value of a node, at each of its evaluations."""
+    changes = {}
+    for k in slots(program, place):
+        changes[k] = Change(_after(after, program, k), program.tape.inputs[k])
+    return changes
+
+
+def _after(after: Operation, program: Program, k: int) -> Operation:
+    operation = program.tape.operations[k]
+    if operation is None:
+        value = program.tape.values[k]
+        return lambda: after(value)
+    return lambda *inputs: after(operation(*inputs))
+
+
+def combine(program: Program, place: int, operation: Operation, other: int) -> dict[int, Change]:
+    """Put operation(value, other slot) in place of the value of a node evaluated once."""
+    (k,) = slots(program, place)
+    old, inputs = program.tape.operations[k], program.tape.inputs[k]
+    if old is None:
+        value = program.tape.values[k]
+        return {k: Change(lambda y: operation(value, y), (other,))}
+    return {k: Change(lambda *xs: operation(old(*xs[:-1]), xs[-1]), (*inputs, other))}
+
+
+def slots(program: Program, place: int) -> list[int]:
+    """All slots that hold values of a node."""
+    found = []
+    for instance in program.trace.instances.get(place, []):
+        for entry in flatten(instance.value):
+            if isinstance(entry, Slot) and program.tape.nodes[entry.index] == place:
+                found.append(entry.index)
+    return found
+
+
+def instead(program: Program, place: int, others: list[Any]) -> dict[int, Change] | None:
+    """Other values (slots or arrays of slots, one an instance) in place of a node's; None if unlike."""
+    changes = {}
+    for instance, other in zip(program.trace.instances[place], others):
+        if np.shape(_array(instance.value)) != np.shape(_array(other)):
+            return None
+        for old, new in zip(flatten(instance.value), flatten(other)):
+            if not (isinstance(new, Slot) and isinstance(old, Slot)):
+                return None
+            if program.tape.nodes[old.index] != place or new.index == old.index:
+                return None
+            changes[old.index] = Change(identity, (new.index,))
+    return changes
+
+
+def _array(value: Any) -> Any:
+    return value if isinstance(value, np.ndarray) else np.float64(0.0)
+
+
+# --- names ----------------------------------------------------------------------------------------
+
+
+def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> dict[str, Any]:
+    """What can be named where a node stands, by the text that names it: numbers, or arrays.
+
+    Variables, and the entries of those arrays and dictionaries whose entries the source uses. One value
+    has one name, a variable's before an entry's.
+    """
+    found: dict[str, Any] = {}
+    seen: set[int] = set()
+
+    def add(text: str, value: Any) -> None:
+        if numbers and isinstance(value, Slot):
+            marker = id(program.tape.values[value.index])
+            if marker not in seen:
+                seen.add(marker)
+                found[text] = value
+        elif not numbers and isinstance(value, np.ndarray):
+            found[text] = value
+
+    scope = {**program.trace.scope, **instance.scope}
+    for name, value in scope.items():
+        if name.isidentifier():
+            add(name, value)
+    if not numbers:
+        return found
+    indexed = _indexed(program.source)
+    for name, value in scope.items():
+        if name not in indexed:
+            continue
+        if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 36:
+            for k in np.ndindex(value.shape):
+                add(f"{name}[{', '.join(map(str, k))}]", value[k])
+        elif isinstance(value, dict):
+            for key, entry in value.items():
+                add(f"{name}[{key!r}]".replace("'", '"'), entry)
+    for place, instances in program.trace.instances.items():
+        node = program.source.nodes[place]
+        value = instances[0].value
+        entry = isinstance(node, ast.Attribute | ast.Subscript) and isinstance(value, Slot)
+        if entry and not program.tape.varying[value.index]:
+            add(program.source.segment(node), value)
+    return found
+
+
+def _indexed(source: Source) -> set[str]:
+    return {
+        node.value.id
+        for node in source.nodes
+        if isinstance(node, ast.Subscript)
+        and isinstance(node.value, ast.Name)
+        and isinstance(node.ctx, ast.Load)
+    }
+
+
+def family(text: str) -> str:
+    """What names of one family share: l1 and l3, q[0] and q[2], p["m1"] and p["m2"]."""
+    return re.sub(r"\d+", "#", text)
+
+
+def stem(text: str) -> str:
+    """What names of one index share: S21 and C21, th1 and w1."""
+    return re.sub(r"[^\d]+", "", text)
+
+
+# --- texts ----------------------------------------------------------------------------------------
+
+
+def parsed(text: str) -> ast.expr:
+    """The expression that a text means."""
+    return ast.parse(f"({text})", mode="eval").body
+
+
+def written(meant: ast.expr, *texts: str) -> str:
+    """The first of some texts that means an expression, else its canonical text."""
+    dump = ast.dump(meant)
+    for text in texts:
+        try:
+            if ast.dump(parsed(text)) == dump:
+                return text
+        except SyntaxError:
+            continue
+    return ast.unparse(meant)
+
+
+def product(source: Source, node: ast.expr, factor: str, divide: bool = False) -> str:
+    """The text of a node times (or by) a factor."""
+    symbol, op = ("/", ast.Div()) if divide else ("*", ast.Mult())
+    own = source.segment(node)
+    bare = written(
+        ast.BinOp(node, op, ast.Name("x", ast.Load())), f"{own} {symbol} x", f"({own}) {symbol} x"
+    )
+    return f"{bare[:-1]}{factor}"
+
+
+def total(source: Source, node: ast.expr, term: str, subtract: bool = False) -> str:
+    """The text of a node plus (or minus) a term."""
+    symbol, op = ("-", ast.Sub()) if subtract else ("+", ast.Add())
+    meant = ast.BinOp(node, op, parsed(term))
+    own = source.segment(node)
+    return written(meant, f"{own} {symbol} {term}", f"({own}) {symbol} {term}")
+
+
+def negated(source: Source, node: ast.expr) -> str:
+    """The text of a node with a minus."""
+    own = source.segment(node)
+    return written(ast.UnaryOp(ast.USub(), node), f"-{own}", f"-({own})")
+
+
+def short(text: str, limit: int = 70) -> str:
+    """A text on one line, its middle left out where it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= limit else f"{line[: limit // 2]} … {line[-limit // 2 + 3 :]}"
+
+
+def values(program: Program, slot: int) -> Array:
+    """The values (B,) of a slot."""
+    return np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)

@@ -1,0 +1,441 @@
+"""`repair_equations`: which edit of the source makes equations of motion right."""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.check import chosen_map
+from deltac.diagnosis.models import load_model
+from deltac.diagnosis.repair import runner
+from deltac.diagnosis.repair.calls import flatten
+from deltac.diagnosis.repair.candidates import Candidate, short
+from deltac.diagnosis.repair.interpreter import trace
+from deltac.diagnosis.repair.pairs import pairs
+from deltac.diagnosis.repair.program import Program, read
+from deltac.diagnosis.repair.samples import RIGHT, Target
+from deltac.diagnosis.repair.search import Search, confirmed
+from deltac.diagnosis.repair.source import Source, read_source
+from deltac.diagnosis.repair.tape import ELEMENTARY, Slot
+from deltac.diagnosis.repair.texts import unified_diff
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.simulation.equations import Equations
+
+Array: TypeAlias = NDArray[np.float64]
+
+TIME_LIMIT = 60.0
+"""Time for a search (s)."""
+
+GROUPS = 8
+"""Statements in which repairs are reported."""
+
+TRIED = 120
+"""Edits that are tried on fresh states, cheapest first."""
+
+ALIKE = 4
+"""Ways to write a repair that are reported for one statement."""
+
+DEARER = 1.6
+"""Edits that cost this much more than the least one are not reported."""
+
+AGREE = 1e-7
+"""Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
+
+PERTURBED = 0.37
+"""By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
+
+
+@dataclass(frozen=True)
+class Fix:
+    """An edit, or two, that make the function right.
+
+    lines     of the source, one for each edit
+    words     what is wrong and what it should be, one for each edit
+    kinds     sign, operator, name, index, function, power, number, factor, term, order
+    cost      how much is changed: about 1 for one sign or name, more for what is put in
+    diff      a unified diff of the file
+    text      the whole file as it should be
+    others    other ways to write the same in the same statements
+    ran       whether Python itself, run on the edited function, gave the model's accelerations; None where
+              the function cannot be run by itself (a method, a closure)
+    """
+
+    file: str
+    lines: tuple[int, ...]
+    words: tuple[str, ...]
+    kinds: tuple[str, ...]
+    cost: float
+    diff: str
+    text: str = field(repr=False)
+    others: tuple[str, ...] = ()
+    ran: bool | None = None
+
+    def __str__(self) -> str:
+        return "; ".join(
+            f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words)
+        )
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What a search for a mistake in equations of motion came to.
+
+    file, function   what was searched
+    residual         size of the residual, 1 being the size of an equation's terms; rounding when right
+    equations        speeds whose equations are wrong
+    fixes            edits that make it right, least first; empty if none was found, or none is needed
+    certain          all fixes found are one and the same formula, right at every state and, where the
+                     function names them, at other parameters too
+    varied           parameters of the model that were varied with the function's
+    suspects         expressions any one of which could be wrong by itself, "file:line: expression"
+    complete         whether the search came to its end within its time
+    seconds          it took
+    """
+
+    file: str
+    function: str
+    residual: float
+    equations: tuple[str, ...]
+    fixes: tuple[Fix, ...]
+    certain: bool
+    varied: tuple[str, ...]
+    suspects: tuple[str, ...]
+    complete: bool
+    seconds: float
+
+    @property
+    def right(self) -> bool:
+        """Whether there is nothing to repair."""
+        return self.residual < RIGHT
+
+    @property
+    def status(self) -> int:
+        """Exit status of the command line: 0 right, 1 wrong (repaired or not)."""
+        return 0 if self.right else 1
+
+    def explain(self, width: int = 96) -> str:
+        """What was found, in words, with the diff of the first fix."""
+        name = f"{self.file}:{self.function}"
+        if self.right:
+            return (
+                f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
+            )
+        where = ", ".join(self.equations)
+        lines = [
+            f"{name} is wrong: residual {self.residual:.2g} of the terms, in the equation of {where}."
+        ]
+        if self.fixes:
+            lines += self._fixes()
+        elif self.suspects:
+            lines.append("No edit was found. By itself, any one of these could be what is wrong:")
+            lines += [f"  {suspect}" for suspect in self.suspects]
+        elif self.residual > 0.3 and self.complete:
+            lines.append(
+                "No expression can be the only one that is wrong, and no two edits were found. Is it the "
+                "function of this model, in these coordinates and units (radians)?"
+            )
+        else:
+            lines.append("No edit was found, and no expression can be the only one that is wrong.")
+        if not self.complete:
+            lines.append("The search ran out of time: there may be other edits.")
+        wrapped = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
+        if self.fixes:
+            wrapped += ["", self.fixes[0].diff.rstrip()]
+        return "\n".join(wrapped)
+
+    def _fixes(self) -> list[str]:
+        lines = [str(fix) for fix in self.fixes]
+        if len(lines) > 1:
+            lines.insert(0, "Each of these makes it right:")
+        tested = "random states"
+        if self.varied:
+            tested += f", and at other values of {', '.join(self.varied)}"
+        if self.certain:
+            lines.append(f"Tested at {tested}; no other formula was found.")
+        else:
+            lines.append(
+                f"Tested at {tested}. Other formulas may agree at these numbers too: choose, or "
+                "name the constants as the model does, so that they can be varied."
+            )
+        return lines
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        fixes = [
+            {
+                "file": f.file,
+                "lines": list(f.lines),
+                "words": list(f.words),
+                "kinds": list(f.kinds),
+                "cost": f.cost,
+                "diff": f.diff,
+                "others": list(f.others),
+                "ran": f.ran,
+            }
+            for f in self.fixes
+        ]
+        return {
+            "file": self.file,
+            "function": self.function,
+            "residual": self.residual if np.isfinite(self.residual) else None,
+            "right": self.right,
+            "equations": list(self.equations),
+            "fixes": fixes,
+            "certain": self.certain,
+            "varied": list(self.varied),
+            "suspects": list(self.suspects),
+            "complete": self.complete,
+            "seconds": self.seconds,
+        }
+
+
+def repair_equations(
+    model: Any,
+    rhs: str | Path | Callable[..., Any] | Equations,
+    *,
+    coordinates: CoordinateMap | str | None = None,
+    seed: int = 0,
+    time_limit: float = TIME_LIMIT,
+) -> Repair:
+    """Find the edit of a function's source that makes its equations of motion right.
+
+    The source is read, not run: every operation is followed at random states of the mechanism, and for every
+    expression the value is found that it must have had. Edits (signs, operators, names, indices,
+    functions, powers, numbers, missing or superfluous factors and terms; two of them where one does not
+    suffice) are sought that give these values. All that pass are tested at fresh states, at other parameters
+    where the function names its constants as the mechanism does, and by running the edited function in a
+    process of its own. The file is left as it is.
+
+    Args:
+        model: a Mechanism, a Problem or a problem's name, a model file.
+        rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
+        coordinates: the function's own coordinates, as for `check_equations`.
+        seed: of the random states.
+        time_limit: of the search (s).
+
+    Raises:
+        InputError: no source, no Python, or a function with branches on the state, side effects, endless
+            loops, classes, or calls that are not understood; file and line are named.
+    """
+    found = load_model(model)
+    if isinstance(rhs, Equations):
+        chosen = rhs.coordinates if coordinates is None else chosen_map(found, coordinates)
+        rhs = rhs.rhs
+    else:
+        chosen = chosen_map(found, coordinates)
+    return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
+
+
+def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
+    """`repair_equations` for a source and a target at hand."""
+    start = time.monotonic()
+    deadline = start + time_limit
+    program = read(source, target)
+    if program.wrong < RIGHT:
+        return _report(program, [], start, deadline)
+    found, suspects = _search(program, target, deadline)
+    coincidence = False
+    if not found and program.samples.parameters:
+        # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
+        plain = read(source, target, vary=False)
+        found, more = _search(plain, target, deadline)
+        if found or not suspects:
+            program, suspects, coincidence = plain, more, True
+    return _report(program, found, start, deadline, suspects, coincidence)
+
+
+def _search(
+    program: Program, target: Target, deadline: float
+) -> tuple[list[tuple[tuple[Candidate, ...], Source]], list[str]]:
+    """Edits with the sources they make, confirmed, cheapest first; and the suspects."""
+    search = Search(program, deadline)
+    search.require()
+    found = _confirm(program, target, ((c,) for c in search.single()), deadline)
+    if not found:
+        found = _confirm(program, target, pairs(search), deadline)
+    return found, [_suspect(program.source, r.place) for r in search.whole]
+
+
+def _confirm(
+    program: Program,
+    target: Target,
+    candidates: Iterable[tuple[Candidate, ...]],
+    deadline: float,
+) -> list[tuple[tuple[Candidate, ...], Source]]:
+    varied = tuple(program.samples.parameters)
+    found: list[tuple[tuple[Candidate, ...], Source]] = []
+    seen: set[str] = set()
+    places: dict[tuple[int, ...], int] = {}
+    cheapest = np.inf
+    for tried, edits in enumerate(candidates):
+        cost = sum(e.cost for e in edits)
+        if tried >= TRIED or time.monotonic() > deadline or cost > cheapest + DEARER:
+            break
+        where = tuple(program.source.statement(e.place).lineno for e in edits)
+        if places.get(where, 0) >= ALIKE:
+            continue
+        changed = confirmed(program.source, target, edits, varied)
+        if changed is not None and changed.text not in seen:
+            seen.add(changed.text)
+            places[where] = places.get(where, 0) + 1
+            cheapest = min(cheapest, cost)
+            found.append((edits, changed))
+    return found
+
+
+def _suspect(source: Source, place: int) -> str:
+    node = source.nodes[place]
+    line = getattr(node, "lineno", 0)
+    return f"{source.name}:{line}: {short(source.segment(node))}"
+
+
+def _report(
+    program: Program,
+    found: Sequence[tuple[tuple[Candidate, ...], Source]],
+    start: float,
+    deadline: float,
+    suspects: Sequence[str] = (),
+    coincidence: bool = False,
+) -> Repair:
+    source = program.source
+    names = program.samples.speeds
+    wrong = np.abs(program.samples.residual(program.run())).max(axis=1) > RIGHT
+    fixes = _fixes(program, found)
+    return Repair(
+        file=source.name,
+        function=source.qualified,
+        residual=program.wrong,
+        equations=tuple(name for name, off in zip(names, wrong) if off),
+        fixes=fixes,
+        certain=bool(fixes)
+        and (_all_varied(program) or not coincidence and _about_the_state(program, found))
+        and _one_formula(program, _first(program, found)),
+        varied=tuple(program.samples.parameters),
+        suspects=tuple(dict.fromkeys(suspects)),
+        complete=time.monotonic() <= deadline,
+        seconds=time.monotonic() - start,
+    )
+
+
+Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+
+
+def _groups(program: Program, found: Found) -> Sequence[Found]:
+    """Edits of the same statements together."""
+    groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
+    for edits, changed in found:
+        key = tuple(program.source.statement(e.place).lineno for e in edits)
+        groups.setdefault(key, []).append((edits, changed))
+    return list(groups.values())[:GROUPS]
+
+
+def _first(program: Program, found: Found) -> list[Source]:
+    return [members[0][1] for members in _groups(program, found)]
+
+
+def _fixes(program: Program, found: Found) -> tuple[Fix, ...]:
+    """One fix for each statement (or pair of them), with what else could be written there."""
+    source, groups = program.source, _groups(program, found)
+    fixes = []
+    for members in groups:
+        edits, changed = members[0]
+        fixes.append(
+            Fix(
+                file=source.name,
+                lines=tuple(source.nodes[e.place].lineno for e in edits),  # type: ignore[attr-defined]
+                words=tuple(e.words for e in edits),
+                kinds=tuple(e.kind for e in edits),
+                cost=round(sum(e.cost for e in edits), 3),
+                diff=unified_diff(source, changed),
+                text=changed.text,
+                others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
+            )
+        )
+    return _tried(program, fixes, _first(program, found))
+
+
+def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) -> tuple[Fix, ...]:
+    """The fixes after Python has run them; those that give something else then are left out."""
+    samples = program.samples
+    at = samples.at(samples.group == 0)
+    kept = list(fixes)
+    modules, places = [], []
+    for k, changed in enumerate(sources[: len(fixes)]):
+        module = runner.extract(changed, program.trace.statements)
+        if module is not None and _nothing_new(program.source, changed):
+            modules.append(module)
+            places.append(k)
+    if not modules:
+        return tuple(kept)
+    answers = runner.run(modules, at, limit=10.0)
+    for k, answer in zip(places, answers):
+        right = not isinstance(answer, str) and answer.shape == at.acceleration.shape
+        kept[k] = replace(kept[k], ran=bool(right and at.wrong(np.asarray(answer)) < RIGHT))
+    return tuple(fix for fix in kept if fix.ran is not False)
+
+
+def _nothing_new(source: Source, changed: Source) -> bool:
+    """Whether an edit brings no import and no call other than of elementary functions."""
+
+    def used(tree: ast.Module) -> tuple[list[str], set[str]]:
+        nodes = list(ast.walk(tree))
+        imports = [ast.unparse(n) for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
+        called = {ast.unparse(n.func) for n in nodes if isinstance(n, ast.Call)}
+        return imports, called
+
+    before, after = used(source.module), used(changed.module)
+    new = {name.rpartition(".")[2] for name in after[1] - before[1]}
+    return before[0] == after[0] and new <= ELEMENTARY.keys()
+
+
+STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
+
+
+def _all_varied(program: Program) -> bool:
+    """Whether every named constant that the function uses was varied with the model's parameters."""
+    used = {name for name, slot in program.trace.parameters.items() if program.matters(slot)}
+    return used <= program.samples.parameters.keys()
+
+
+def _about_the_state(program: Program, found: Found) -> bool:
+    """Whether the least edit changes how the result depends on the state, not on constants alone.
+
+    States are drawn at random, so that nothing that depends on them fits by chance; constants can.
+    """
+    edits, _ = found[0]
+    tape = program.tape
+
+    def varies(place: int) -> bool:
+        instances = program.trace.instances.get(place, [])
+        slots = [s for i in instances for s in flatten(i.value) if isinstance(s, Slot)]
+        return any(tape.varying[slot.index] for slot in slots)
+
+    return all(e.kind in STATE_KINDS and varies(e.place) for e in edits)
+
+
+def _one_formula(program: Program, sources: Sequence[Source]) -> bool:
+    """Whether all repaired functions stay equal when their named constants are moved."""
+    at = program.samples.at(program.samples.group == 0)
+    results: list[Array] = []
+    traces = [trace(source, at.t, at.q, at.u) for source in sources]
+    names = set.intersection(*(set(found.parameters) for found in traces))
+    rng = np.random.default_rng(0)
+    factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
+    for found in traces:
+        moved = {
+            slot: found.tape.values[slot] * factors[name]
+            for name, slot in found.parameters.items()
+            if name in factors
+        }
+        results.append(found.tape.run(found.outputs, values=moved))
+    first = results[0]
+    size = np.abs(first).max() + 1e-300
+    return all(np.abs(other - first).max() <= AGREE * size for other in results[1:])

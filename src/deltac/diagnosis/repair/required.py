@@ -1,0 +1,182 @@
+"""What value an expression must have for the whole function to be right, state by state.
+
+If one expression is wrong, there is a value that it should have had: the one for which the
+accelerations become the model's. It is found by Newton's method, n equations for one unknown at each
+state; for an expression of constants alone, one unknown for all states at once. Where the equations
+contradict each other, the mistake is not in that expression (or not in it alone). An edit is then sought
+for what the value should be, which is far less work than running the function for every edit, and finds
+factors and terms that are missing altogether.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.repair.program import Program
+from deltac.diagnosis.repair.samples import RIGHT
+from deltac.diagnosis.repair.tape import Array
+
+STEPS = 10
+STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
+"""Newton's method starts from these multiples of the value, where the earlier ones led nowhere."""
+
+INFLUENCE = 1e-6
+"""An equation in which an expression counts for less than this share of its effect does not have it."""
+
+STRAIGHT = 1e-7
+"""Relative departure of a straight line, from a difference quotient in double precision."""
+
+Flags: TypeAlias = NDArray[np.bool_]
+Residual: TypeAlias = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Requirement:
+    """The value that a node must have.
+
+    value     what it is, (B,)
+    required  what it must be, (B,)
+    rows      the equations that it acts on, (n,) of bool
+    whole     whether all equations are right then; else only those of `rows`
+    unique    whether there is no other such value
+    """
+
+    place: int
+    slot: int
+    value: Array
+    required: Array
+    rows: tuple[bool, ...]
+    whole: bool
+    unique: bool
+
+
+@dataclass(eq=False)
+class Requirements:
+    """The values that the nodes of a program must have, found one by one.
+
+    `undecided` are nodes for which no value was found, though there may be one.
+    """
+
+    program: Program
+    found: dict[int, Requirement] = field(default_factory=dict)
+    undecided: list[int] = field(default_factory=list)
+
+    def find(self, place: int) -> None:
+        """Find what one node must be."""
+        slot = self.program.numbers[place].value.index
+        constant = not self.program.tape.varying[slot]
+        with np.errstate(all="ignore"):
+            outcome = self._solve(place, slot, constant)
+            within = not isinstance(self.program.owner(place), ast.Module)
+            if constant and within and not isinstance(outcome, Requirement):
+                # It may be constant by mistake: what should stand there depends on the state.
+                outcome = self._solve(place, slot, False) or outcome
+        if isinstance(outcome, Requirement):
+            self.found[place] = outcome
+        elif outcome is None:
+            self.undecided.append(place)
+
+    def _solve(self, place: int, slot: int, common: bool) -> Requirement | bool | None:
+        """The requirement; False if there can be none, None if none was found.
+
+        `common`: one value for all states of a set of parameters.
+        """
+        program = self.program
+        start = np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)
+        group = program.samples.group
+        starts = np.searchsorted(group, np.arange(group[-1] + 1))
+
+        def off(x: Array) -> Array:
+            return program.residual(values={slot: x})
+
+        def nearest(slope: Array, r: Array) -> Array:
+            """The step that makes r smallest, by least squares over what the unknown is common to."""
+            down, square = np.sum(slope * r, axis=0), np.sum(slope**2, axis=0)
+            if common:
+                down, square = (np.add.reduceat(x, starts)[group] for x in (down, square))
+            return np.asarray(-down / np.maximum(square, 1e-24 * square.max()))
+
+        size = np.abs(start) + np.sqrt(np.mean(start**2)) + 1e-12
+        before = program.original_residual
+        h = 1e-4 * size
+        slope = (off(start + h) - before) / h
+        effect = np.abs(slope * size).max(axis=1)
+        if not np.isfinite(effect).all():
+            return None
+        if not effect.max() > 1e-12:
+            return False
+        rows: Flags = effect > INFLUENCE * effect.max()
+        if np.abs(before[rows]).max() < RIGHT:
+            return False  # what it acts on is right as it is
+        step = nearest(slope[rows], before[rows])
+        x, after = start + step, off(start + step)
+        bend = np.abs(after - before - slope * step).max()
+        straight = bool(bend < STRAIGHT * np.abs(slope * step).max())
+        found = np.abs(after[rows]).max(axis=0) < RIGHT
+        if straight and not found.all():
+            return False
+        if not straight:
+            x, found = self._divided(off, nearest, rows, start)
+            straight = bool(found.all())
+        if not straight:
+            x, found = _newton(off, nearest, rows, start, size, common)
+        if not found.all():
+            return None
+        after = off(x)
+        whole = bool(np.abs(after).max() < RIGHT)
+        if not whole and rows.all():
+            return False
+        unique = straight or common
+        return Requirement(place, slot, start, x, tuple(map(bool, rows)), whole, unique)
+
+    def _divided(
+        self, off: Residual, nearest: Callable[[Array, Array], Array], rows: Flags, start: Array
+    ) -> tuple[Array, Flags]:
+        """The same where the equations are linear in 1/x, as in a divisor: one step again."""
+        y = 1.0 / np.where(start == 0.0, 1.0, start)
+        h = 1e-4 * np.abs(y)
+        before = off(1.0 / y)[rows]
+        y = y + nearest((off(1.0 / (y + h))[rows] - before) / h, before)
+        x = 1.0 / y
+        return x, np.abs(off(x)[rows]).max(axis=0) < RIGHT
+
+
+def _newton(
+    off: Residual,
+    nearest: Callable[[Array, Array], Array],
+    rows: Flags,
+    start: Array,
+    size: Array,
+    common: bool,
+) -> tuple[Array, Flags]:
+    """Roots of the residual in `rows`, and at which states they were found."""
+    best = start.copy()
+    found: Flags = np.zeros(start.shape, dtype=bool)
+    h = 1e-7 * size
+    for multiple in STARTS:
+        x = multiple * start
+        r = off(x)[rows]
+        for _ in range(STEPS):
+            dx = nearest((off(x + h)[rows] - r) / h, r)
+            x = np.where(np.isfinite(dx), x + dx, x)
+            r = off(x)[rows]
+            good = np.abs(r).max(axis=0) < RIGHT
+            new = (np.full_like(found, good.all()) if common else good) & ~found
+            best[new] = x[new]
+            found |= new
+            if found.all() or not (~found & (np.abs(dx) > 1e-6 * size)).any():
+                break
+        if found.all() or (multiple == -1.0 and np.mean(found) < 0.3):
+            break  # hopeless: the states contradict each other
+    if (
+        found.all()
+    ):  # once more: the last step of a quadratic method gives the other half of the digits
+        dx = nearest((off(best + h)[rows] - off(best)[rows]) / h, off(best)[rows])
+        best = np.where(np.isfinite(dx), best + dx, best)
+    return best, found

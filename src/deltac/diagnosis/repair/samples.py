@@ -1,0 +1,147 @@
+"""States with the right accelerations: what a repaired function has to give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.equation_test import LEAST as FLOOR
+from deltac.diagnosis.equation_test import EquationTest
+from deltac.diagnosis.states import random_states
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+NOMINAL, VARIED, SETS = 16, 8, 2
+"""States at the parameters' own values; states at each other set of values; how many such sets."""
+
+LEAST = 1e-3
+
+RIGHT = 1e-8
+"""Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
+size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """B states of the model with its accelerations.
+
+    t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `M` (B, n, n) mass
+    matrix; `typical` (n, B) size of each equation's terms; `parameters` the values (B,) of those that are
+    varied; `group` (B,) counts the sets of values; `speeds` names the own speeds.
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    acceleration: Array
+    M: Array
+    typical: Array
+    parameters: Mapping[str, Array]
+    group: NDArray[np.intp]
+    speeds: tuple[str, ...]
+
+    def at(self, which: NDArray[np.bool_]) -> Samples:
+        """Some of the states."""
+        return Samples(
+            self.t[which],
+            self.q[:, which],
+            self.u[:, which],
+            self.acceleration[:, which],
+            self.M[which],
+            self.typical[:, which],
+            {name: values[which] for name, values in self.parameters.items()},
+            self.group[which],
+            self.speeds,
+        )
+
+    def residual(self, udot: Array) -> Array:
+        """M (u̇ − u̇ of the model) over the typical size of the equation's terms (n, B)."""
+        off = np.einsum("bij,jb->ib", self.M, udot - self.acceleration)
+        return np.asarray(off / self.typical)
+
+    def wrong(self, udot: Array) -> float:
+        """The largest residual; infinite where the accelerations are not finite."""
+        worst = float(np.max(np.abs(self.residual(udot)), initial=0.0))
+        return worst if np.isfinite(worst) else np.inf
+
+
+@dataclass(eq=False)
+class Target:
+    """A mechanism as the source of samples, drawn once each."""
+
+    mechanism: Mechanism
+    coordinates: CoordinateMap | None = None
+    seed: int = 0
+    _tests: dict[tuple[int, int, tuple[str, ...]], EquationTest] = field(default_factory=dict)
+    _samples: dict[tuple[tuple[str, ...], bool], Samples] = field(default_factory=dict)
+
+    def samples(self, varied: tuple[str, ...] = (), fresh: bool = False) -> Samples:
+        """States at the mechanism's parameters, and at other values of those in `varied`.
+
+        `fresh` ones are others than those that a search has seen.
+        """
+        key = (varied, fresh)
+        if key not in self._samples:
+            self._samples[key] = self._draw(varied, fresh)
+        return self._samples[key]
+
+    def test(
+        self, group: int = 0, fresh: bool = False, varied: tuple[str, ...] = ()
+    ) -> EquationTest:
+        """The model's equations at the states of one set of parameters' values."""
+        key = (group, int(fresh), varied if group else ())
+        if key not in self._tests:
+            mechanism = self.mechanism.with_parameters(**self.values(group, varied))
+            seed = 1000 * self.seed + 10 * group + 5 * fresh
+            count = VARIED if group else NOMINAL
+            states = random_states(mechanism, self.coordinates, count=count, seed=seed)
+            self._tests[key] = EquationTest(mechanism, states, self.coordinates)
+        return self._tests[key]
+
+    def values(self, group: int, varied: tuple[str, ...]) -> dict[str, float]:
+        """The parameters' values in a set: other sets scale each by a factor of its own, 0.6 to 1.6."""
+        factors = np.random.default_rng([self.seed, group]).uniform(0.6, 1.6, len(varied))
+        factors = np.where(group == 0, 1.0, factors)
+        return {n: self.mechanism.parameters[n] * float(f) for n, f in zip(varied, factors)}
+
+    def _draw(self, varied: tuple[str, ...], fresh: bool) -> Samples:
+        groups = range(SETS + 1 if varied else 1)
+        tests = [self.test(k, fresh, varied) for k in groups]
+        sizes = [len(test.states) for test in tests]
+        values = [self.values(k, varied) for k in groups]
+
+        def join(parts: list[Array]) -> Array:
+            return np.concatenate(parts, axis=-1)
+
+        return Samples(
+            t=join([test.states.t for test in tests]),
+            q=join([test.states.q for test in tests]),
+            u=join([test.states.u for test in tests]),
+            acceleration=join([test.acceleration for test in tests]),
+            M=np.concatenate([test.M for test in tests]),
+            typical=join(
+                [
+                    np.repeat(_typical(test)[:, None], size, axis=1)
+                    for test, size in zip(tests, sizes)
+                ]
+            ),
+            parameters={
+                name: join([np.full(size, v[name]) for v, size in zip(values, sizes)])
+                for name in varied
+            },
+            group=np.repeat(np.arange(len(sizes)), sizes),
+            speeds=tests[0].speeds,
+        )
+
+
+def _typical(test: EquationTest) -> Array:
+    """Size of each equation's terms (n,), at least a thousandth of its natural inertia force.
+
+    Where the terms of an equation cancel (two equal moments of inertia), what is left of them is rounding.
+    """
+    return np.maximum(test.typical(test.acceleration), LEAST / FLOOR * test.floor)

@@ -1,0 +1,320 @@
+"""The tape: a function of numbers as the list of its elementary operations, over many states at once.
+
+Each operation acts on arrays (B,), one entry a state. Operations know the node of the source that they
+belong to, so that one node can be given another operation, or another value, and only what follows
+from it is computed again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Operation: TypeAlias = Callable[..., Any]
+
+LIMIT = 60_000
+"""Operations that a function may have."""
+
+
+class TapeError(Exception):
+    """The function does something that cannot be put on a tape."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an operation of the tape is replaced by: another operation on other slots."""
+
+    operation: Operation
+    inputs: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Solve:
+    """x (rows, B) of A x = b, from the entries of A (row by row) and of b."""
+
+    rows: int
+
+    def __call__(self, *entries: Any) -> Any:
+        """The solution; not a number where A is singular."""
+        rows = self.rows
+        full = stacked(entries)
+        A = np.moveaxis(full[: rows * rows].reshape(rows, rows, -1), -1, 0)
+        b = full[rows * rows :].T[:, :, None]
+        try:
+            return np.linalg.solve(A, b)[:, :, 0].T
+        except np.linalg.LinAlgError:
+            return np.full((rows, full.shape[1]), np.nan)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a solution."""
+
+    k: int
+
+    def __call__(self, solution: Any) -> Any:
+        """Row k (B,)."""
+        return solution[self.k]
+
+
+def stacked(values: Sequence[Any]) -> Array:
+    """Numbers and arrays (B,) as one array (n, B)."""
+    width = max((np.size(value) for value in values), default=1)
+    full = np.empty((len(values), width))
+    for row, value in zip(full, values):
+        row[:] = value
+    return full
+
+
+def identity(value: Any) -> Any:
+    """The value itself: how names and constants are read."""
+    return value
+
+
+@dataclass
+class Tape:
+    """Operations in order. Slot k holds the value of operation k.
+
+    operations, inputs  what is computed of which slots; inputs of the function and constants have None
+    nodes               the node of the source that each belongs to, or None
+    values              (B,) arrays or numbers, at the states it was made for
+    exact               the Python number where a slot depends on literals alone, else None
+    varying             whether a slot depends on the state
+    """
+
+    operations: list[Operation | None] = field(default_factory=list)
+    inputs: list[tuple[int, ...]] = field(default_factory=list)
+    nodes: list[int | None] = field(default_factory=list)
+    values: list[Any] = field(default_factory=list)
+    exact: list[Any] = field(default_factory=list)
+    varying: list[bool] = field(default_factory=list)
+    node: int | None = None
+    _after: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    _before: dict[tuple[int, ...], frozenset[int]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.operations)
+
+    def given(self, value: Any, *, exact: Any = None, varying: bool = True) -> Slot:
+        """A slot whose value is given: an input or a constant."""
+        return self._append(None, (), value, exact, varying)
+
+    def record(self, operation: Operation, *inputs: Any) -> Slot:
+        """Compute and note an operation on slots and numbers."""
+        slots = tuple(self.slot(value).index for value in inputs)
+        exact = None
+        literal = [self.exact[k] for k in slots]
+        if all(value is not None for value in literal):
+            try:
+                exact = operation(*literal)
+                exact = exact.item() if isinstance(exact, np.generic) else exact
+            except (ArithmeticError, ValueError, TypeError):
+                exact = None
+        with np.errstate(all="ignore"):
+            value = operation(*(self.values[k] for k in slots))
+        return self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
+
+    def slot(self, value: Any) -> Slot:
+        """A value as a slot; numbers become constants."""
+        if isinstance(value, Slot):
+            return value
+        if isinstance(value, bool | int | float | np.generic):
+            number = value.item() if isinstance(value, np.generic) else value
+            return self.given(np.float64(number), exact=number, varying=False)
+        raise TapeError(f"arithmetic with {type(value).__name__}")
+
+    def _append(
+        self,
+        operation: Operation | None,
+        slots: tuple[int, ...],
+        value: Any,
+        exact: Any,
+        varying: bool,
+    ) -> Slot:
+        if len(self.operations) >= LIMIT:
+            raise TapeError(f"more than {LIMIT} operations: is there a loop that does not end?")
+        self.operations.append(operation)
+        self.inputs.append(slots)
+        self.nodes.append(self.node)
+        self.values.append(value)
+        self.exact.append(exact)
+        self.varying.append(varying)
+        return Slot(self, len(self.operations) - 1)
+
+    # --- running it again -------------------------------------------------------------------------
+
+    def after(self, index: int) -> tuple[int, ...]:
+        """The slots that depend on slot `index`, in order."""
+        if index not in self._after:
+            touched = {index}
+            for k in range(index + 1, len(self.operations)):
+                if not touched.isdisjoint(self.inputs[k]):
+                    touched.add(k)
+            touched.discard(index)
+            self._after[index] = tuple(sorted(touched))
+        return self._after[index]
+
+    def before(self, outputs: tuple[int, ...]) -> frozenset[int]:
+        """The slots that some outputs depend on, with themselves."""
+        if outputs not in self._before:
+            seen, stack = set(outputs), list(outputs)
+            while stack:
+                for k in self.inputs[stack.pop()]:
+                    if k not in seen:
+                        seen.add(k)
+                        stack.append(k)
+            self._before[outputs] = frozenset(seen)
+        return self._before[outputs]
+
+    def run(
+        self,
+        outputs: Sequence[int],
+        changes: Mapping[int, Change] | None = None,
+        values: Mapping[int, Any] | None = None,
+    ) -> Array:
+        """The outputs (n, B) with some operations changed and some slots given other values."""
+        changes, values = changes or {}, values or {}
+        again = {*changes, *values}
+        for k in tuple(again):
+            again.update(self.after(k))
+        again &= self.before(tuple(outputs))
+        new: dict[int, Any] = {}
+        old, operations, inputs = self.values, self.operations, self.inputs
+        with np.errstate(all="ignore"):
+            for k in sorted(again):
+                if k in values:
+                    new[k] = values[k]
+                    continue
+                change = changes.get(k)
+                slots = inputs[k] if change is None else change.inputs
+                operation = operations[k] if change is None else change.operation
+                if operation is None:
+                    new[k] = old[k]
+                    continue
+                new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
+        return stacked([new[k] if k in new else old[k] for k in outputs])
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """A number of the user's function: behaves like a float, and notes what is done with it."""
+
+    tape: Tape
+    index: int
+
+    @property
+    def value(self) -> Any:
+        """Its value at the states, (B,) or a number."""
+        return self.tape.values[self.index]
+
+    def exact(self) -> Any:
+        """Its Python number; TapeError where it depends on the state."""
+        number = self.tape.exact[self.index]
+        if number is None:
+            raise TapeError(
+                "an index, a size or a count that depends on the state or on a parameter"
+            )
+        return number
+
+    def __index__(self) -> int:
+        number = self.exact()
+        if isinstance(number, float):
+            raise TapeError(f"{number} where an integer is needed")
+        return int(number)
+
+    def __bool__(self) -> bool:
+        """A condition: the same at all states, or it cannot be put on a tape."""
+        answers = {bool(b) for b in np.atleast_1d(self.value)}
+        if len(answers) != 1:
+            raise TapeError("a branch that depends on the state")
+        return answers.pop()
+
+    def __len__(self) -> int:
+        raise TypeError("a number has no length")
+
+    __array_priority__ = 1000.0
+
+
+def _binary(operation: Operation) -> tuple[Operation, Operation]:
+    def forward(self: Slot, other: Any) -> Any:
+        if isinstance(other, np.ndarray | list | tuple):
+            return NotImplemented
+        return self.tape.record(operation, self, other)
+
+    def reflected(self: Slot, other: Any) -> Any:
+        if isinstance(other, np.ndarray | list | tuple):
+            return NotImplemented
+        return self.tape.record(operation, other, self)
+
+    return forward, reflected
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """A power; squares and cubes as products, which is faster and exact."""
+    if np.ndim(exponent) == 0:
+        if exponent == 2:
+            return base * base
+        if exponent == 3:
+            return base * base * base
+    return np.power(base, np.asarray(exponent, dtype=float))
+
+
+BINARY: dict[str, Operation] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "truediv": np.true_divide,
+    "pow": power,
+    "mod": np.mod,
+    "floordiv": np.floor_divide,
+}
+for _name, _operation in BINARY.items():
+    _forward, _reflected = _binary(_operation)
+    setattr(Slot, f"__{_name}__", _forward)
+    setattr(Slot, f"__r{_name}__", _reflected)
+
+for _name, _compare in {
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+}.items():
+    setattr(Slot, f"__{_name}__", _binary(_compare)[0])
+Slot.__hash__ = object.__hash__  # type: ignore[method-assign]
+
+_UNARY: dict[str, Operation] = {"neg": np.negative, "pos": identity, "abs": np.abs}
+for _name, _operation in _UNARY.items():
+    setattr(Slot, f"__{_name}__", lambda self, f=_operation: self.tape.record(f, self))
+
+ELEMENTARY: dict[str, tuple[Operation, int]] = {
+    **{
+        name: (getattr(np, name), 1)
+        for name in "sin cos tan arcsin arccos arctan sinh cosh tanh exp log sqrt cbrt sign".split()
+    },
+    **{name: (getattr(np, name), 1) for name in "square abs fabs absolute negative".split()},
+    **{name: (getattr(np, name), 1) for name in "deg2rad rad2deg radians degrees".split()},
+    **{name: (getattr(np, name), 2) for name in "arctan2 hypot maximum minimum".split()},
+    **{name: (getattr(np, name), 2) for name in "add subtract multiply divide".split()},
+    "power": (power, 2),
+    "pow": (power, 2),
+    "asin": (np.arcsin, 1),
+    "acos": (np.arccos, 1),
+    "atan": (np.arctan, 1),
+    "atan2": (np.arctan2, 2),
+    "where": (np.where, 3),
+}
+"""Functions of numbers by their names in NumPy and math, with the number of their arguments."""
+
+for _name, (_operation, _count) in ELEMENTARY.items():
+    if _count == 1:  # what np.sin calls on the entries of an array of objects
+        setattr(Slot, _name, lambda self, f=_operation: self.tape.record(f, self))
+
+CONSTANTS = {"pi": math.pi, "e": math.e, "tau": math.tau, "inf": math.inf}

@@ -1,0 +1,123 @@
+"""Where a motion departs from its model: equation, time, joint, body, term."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from hand_equations import CASES
+
+
+@pytest.fixture(scope="module")
+def mistaken() -> tuple[dc.problems.Problem, dc.Trajectory]:
+    """The motion of fig. 4.7's wrong equations."""
+    p = dc.problems.load("triple-pendulum", mistake=True)
+    run = dc.simulate(
+        p.mechanism, p.state, duration=1.0, step=2e-3, equations=p.equations, testing=()
+    )
+    return p, run
+
+
+def test_the_mistake_of_the_thesis_in_its_motion(
+    mistaken: tuple[dc.problems.Problem, dc.Trajectory],
+) -> None:
+    p, run = mistaken
+    assert p.equations is not None
+    found = dc.localise(p.mechanism, run, coordinates=p.equations.coordinates)
+    (departure,) = found.departures
+    assert (departure.number, departure.speed) == (2, "theta2")
+    assert [str(term) for term in departure.terms] == ["gravity enters with the wrong sign"]
+    # 2 (m2 r2 + m3 l2) g sin θ2 by hand
+    moment = 2 * (30 * 0.125 + 20 * 0.25)
+    expected = -moment * np.sin(np.cumsum(run.q, axis=1)[:, 1])
+    rows = np.searchsorted(run.t, found.t)
+    assert np.abs(found.residual[:, 1] - expected[rows]).max() < 1e-11 * moment
+    assert np.abs(found.residual[:, [0, 2]]).max() < 1e-11 * moment
+    # that moment's power on bar 2 is what joints 1 and 2 take: θ̇2 = u1 + u2
+    rate = np.cumsum(run.u, axis=1)[rows, 1]
+    total = found.joints["joint1"] + found.joints["joint2"]
+    assert np.abs(total + expected[rows] * rate).max() < 1e-9
+    assert np.abs(found.joints["joint3"]).max() < 1e-9
+    assert "equation 2 (theta2)" in found.explain()
+    assert found.to_dict()["departures"][0]["equation"] == 2
+
+
+def test_a_right_motion_departs_nowhere() -> None:
+    p = dc.problems.load("triple-pendulum", damping=0.01)
+    run = dc.simulate(p.mechanism, p.state, duration=0.5, step=1e-2)
+    found = dc.localise(p.mechanism, run)
+    assert found.departures == ()
+    assert "obeys the model" in found.explain()
+
+
+def test_power_balances_of_bodies(mistaken: tuple[dc.problems.Problem, dc.Trajectory]) -> None:
+    """Body by body from the kinematics of bars: K̇, and what flows through the joints adds up."""
+    p, run = mistaken
+    found = dc.localise(p.mechanism, run)
+    rows = np.searchsorted(run.t, found.t)
+    theta, omega = (np.cumsum(x, axis=1)[rows] for x in (run.q, run.u))
+    mechanism = p.mechanism
+    tip = np.zeros((len(rows), 2))
+    for k in range(3):
+        m, length = (mechanism.parameters[f"{n}{k + 1}"] for n in ("m", "l"))
+        along = np.stack([np.cos(theta[:, k]), np.sin(theta[:, k])], axis=1)
+        velocity = tip + 0.5 * length * omega[:, k : k + 1] * along
+        kinetic = 0.5 * m * (velocity**2).sum(axis=1) + m * length**2 / 24 * omega[:, k] ** 2
+        tip = tip + length * omega[:, k : k + 1] * along
+        body = found.bodies[f"bar{k + 1}"]
+        assert np.abs(body.gravity + m * 9.8 * velocity[:, 1]).max() < 1e-10
+        # K̇ by differences of the fourth order: (h/2)^4 of a motion of some 10 rad/s
+        h = float(found.t[1] - found.t[0])
+        slope = (8 * (kinetic[3:-1] - kinetic[1:-3]) - (kinetic[4:] - kinetic[:-4])) / (12 * h)
+        assert np.abs(body.kinetic[2:-2] - slope).max() < 1e-3 * np.abs(slope).max()
+        closed = body.kinetic - body.gravity - body.received + body.delivered
+        assert np.abs(closed).max() < 1e-9
+    assert np.abs(found.bodies["bar3"].delivered).max() == 0.0
+
+
+def test_when_it_happens() -> None:
+    """A damper that the model does not have, at work while the pendulum passes through."""
+    model = dc.problems.load("triple-pendulum")
+    wrong = dc.problems.load("triple-pendulum", damping=(0.0, 0.0, 0.2))
+    run = dc.simulate(wrong.mechanism, wrong.state, duration=0.2, step=1e-3)
+    assert run.udot is not None
+    rest = dc.simulate(model.mechanism, model.state, duration=0.2, step=1e-3)
+    assert rest.udot is not None
+    both = replace(
+        run,
+        t=np.concatenate([run.t, run.t[-1] + 1e-3 + rest.t]),
+        q=np.concatenate([run.q, rest.q]),
+        u=np.concatenate([run.u, rest.u]),
+        udot=np.concatenate([run.udot, rest.udot]),
+        forces={},
+        integrals={},
+    )
+    found = dc.localise(model.mechanism, both)
+    (departure,) = found.departures
+    assert departure.speed == "joint3"
+    assert 0.0 < departure.span[0] < departure.span[1] <= 0.2
+    damped = dc.localise(model.mechanism, replace(run, forces={}, integrals={}))
+    assert [str(t) for t in damped.departures[0].terms] == ["0.2·u.joint3"]
+
+
+def test_a_violated_loop_is_projected_out() -> None:
+    """Constraint forces are no residual: a four-bar's own motion departs nowhere."""
+    p = dc.problems.load("n-four-bar")
+    run = dc.simulate(p.mechanism, p.state, duration=0.1, step=1e-2)
+    assert dc.localise(p.mechanism, run).departures == ()
+
+
+def test_bad_input(mistaken: tuple[dc.problems.Problem, dc.Trajectory]) -> None:
+    p, run = mistaken
+    with pytest.raises(dc.InputError, match="accelerations"):
+        dc.localise(p.mechanism, replace(run, udot=None))
+    with pytest.raises(dc.InputError, match="coordinate"):
+        dc.localise(dc.problems.load("heavy-top").mechanism, run)
+    case = CASES["spherical_pendulum"]()
+    problem = dc.problems.load("spherical-pendulum")
+    motion = dc.simulate(problem.mechanism, problem.state, duration=0.1, step=1e-2)
+    with pytest.raises(dc.InputError, match="inverse"):
+        dc.localise(problem.mechanism, motion, coordinates=case.coordinates)

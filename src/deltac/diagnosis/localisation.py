@@ -77,7 +77,13 @@ class Blame:
             "degrees_in_rates": None if self.degrees is None else list(self.degrees),
             "depends_on": None if self.depends_on is None else list(self.depends_on),
             "terms": [
-                {"term": m.part, "coefficient": m.coefficient, "factor": m.factor, "words": str(m)}
+                {
+                    "term": m.part,
+                    "symbols": m.symbols,
+                    "coefficient": m.coefficient,
+                    "factor": m.factor,
+                    "words": str(m),
+                }
                 for m in self.terms
             ],
         }

@@ -8,7 +8,7 @@ and where none fits with products of sines, cosines and rates.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TypeAlias
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.kane import evaluate, matrices, times
+from deltac.diagnosis.localisation_symbols import Key, written
 from deltac.diagnosis.states import States
 from deltac.dynamics.recursions import gather, velocities
 from deltac.dynamics.spatial import SX, cross
@@ -45,12 +46,12 @@ FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "b
 class Part:
     """A candidate: what it is called and its values at the states (B,).
 
-    `own`: it is a term of the model's own equation (with its sign in F_r + F*_r), else a plain function.
+    A term of the model's own equation (with its sign in F_r + F*_r) has a `key`; a plain function has none.
     """
 
     name: str
     values: Array
-    own: bool = True
+    key: Key | None = None
 
 
 @dataclass(frozen=True)
@@ -58,21 +59,23 @@ class Match:
     """`coefficient` times a part: one summand of a residual.
 
     For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
-    for a wrong sign, 0 for a missing term. None for a plain function of the state.
+    for a wrong sign, 0 for a missing term. None for a plain function of the state. `symbols`: the model's
+    term as people write it, where it is short.
     """
 
     part: str
     coefficient: float
     factor: float | None
+    symbols: str = ""
 
     def __str__(self) -> str:
         if self.factor is None:
             return f"{self.coefficient:.6g}·{self.part}"
+        part = f"{self.part}, {self.symbols}," if self.symbols else self.part
         for factor, words in FACTORS.items():
             if abs(self.factor - factor) < 1e-5:
-                verb = "" if factor == 0.0 else "enters "
-                return f"{self.part} {verb}{words}"
-        return f"{self.part} enters with the factor {self.factor:.6g}"
+                return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
+        return f"{part} enters with the factor {self.factor:.6g}"
 
 
 def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
@@ -81,22 +84,22 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     scale = float(test.typical(udot)[row])
     found: list[Part] = []
 
-    def add(name: str, values: Array) -> None:
+    def add(name: str, values: Array, key: Key) -> None:
         if np.abs(values).max() > PRESENT * scale and np.isfinite(values).all():
-            found.append(Part(name, values))
+            found.append(Part(name, values, key))
 
     for channel, force in test.forces.items():
-        add(_called(channel), force[row])
+        add(_called(channel), force[row], ("channel", channel, None))
     inertia = -test.M[:, row, :].T * udot
-    add("the sum of the gyroscopic terms", -test.bias[row])
+    add("the sum of the gyroscopic terms", -test.bias[row], ("gyroscopic", "", None))
     by_rates = _by_rates(test, row) if len(names) <= FEW else ()
-    for name, values in by_rates:
-        add(name, values)
+    for name, values, key in by_rates:
+        add(name, values, key)
     for j, name in enumerate(names):
-        add(_inertia_term(name), inertia[j])
+        add(_inertia_term(name), inertia[j], ("inertia", name, None))
     if len(names) <= FEW:
-        for name, values in _by_bodies(test, udot, row):
-            add(name, values)
+        for name, values, key in _by_bodies(test, udot, row):
+            add(name, values, key)
     return found
 
 
@@ -108,7 +111,7 @@ def _called(channel: str) -> str:
     return "gravity" if channel == "gravity" else f"{channel!r}"
 
 
-def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array]]:
+def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array, Key]]:
     """Parts of forces and gyroscopic terms by the rates that they are proportional to."""
     n, batch = test.bias.shape
     names = test.speeds
@@ -125,9 +128,11 @@ def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array]]:
     )
     there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
     u = states.u
-    wholes = {"the gyroscopic term": (-there.bias, -test.bias)}
-    wholes |= {_called(c): (there.forces[c], test.forces[c]) for c in test.forces}
-    for name, (along, whole) in wholes.items():
+    gyroscopic: list[tuple[str, str, str, Array, Array]] = [
+        ("the gyroscopic term", "gyroscopic", "", -there.bias, -test.bias)
+    ]
+    acting = [(_called(c), "channel", c, there.forces[c], test.forces[c]) for c in test.forces]
+    for name, kind, which, along, whole in gyroscopic + acting:
         at = along[row].reshape(len(rays), batch)
         rest, plus, minus, both = at[0], at[1 : n + 1], at[n + 1 : 2 * n + 1], at[2 * n + 1 :]
         linear, square = 0.5 * (plus - minus) * u, (0.5 * (plus + minus) - rest) * u**2
@@ -137,15 +142,15 @@ def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array]]:
         total = rest + linear.sum(axis=0) + square.sum(axis=0) + sum(mixed, start=np.zeros(batch))
         if not np.allclose(total, whole[row], atol=1e-9 * np.abs(whole[row]).max(initial=1e-300)):
             continue  # not a polynomial of the rates
-        yield f"{name} at rest", rest
+        yield f"{name} at rest", rest, (kind, which, ())
         for i in range(n):
-            yield f"{name} with u.{names[i]}", linear[i]
-            yield f"{name} with u.{names[i]}²", square[i]
+            yield f"{name} with u.{names[i]}", linear[i], (kind, which, (i,))
+            yield f"{name} with u.{names[i]}²", square[i], (kind, which, (i, i))
         for values, (i, j) in zip(mixed, pairs):
-            yield f"{name} with u.{names[i]}·u.{names[j]}", values
+            yield f"{name} with u.{names[i]}·u.{names[j]}", values, (kind, which, (i, j))
 
 
-def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str, Array]]:
+def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str, Array, Key]]:
     """Gravity and inertia terms of each body alone."""
     kane, s = test.kane, test.kane.system
     free = s.free_u
@@ -167,12 +172,13 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
     found = evaluate(kane.function(outputs), test.states.t[None, :], point.q, point.u)
     Yt, n = point.Y.transpose(0, 2, 1), len(free)
     for body, weight, flat in zip(bodies, found[::2], found[1::2]):
-        yield f"gravity on body {body!r}", times(Yt, weight)[row]
+        yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)
         M = Yt @ matrices(flat, n, n) @ point.Y
         for j, name in enumerate(test.speeds):
             yield (
                 f"{_inertia_term(name)} by body {body!r}",
                 -M[:, row, j] * udot[j],
+                ("inertia by body", body, None),
             )
 
 
@@ -198,11 +204,7 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
             other = states.speeds[j]
             name = f"u.{speed}²" if i == j else f"u.{speed}·u.{other}"
             rates.append((name, states.u[i] * states.u[j]))
-    return [
-        Part("·".join(filter(None, (a, b))) or "1", x * y, own=False)
-        for a, x in shapes
-        for b, y in rates
-    ]
+    return [Part("·".join(filter(None, (a, b))) or "1", x * y) for a, x in shapes for b, y in rates]
 
 
 def explain_residual(
@@ -231,9 +233,13 @@ def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> t
 
     That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
     """
-    found = explain_by(residual, own_parts(test, udot, row))
+    parts = own_parts(test, udot, row)
+    found = explain_by(residual, parts)
     own = _inertia_term(test.speeds[row])
-    return () if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found) else found
+    if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found):
+        return ()
+    keys = {part.name: part.key for part in parts if part.key is not None}
+    return tuple(replace(m, symbols=written(test.kane, keys[m.part], row)) for m in found)
 
 
 def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> tuple[Match, ...]:
@@ -261,7 +267,7 @@ def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> 
         left = residual - A @ coefficients
         if float(np.linalg.norm(left)) <= exact * size:
             return tuple(
-                Match(usable[k].name, float(c), 1.0 - float(c) if usable[k].own else None)
+                Match(usable[k].name, float(c), None if usable[k].key is None else 1.0 - float(c))
                 for k, c in zip(chosen, coefficients)
             )
     return ()
@@ -270,4 +276,4 @@ def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> 
 def _plain(left: Array, part: Part) -> bool:
     """Whether it is a term of the model that enters with the factor −1, 0, 2 or ½."""
     factor = 1.0 - float(part.values @ left) / float(part.values @ part.values)
-    return part.own and any(abs(factor - plain) < 1e-5 for plain in FACTORS)
+    return part.key is not None and any(abs(factor - plain) < 1e-5 for plain in FACTORS)

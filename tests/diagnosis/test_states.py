@@ -98,7 +98,7 @@ def test_own_coordinates_without_a_known_inverse() -> None:
 # --- the equations at these states ----------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(samples(Options(massless=False, thin=False, bodies=4)))
 def test_accelerations_and_residuals_against_the_textbook(sample: Sample) -> None:
     """Against the dense matrices of the thesis, for trees of all joints and forces."""

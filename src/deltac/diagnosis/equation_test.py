@@ -235,7 +235,8 @@ class EquationTest:
         coordinates, scale = self.residual(udot), self.scale(udot)
         power, momentum, violation = self.powers(udot), self.momenta(udot), self.violation(udot)
         watts = _dot(np.abs(self.states.u), scale)
-        pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot))
+        # No floor of a row is zero: a ball's height on a table has no terms at all.
+        pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot) + LEAST * self._natural)
         typical_watts = _typical(watts)
         newtons = {
             n: known.size(np.abs(udot) + self._natural) for n, known in self._momenta.items()

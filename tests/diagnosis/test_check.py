@@ -148,11 +148,18 @@ ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2
 @pytest.mark.parametrize("factor", [1.0001, -1.0])
 @pytest.mark.parametrize("name", COEFFICIENTS)
 def test_every_coefficient_counts(name: str, factor: float) -> None:
-    """One coefficient of the hand-written equations wrong: the rows that hold it are blamed, no others."""
+    """One coefficient of the hand-written equations wrong: its rows are blamed, its terms named."""
     wrong = replace(HAND, **{name: factor * getattr(HAND, name)})
     found = check(wrong.free)
     assert found.verdict.kind == "equation-error", found.explain()
     assert {blame.number for blame in found.blame} == ROWS[name]
+    for (
+        blame
+    ) in found.blame:  # every wrong term is named, with the factor in front of it, and no other
+        assert 1 <= len(blame.terms) <= 2
+        assert [m.factor for m in blame.terms] == pytest.approx(
+            [factor] * len(blame.terms), abs=1e-6
+        )
     assert found.example is not None
     assert next(seen for seen in found.seen if seen.test == "wang").sees
 

@@ -18,7 +18,7 @@ from deltac.mechanism.joints import KINDS
 
 Array: TypeAlias = NDArray[np.float64]
 
-PLAIN = (1.0, 0.5, 2.0)
+PLAIN = (1.0, 0.5, 2.0, 10.0)
 """Values that are tried, after zero, in place of an odd one."""
 
 

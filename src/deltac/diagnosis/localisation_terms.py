@@ -262,15 +262,26 @@ def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> 
         best = int(np.argmax(fit))
         twins = [int(k) for k in np.flatnonzero(fit > fit[best] - 1e-12)]
         chosen.append(min(twins, key=lambda k: not _plain(left, usable[k])))
-        A = np.array([usable[k].values for k in chosen]).T
-        coefficients = np.linalg.lstsq(A, residual, rcond=None)[0]
-        left = residual - A @ coefficients
+        coefficients, left = _fitted(residual, usable, chosen)
         if float(np.linalg.norm(left)) <= exact * size:
+            needed = [
+                k
+                for k, c in zip(chosen, coefficients)
+                if abs(c) * np.linalg.norm(usable[k].values) > 10 * exact * size
+            ]
+            coefficients, _ = _fitted(residual, usable, needed)
             return tuple(
                 Match(usable[k].name, float(c), None if usable[k].key is None else 1.0 - float(c))
-                for k, c in zip(chosen, coefficients)
+                for k, c in zip(needed, coefficients)
             )
     return ()
+
+
+def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients of the chosen parts by least squares, and what they leave of the residual."""
+    A = np.array([parts[k].values for k in chosen]).T
+    coefficients: Array = np.asarray(np.linalg.lstsq(A, residual, rcond=None)[0])
+    return coefficients, residual - A @ coefficients
 
 
 def _plain(left: Array, part: Part) -> bool:

@@ -67,8 +67,19 @@ def test_bad_options() -> None:
         check(HAND.free, coordinates="polar")
     with pytest.raises(dc.InputError, match="count is 0"):
         check(HAND.free, count=0)
+    with pytest.raises(dc.InputError, match="tolerance is -1"):
+        check(HAND.free, tolerance=-1.0)
     with pytest.raises(dc.InputError, match="expected a function"):
         check(3.0)
+
+
+def test_a_mechanism_that_cannot_move_has_no_equations() -> None:
+    prescribed = dc.Mechanism(
+        bodies=[dc.rod("bar", 1.0, 1.0)],
+        joints=[dc.revolute("pin", "ground", "bar", motion="sin(t)")],
+    )
+    with pytest.raises(dc.InputError, match="nothing that equations of motion could tell"):
+        dc.check_equations(prescribed, lambda t, q, u: u)
 
 
 def test_values_that_are_not_finite_at_some_states() -> None:

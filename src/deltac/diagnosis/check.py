@@ -71,6 +71,8 @@ def check_equations(
         InputError: a function that raises, returns no u̇, or has a memory; a map that does not fit; states
             that the mechanism cannot take.
     """
+    if not 0.0 <= tolerance < 1.0:
+        raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
     model = load_model(mechanism)
     equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
     if coordinates is None and isinstance(rhs, Equations):
@@ -78,6 +80,11 @@ def check_equations(
     else:
         chosen = chosen_map(model, coordinates)
     kane = Kane(model.mechanism, chosen)
+    if not kane.speed_names:
+        raise InputError(
+            f"all joints of mechanism {model.mechanism.name!r} are prescribed or fixed: there is nothing "
+            "that equations of motion could tell"
+        )
     scales = natural_scales(kane)
     if states is None:
         drawn = draw(kane, scales, count=count, seed=seed)
@@ -100,7 +107,7 @@ def check_equations(
     given = udot[:, finite]
     residuals = test(given)
     typical = test.typical(given)
-    speeds = np.sqrt(np.mean(drawn.u**2, axis=1)) if len(drawn) else np.ones(len(udot))
+    speeds = np.sqrt(np.mean(drawn.u**2, axis=1))
     rough = noise(caller, test, speeds) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR))

@@ -28,6 +28,9 @@ IMPLICIT = tuple(s.name for s in SOLVERS.values() if s.family == "implicit")
 HANDED_OVER = ("full", "full", "no accelerations", "positions and speeds", "float32", "decimated")
 """How runs are delivered: with all that they hold; without u̇; without u̇ and integrals; …"""
 
+FOREIGN = ("accelerations", "positions and speeds")
+"""The same of runs of another mechanism, whose integrals are its own and no part of a log."""
+
 LONGEST = 400
 """Steps of the coarsest run, at most."""
 
@@ -233,7 +236,7 @@ def parameters(seed: int, count: int) -> Iterator[Case]:
                 continue
         except dc.InputError:
             continue  # a length of a loop: it cannot be assembled so
-        delivered = draw.choice(("full", "no accelerations", "positions and speeds"))
+        delivered = draw.choice(FOREIGN)
         yield Case(
             f"{name}: {parameter} 1 % larger, {solver}, h = {coarse:.3g} s, {delivered}",
             "wrong: parameter 1 %",
@@ -267,7 +270,7 @@ def lost_forces(seed: int) -> Iterator[Case]:
         if mechanism.gravity != (0.0, 0.0, 0.0):
             without.append(("gravity", replace(mechanism, gravity=(0.0, 0.0, 0.0))))
         for lost, other in without:
-            for delivered in ("full", "no accelerations"):
+            for delivered in FOREIGN:
                 solver, coarse = (
                     draw.choice(("ode4", "ode5")),
                     problem.step * draw.choice((1, 2, 4)),
@@ -318,6 +321,8 @@ def delivery(run: Callable[[float], dc.Trajectory], how: str) -> Callable[[float
         match how:
             case "full":
                 return made
+            case "accelerations":
+                return replace(made, integrals=bare)
             case "no accelerations":
                 return replace(made, udot=None)
             case "positions and speeds":

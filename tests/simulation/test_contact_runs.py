@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from deltac import (
     point_friction,
     point_mass,
     prismatic,
+    problems,
     revolute,
     shapes,
     simulate,
@@ -135,6 +137,34 @@ def test_the_balance_closes_in_the_loop_and_on_samples(case: str) -> None:
     assert booked == pytest.approx(lost, abs=10 * missed[1] + 1e-9)
     assert 0.2 < sampled.potential["spring wall"].max() < 0.35 + 1e-9
     assert sampled.potential["spring wall"][-1] == 0.0
+
+
+def test_fixed_steps_keep_their_order_if_none_goes_across_a_touch() -> None:
+    """With switches=True the instants of touch are found; without, a kink inside a step costs the order."""
+    problem = problems.load("ball-on-compliant-floor")
+    errors = {True: [], False: []}  # type: dict[bool, list[float]]
+    for switches, found in errors.items():
+        for step in (2e-3, 1e-3):
+            run = simulate(problem.mechanism, problem.state, 2.0, step, "ode5", switches=switches)
+            delta_c = balance(problem.mechanism, run).delta_c["wang"]
+            found.append(float(np.abs(delta_c).max()))
+    assert errors[True][0] / errors[True][1] >= 0.8 * 2**5
+    assert errors[True][1] <= 1e-4 * errors[False][1]
+
+
+@pytest.mark.parametrize("solver", ["CVODES", "Radau"])
+def test_implicit_solvers_take_contact_with_stiff_friction(solver: str) -> None:
+    """Steps are not held down by the width, and the balance closes to the tolerance."""
+    machine = ball_at_a_wall(dissipation=0.4)
+    rough = Mechanism(
+        machine.bodies,
+        [prismatic("x", "ground", "ball", (1, 1, 0), position=(0.1, 0, 0))],
+        [replace(machine.forces[0], friction=friction_law(0.4, static=0.6, stribeck=0.01))],
+    )
+    run = simulate(rough, rough.state({"x": 0.01}, {"x": -1.0}), 0.2, 1e-3, solver, tolerance=1e-9)
+    ledger = balance(rough, run)
+    assert ledger.work["friction wall"][-1] < -1e-2
+    assert np.abs(ledger.delta_c["wang"]).max() <= 1e-6 * ledger.turnover
 
 
 def two_balls() -> tuple[Mechanism, Any]:

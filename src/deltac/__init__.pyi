@@ -31,6 +31,7 @@ from deltac.errors import InputError as InputError
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
+from deltac.importers import read_shapes as read_shapes
 from deltac.importers import symbolic_equations as symbolic_equations
 from deltac.mechanism import Body as Body
 from deltac.mechanism import CoordinateMap as CoordinateMap

@@ -263,7 +263,11 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
 }
 
 
-@pytest.mark.parametrize("name", problems.names())
+SLOW = ("tumbling-box",)
+NAMES = [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in problems.names()]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_reference_numbers_by_another_route(name: str) -> None:
     oracle, tolerance = ORACLES[name]
     values = oracle()

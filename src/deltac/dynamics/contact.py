@@ -94,10 +94,18 @@ def normal_force(system: System, element: Contact, gap: SX, closing: SX) -> tupl
 
 
 def _power(system: System, exponent: object, x: SX) -> SX:
-    """xⁿ; of half integers by products and a root, which are several times faster than a power."""
-    if isinstance(exponent, float) and exponent in (1.0, 1.5, 2.0):
-        return {1.0: x, 1.5: x * ca.sqrt(x), 2.0: x * x}[exponent]
-    return x ** system.number(exponent)
+    """xⁿ, continued to x < 0 as x |x|ⁿ⁻¹.
+
+    A solver that looks for the instant of touch tries states beyond it. |x| is √(x² + tiny), which has no
+    branch of its own and a derivative everywhere. Half integers go by roots, much faster than a power.
+    """
+    if isinstance(exponent, float) and exponent == 1.0:
+        return x
+    square = x * x + 1e-300
+    if isinstance(exponent, float) and exponent in (1.5, 2.0):
+        root = ca.sqrt(square)
+        return x * (ca.sqrt(root) if exponent == 1.5 else root)
+    return x * square ** (0.5 * (system.number(exponent) - 1))
 
 
 def _strength(system: System, law: FrictionLaw, square: SX) -> SX:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from deltac.importers.geoms import read_shapes
 from deltac.importers.mujoco_import import read_mechanism
 from deltac.importers.report import ImportReport, Remark
 
@@ -18,6 +19,7 @@ __all__ = [
     "SymbolicEquations",
     "equations_from_sympy",
     "read_mechanism",
+    "read_shapes",
     "symbolic_equations",
 ]
 

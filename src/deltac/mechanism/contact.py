@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from deltac.errors import InputError
@@ -42,7 +42,7 @@ class Contact:
     dissipation: Quantity
     friction: FrictionLaw | None
     deepest: Quantity | None
-    allow_energy_source: bool = False
+    allow_energy_source: bool = field(default=False, repr=False)
 
 
 def contact(

@@ -8,7 +8,7 @@ a second channel of kind ``prescribed``, through which ∂V/∂t flows.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from deltac.errors import InputError
@@ -46,12 +46,14 @@ class JointSpring:
 class JointDamper:
     """Viscous force of a joint: −c u for each speed (N·m or N). Channel ``damper <name>``.
 
-    `damping` c (N·m·s/rad or N·s/m) is a law, one for each speed; c >= 0 takes energy out.
+    `damping` c (N·m·s/rad or N·s/m) is a law, one for each speed; c >= 0 takes energy out. A number below
+    zero is refused unless `allow_energy_source`.
     """
 
     name: str
     joint: str
     damping: tuple[Any, ...]
+    allow_energy_source: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -187,12 +189,15 @@ def joint_spring(
     return JointSpring(name, joint, potential=as_law(potential, f"potential of {where}"))
 
 
-def joint_damper(name: str, joint: str, damping: Any) -> JointDamper:
+def joint_damper(
+    name: str, joint: str, damping: Any, *, allow_energy_source: bool = False
+) -> JointDamper:
     """A viscous damper on a joint's speeds; see `JointDamper`."""
     return JointDamper(
         part_name(name, "a force element"),
         joint,
         _each(damping, f"damping of joint damper {name!r}"),
+        allow_energy_source,
     )
 
 

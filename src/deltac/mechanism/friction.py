@@ -8,7 +8,7 @@ heat of the law as it is, so the balance closes whatever the width; what the wid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from deltac.errors import InputError
@@ -64,7 +64,7 @@ class JointFriction:
     name: str
     joint: str
     laws: tuple[FrictionLaw, ...]
-    allow_energy_source: bool = False
+    allow_energy_source: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class PointFriction:
     normal: tuple[float, float, float]
     normal_force: Any
     law: FrictionLaw
-    allow_energy_source: bool = False
+    allow_energy_source: bool = field(default=False, repr=False)
 
 
 def friction_law(

@@ -11,7 +11,7 @@ from deltac.mechanism.bodies import GROUND, Body
 from deltac.mechanism.constraint_checks import check_constraint
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.contact import Contact
-from deltac.mechanism.contact_checks import check_contact, check_friction
+from deltac.mechanism.contact_checks import check_contact, check_friction, no_source
 from deltac.mechanism.forces import (
     Element,
     GravityCompensation,
@@ -224,6 +224,8 @@ def _check_element(mechanism: Mechanism, element: Element) -> None:
             _check_count(element.damping, len(joint.speeds), f"damping of {where}")
             for law in element.damping:
                 check_symbols(law, every, where)
+                if not element.allow_energy_source and symbol_names(law) <= set(parameters):
+                    no_source(mechanism, law, f"damping of {where}")
         case JointTorque():
             where = f"joint torque {element.name!r}"
             joint = _joint_of(mechanism, element.joint, where)

@@ -31,6 +31,7 @@ from deltac.simulation.flow import Flow, build_flow
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.simulation.solvers.solver import Parts
+from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -138,6 +139,7 @@ def simulate_ensemble(
         p = np.repeat(p, members, axis=1)
     p = p if names else np.empty((0, members))
     first = mechanism.state(Q[0], U[0], t0)
+    check_start(mechanism, first, found, step)
     rows = constraint_start(mechanism, first, found, None, "projection")
     flow = _flow(mechanism, tuple(testing), tuple(names), rows)
     h = duration / steps

@@ -72,7 +72,7 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
     if not any(isinstance(e, Contact | JointFriction | PointFriction) for e in mechanism.elements):
         return
     _check_overlaps(mechanism, state)
-    if solver.family != "fixed" or step is None or getattr(solver, "implicit", False):
+    if solver.family != "fixed" or step is None:
         return
     scales = time_scales(mechanism, state)
     worst = min(scales, key=lambda scale: scale.largest_step, default=None)
@@ -80,7 +80,7 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
         warnings.warn(
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
             f"{worst.value:.3g} s. Take steps of about {0.5 * worst.largest_step:.2g} s or less, a softer "
-            "contact, friction of more width, or an implicit solver ('Radau')",
+            "contact, friction of more width, or an implicit solver such as 'ode1be' or 'Radau'",
             StiffStep,
             stacklevel=3,
         )

@@ -31,7 +31,7 @@ ENERGY = 238.88232858082
 
 
 def problem() -> Problem:
-    """Two arms with balls turn about a shaft at 2π rad/s; couplers of 8e5 N/m and 4e4 N·s/m carry a slider."""
+    """Two arms with balls turn about a shaft; couplers of 8e5 N/m and 4e4 N·s/m carry a slider."""
     arm = math.pi / 6
     half = LENGTH / 2
     mechanism = Mechanism(

@@ -166,9 +166,9 @@ def simulate(
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
         case "adaptive":
-            times = None if step is None else _grid(state.t, duration, step)
+            samples = None if step is None else _grid(state.t, duration, step)
             span = (state.t, state.t + duration)
-            motion = run_scipy(flow, found, controller, p, x0, times, span, tol, progress)
+            motion = run_scipy(flow, found, controller, p, x0, samples, span, tol, progress)
         case _:
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             quad = found.name == "taylor-quad"

@@ -129,7 +129,8 @@ class _Integration:
         if start is not None:
             # The start is exact but for ẋ, which IDAS takes as zero (IDACalcIC fails on states that are
             # right to rounding): its first step must be so short that this does not matter.
-            self._options |= {"calc_ic": False, "step0": FIRST_STEP}
+            self._options["calc_ic"] = False
+            self._options["step0"] = FIRST_STEP
             # Accelerations follow from the state: testing their errors too asks stiff forces for more
             # digits than they have.
             states, others = dae["x"].shape[0], dae["z"].shape[0]

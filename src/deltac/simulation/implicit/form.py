@@ -85,9 +85,6 @@ class Form:
         point = [flow.t, self.q, self.u, udot, lam, flow.inputs, flow.p]
         self._dynamics = ca.Function("r", point, [r])
         self._powers = ca.Function("P", point, [P, nonpotential])
-        first = flow.q_size + flow.u_size
-        solved = flow.xdot[first : first + self.integrals]
-        self._solved = ca.Function("P", [flow.t, flow.x, flow.inputs, flow.p], [solved])
         phi, psi, G = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, flow.u_size)
         if rows is not None:
             phi, psi, G = rows.phi, rows.psi, rows.G
@@ -102,11 +99,6 @@ class Form:
     def powers(self, at: Point, s: Settings) -> SX:
         """The powers P (W) of the testing functions, with the point's own u̇ and λ."""
         return self._powers(*_values(at, s))[0]
-
-    def solved_powers(self, t: SX, q: SX, u: SX, s: Settings) -> SX:
-        """The powers P (W) with the u̇ and λ that the state itself asks for, by forward dynamics."""
-        z = ca.SX.zeros(self.flow.x.shape[0] - q.shape[0] - u.shape[0])
-        return self._solved(t, ca.vertcat(q, u, z), s.inputs, s.p)
 
     def nonpotential_power(self, at: Point, s: Settings) -> SX:
         """vᵀF_D, W."""

@@ -87,13 +87,15 @@ def implicit_midpoint(form: Form, b: Before, s: Settings) -> StepEquations:
 
 
 def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
-    """Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375; with constraints φ(q₁) = 0 as by Arnold and Brüls,
-    Multibody Syst. Dyn. 18 (2007) 185-202; turns as by Brüls and Cardona, J. Comput. Nonlinear Dyn. 5 (2010)
-    031002.
+    """The method of Chung and Hulbert: second order, with numerical damping of what is fast.
+
+    J. Appl. Mech. 60 (1993) 371-375; with constraints as by Arnold and Brüls, Multibody Syst. Dyn. 18 (2007)
+    185-202; turns after Brüls and Cardona, J. Comput. Nonlinear Dyn. 5 (2010) 031002.
 
     Constraints are met on the position level; velocities are then off by a bias of second order, on which
-    multipliers of second order depend. A run that is projected has no such bias: q and u are of second order
-    as before, the method's λ is of first, and what a trajectory records is the λ of the state.
+    multipliers of second order depend. A projected run has no such bias: the projection takes a part of the
+    order of h of what λ should do. Both are booked, so that q, u and the work of constraints stay of second
+    order; the forces that a trajectory records are those of the state.
 
     The memory holds the rates (u̇, P) and the method's auxiliary ones, which belong to the time
     t + (α_m − α_f) h. Powers are integrated by the same formulas as speeds (Jansen, Whiting, Hulbert, Comput.
@@ -120,9 +122,7 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     phi, psi, _ = form.constraints(t, q, u, s)
     tied = ca.SX(psi)
     tied[form.holonomic] = phi[form.holonomic] / b.h
-    # A projected velocity leaves the method's own λ with an error of first order (it lives on a bias of
-    # second order in ψ), so powers take the λ of the state.
-    P = form.solved_powers(t, q, u, s) if form.multipliers else form.powers(end, s)
+    P = form.powers(end, s)
     p0, p1 = aux[n:], following(P, slice(n, width))
     z = _integrated(b, (1 - gamma) * p0 + gamma * p1, b.h)
     memory = ca.vertcat(udot, P, a1, p1)
@@ -134,8 +134,10 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
 
 
 def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
-    """The midpoint rule with a discrete gradient of K + V: energy changes by nothing but the work of
-    non-potential forces. After Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467.
+    """The midpoint rule with a discrete gradient of K + V: second order, and energy is kept.
+
+    After Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467: K + V changes by the work of non-potential forces
+    alone. Momenta, which his scheme can keep as well, are right to second order.
 
     The gradient is corrected along the motion, in the mass metric: by μ M u_m, of second order in h, with μ
     such that K + V changes over the step by h vᵀF_D of its middle, configuration-dependent M(q) and

@@ -145,29 +145,30 @@ class ImplicitStepper:
         """In words, why a step could not be taken."""
         if outcome.solved:
             why = "the new state cannot be brought onto the constraints"
-        elif outcome.singular:
-            why = f"the equations of the step are singular{self._left(h, outcome)}"
+        elif not np.isfinite(outcome.residual).all():
+            why = f"the equations of motion{self._worst(h, outcome)} are not defined at the states tried"
         else:
             why = (
-                f"Newton's method found no solution in {outcome.iterations} iterations"
-                f"{self._left(h, outcome)}"
+                "the equations are singular"
+                if outcome.singular
+                else f"Newton's method found no solution in {outcome.iterations} iterations"
             )
+            why += f"; what is left of the equations of motion is{self._worst(h, outcome)}"
         return (
             f"stopped at t = {t:.9g} s: in the step to {following:.9g} s {why}. The motion up to "
             f"t = {t:.9g} s is kept. Take a smaller step; if that does not help, look for a law that jumps "
             "or is not defined there, or for constraints that lock"
         )
 
-    def _left(self, h: float, outcome: Outcome) -> str:
-        """What is left of the equations of motion, and for which speed it is worst."""
+    def _worst(self, h: float, outcome: Outcome) -> str:
+        """The largest part of what is left of the equations of motion, and the speed it belongs to."""
         forces = np.abs(outcome.residual[: self.flow.u_size]) / h
-        if self.flow.own is not None:
-            return f" ({np.max(forces):.3g} is left of the equations of motion)"
         worst = int(np.argmax(np.where(np.isfinite(forces), forces, np.inf)))
+        size = f" {forces[worst]:.3g} N or N·m" if np.isfinite(forces[worst]) else ""
+        if self.flow.own is not None:
+            return size
         mechanism = self.flow.system.mechanism
-        name = mechanism.speeds[int(mechanism.free.u[worst])].name
-        left = f"{forces[worst]:.3g} N or N·m" if np.isfinite(forces[worst]) else "no finite force"
-        return f" ({left} is left of the equations of motion for speed {name!r}, the worst)"
+        return f"{size} for speed {mechanism.speeds[int(mechanism.free.u[worst])].name!r}"
 
 
 class Run:

@@ -11,20 +11,25 @@ from numpy.typing import NDArray
 
 from deltac.simulation.fixed import Motion
 from deltac.simulation.flow import Flow
+from deltac.simulation.solvers.explicit import TABLEAUS, growth
 from deltac.simulation.solvers.solver import Solver
 
 Array = NDArray[np.float64]
 
-REACH: dict[str, tuple[float, float]] = {
-    "ode1": (2.0, 0.0),
-    "ode2": (2.0, 0.0),
-    "ode3": (2.51, 1.73),
-    "ode4": (2.79, 2.83),
-    "ode5": (3.31, 1.0),
-    "ode8": (5.4, 1.0),
-    "semi-implicit-euler": (2.0, 2.0),
-}
-"""Largest h |λ| at which a solver is stable: for decay (λ < 0) and for oscillation (λ imaginary)."""
+TOLERATED = 1.01
+"""Growth of a step that is not yet called unstable: undamped oscillations grow a little with most solvers."""
+
+
+def reach(solver: Solver, direction: complex) -> float:
+    """The largest h |λ| along a direction of λ up to which an explicit solver does not blow up."""
+    tableau = TABLEAUS.get(solver.name)
+    if tableau is None:  # semi-implicit Euler: h ω = 2 for oscillations, h |λ| = 2 for decay
+        return 2.0
+    unit = direction / abs(direction)
+    for r in np.arange(0.01, 20.0, 0.01):
+        if abs(growth(tableau, r * unit)) > TOLERATED:
+            return float(r)
+    return 20.0
 
 
 def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
@@ -57,16 +62,16 @@ def explained(
             t, rate = float(motion.t[-1]), later
     if not math.isfinite(abs(rate)) or abs(rate) == 0.0:
         return motion
-    real, imaginary = REACH[solver.name]
-    decays = abs(rate.real) >= abs(rate.imag)
-    reach = real if decays else max(imaginary, 1.0)
-    if h * abs(rate) <= reach:
+    if rate.real > 0.0:  # what grows by itself is no fault of the step
         return motion
-    what = "decay" if decays else "oscillation"
+    limit = reach(solver, rate)
+    if h * abs(rate) <= limit:
+        return motion
+    what = "decay" if abs(rate.real) >= abs(rate.imag) else "oscillation"
     return replace(
         motion,
         message=f"{motion.message}. The fastest time scale of the mechanism, found at t = {t:.6g} s by "
         f"linearising it, is 1/|λ| = {1 / abs(rate):.3g} s (a {what}); solver {solver.name!r} follows it "
-        f"with steps below {reach / abs(rate):.2g} s, and the step is {h:.3g} s. Take such a step, or an "
+        f"with steps below {limit / abs(rate):.2g} s, and the step is {h:.3g} s. Take such a step, or an "
         "implicit solver: 'generalized-alpha', 'implicit-midpoint', 'ode1be', or 'Radau'",
     )

@@ -170,12 +170,12 @@ class _Integration:
     def _integrator(self, grid: Array) -> Any:
         dae = self._dae
         passed, origin = ca.SX.sym("passed"), ca.SX.sym("origin")
-        moved = {
+        moved: dict[str, Any] = {
             name: ca.substitute(dae[name], dae["t"], origin + passed)
             for name in ("ode", "alg")
             if name in dae
         }
-        problem = {**dae, **moved, "t": passed, "p": ca.vertcat(dae["p"], origin)}
+        problem: dict[str, Any] = {**dae, **moved, "t": passed, "p": ca.vertcat(dae["p"], origin)}
         return ca.integrator(
             "run", self._plugin, problem, float(grid[0]), list(grid[1:]), self._options
         )

@@ -66,6 +66,14 @@ TABLEAUS: dict[str, Tableau] = {
 """Coefficients by solver name."""
 
 
+def growth(tableau: Tableau, z: complex) -> complex:
+    """The stability function R(z): what a step makes of ẋ = λ x, z = h λ."""
+    k: list[complex] = []
+    for row in tableau.a:
+        k.append(1 + z * sum(a * slope for a, slope in zip(row, k)))
+    return 1 + z * sum(b * slope for b, slope in zip(tableau.b, k))
+
+
 def explicit_step(tableau: Tableau) -> StepFunction:
     """The step x + h Σ b_i k_i with k_i = f(t + c_i h, x + h Σ a_ij k_j)."""
 

@@ -27,6 +27,7 @@ from deltac.simulation.events.watching import Watch
 from deltac.simulation.flow import Flow
 from deltac.simulation.observation import logged_forces, observer
 from deltac.simulation.solvers import Solver
+from deltac.simulation.sundials import SUNDIALS
 from deltac.trajectories import Occurrence, Trajectory
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ def check_events(
     if not mechanism.events and not switches:
         return False
     what = f"{len(mechanism.events)} events" if mechanism.events else "switches=True"
-    able = solver.family == "adaptive" or (solver.family == "fixed" and solver.step is not None)
+    able = solver.family in ("fixed", "adaptive") and solver.name not in SUNDIALS
     if not able:
         raise InputError(
             f"solver {solver.name!r} cannot stop at events, and the run has {what}; use 'ode5', another "

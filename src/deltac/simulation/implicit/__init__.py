@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from __future__ import annotations
-
 from deltac.simulation.implicit.stepper import DEFAULT_RADIUS, ImplicitStepper, check_radius
 
 __all__ = ["DEFAULT_RADIUS", "ImplicitStepper", "check_radius"]

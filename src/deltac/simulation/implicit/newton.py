@@ -15,7 +15,10 @@ from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 
 Array: TypeAlias = NDArray[np.float64]
-MOST_ITERATIONS = 40
+MOST_ITERATIONS = 80
+FREE, MOST_HALVED = 8, 8
+"""Iterations whose steps are not questioned; how often one step is halved at most."""
+
 TOLERANCE = 1e-13
 """Of the speeds, relative to the largest of the run: some rounding errors above the best there is."""
 
@@ -63,21 +66,28 @@ class Newton:
         self._solver: Callable[[Array], Array] | None = None
 
     def solve(self, start: Array, data: Array, fastest: float) -> Outcome:
-        """The unknowns near `start`; `fastest` is the largest speed of the run, the measure."""
-        y = start.copy()
+        """The unknowns near `start`; `fastest` is the largest speed of the run, the measure.
+
+        Steps are taken whole at first. Later on one that does not lessen the residual is halved: across the
+        kinks of friction and contact Newton's method may else go to and fro for ever.
+        """
         self._in[self._size :] = data
-        step, last, refreshed, smallest = np.zeros_like(y), np.inf, False, np.inf
+        y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLOWEST
+        last, smallest, before = np.inf, np.inf, np.inf
+        refresh, halved = False, 0
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # singular factors: seen by what comes out
             for k in range(1, MOST_ITERATIONS + 1):
-                fresh = self._solver is None or refreshed
+                fresh = self._solver is None or refresh
                 r = self._evaluated(y, fresh)
-                if not np.isfinite(r).all():
-                    if not np.any(step):
-                        return Outcome(y, False, k, r)
-                    self.forget()
-                    step = step / 2
-                    y = y - step
+                residual = float(np.abs(r).max()) if np.isfinite(r).all() else np.inf
+                if residual == np.inf and not np.any(step):
+                    return Outcome(y, False, k, r)
+                if residual == np.inf or (k > FREE and residual >= before and halved < MOST_HALVED):
+                    if size <= ROUNDING * scale and residual < np.inf:
+                        return Outcome(y, True, k, r)
+                    step, halved = step / 2, halved + 1
+                    y, size = y - step, size / 2
                     continue
                 assert self._solver is not None
                 step = -self._solver(r)
@@ -91,8 +101,8 @@ class Newton:
                 known = 0.0 < last < np.inf
                 rate = size / last if known else 1.0
                 if known and rate > SLOW and not fresh:
-                    refreshed = True  # the step is not taken: the old Jacobian is no good here
-                    last = np.inf
+                    refresh, last = True, np.inf  # not taken: the old Jacobian is no good here
+                    step = np.zeros_like(y)
                     continue
                 y = y + step
                 scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLOWEST)
@@ -101,8 +111,8 @@ class Newton:
                     return Outcome(y, True, k, r)
                 if fresh and size >= smallest and size <= ROUNDING * scale:
                     return Outcome(y, True, k, r)
-                smallest = min(size, smallest)
-                last, refreshed = size, known and rate > SLOW
+                smallest, before, halved = min(size, smallest), residual, 0
+                last, refresh = size, (known and rate > SLOW) or k >= FREE
         self.forget()
         return Outcome(y, False, MOST_ITERATIONS, r)
 

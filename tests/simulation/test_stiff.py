@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import warnings
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import deltac as dc
 from deltac.errors import InputError
@@ -137,6 +138,26 @@ def test_many_unknowns_are_solved_sparse() -> None:
         q = q + h * u
     np.testing.assert_allclose(run.q[-1], q, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], u, atol=1e-11)
+
+
+def test_kinks_are_got_over() -> None:
+    """Sliding friction as sharp as 1e-7 m/s, at 10 ms: backward Euler's monotone equation, by bisection."""
+    m, force, width, h = 2.0, 3.0, 1e-7, 0.01
+    mechanism = dc.Mechanism(
+        [dc.point_mass("block", m)],
+        [dc.prismatic("x", "ground", "block", "x")],
+        [dc.joint_torque("friction", "x", f"-{force}*Min(Max(u.x/{width}, -1), 1)")],
+    )
+    run = dc.simulate(mechanism, mechanism.state(speeds={"x": 1.0}), 1.0, h, "ode1be", ())
+    u = [1.0]
+    for _ in range(100):
+        rest = partial(
+            lambda v, before: m * (v - before) + h * force * np.clip(v / width, -1, 1),
+            before=u[-1],
+        )
+        u.append(brentq(rest, -2.0, 2.0, xtol=1e-16))
+    np.testing.assert_allclose(run.u[:, 0], u, atol=1e-12)
+    assert 0.0 <= run.u[-1, 0] < width and run.provenance.completed
 
 
 # --- runs that end --------------------------------------------------------------------------------

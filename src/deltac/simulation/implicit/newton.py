@@ -15,8 +15,8 @@ from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 
 Array: TypeAlias = NDArray[np.float64]
-MOST_ITERATIONS = 80
-FREE, MOST_HALVED = 8, 8
+MOST_ITERATIONS = 400
+FREE, MOST_HALVED = 8, 40
 """Iterations whose steps are not questioned; how often one step is halved at most."""
 
 TOLERANCE = 1e-13
@@ -74,20 +74,29 @@ class Newton:
         self._in[self._size :] = data
         y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLOWEST
         last, smallest, before = np.inf, np.inf, np.inf
-        refresh, halved = False, 0
+        refresh, exact, halved = False, False, 0
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # singular factors: seen by what comes out
             for k in range(1, MOST_ITERATIONS + 1):
                 fresh = self._solver is None or refresh
                 r = self._evaluated(y, fresh)
                 residual = float(np.abs(r).max()) if np.isfinite(r).all() else np.inf
-                if residual == np.inf and not np.any(step):
+                came = bool(np.any(step))  # by a step that can be shortened
+                if residual == np.inf and not came:
                     return Outcome(y, False, k, r)
-                if residual == np.inf or (k > FREE and residual >= before and halved < MOST_HALVED):
+                if residual == np.inf or (came and k > FREE and residual >= before):
                     if size <= ROUNDING * scale and residual < np.inf:
                         return Outcome(y, True, k, r)
+                    if (
+                        not exact
+                    ):  # the step of an old Jacobian need not go down: back, with a new one
+                        y, refresh, last, before = y - step, True, np.inf, np.inf
+                        step = np.zeros_like(y)
+                        continue
+                    if halved == MOST_HALVED:
+                        return Outcome(y, False, k, r)
                     step, halved = step / 2, halved + 1
-                    y, size = y - step, size / 2
+                    y = y - step
                     continue
                 assert self._solver is not None
                 step = -self._solver(r)
@@ -112,6 +121,7 @@ class Newton:
                 if fresh and size >= smallest and size <= ROUNDING * scale:
                     return Outcome(y, True, k, r)
                 smallest, before, halved = min(size, smallest), residual, 0
+                exact = fresh
                 last, refresh = size, (known and rate > SLOW) or k >= FREE
         self.forget()
         return Outcome(y, False, MOST_ITERATIONS, r)

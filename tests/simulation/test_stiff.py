@@ -105,6 +105,20 @@ def test_sundials_on_the_governor(solver: str) -> None:
     assert np.abs(ledger.delta_c["wang"]).max() < 1e-7 * ledger.turnover
 
 
+@pytest.mark.parametrize("solver", SUNDIALS)
+def test_sundials_with_equations_by_hand(solver: str) -> None:
+    mechanism = pendulum()
+    state = mechanism.state({"hinge": 1.0})
+    by_hand = dc.Equations(lambda t, q, u: -9.81 / 0.5 * np.sin(q))
+    runs = [
+        dc.simulate(mechanism, state, 1.0, 0.1, solver, equations=e, tolerance=1e-10)
+        for e in (None, by_hand)
+    ]
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-7
+    for name, value in runs[0].integrals.items():
+        assert np.abs(value - runs[1].integrals[name]).max() < 1e-6
+
+
 @pytest.mark.heyoka
 @pytest.mark.parametrize("stabilisation", ["projection", (20.0, 20.0)])
 @pytest.mark.parametrize("solver", SUNDIALS)

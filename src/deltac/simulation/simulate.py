@@ -97,8 +97,9 @@ def simulate(
 
     Returns:
         Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
-        drove it, and the integrals. A run whose state ceases to be finite stops there with a warning
-        `SimulationStopped`; the trajectory keeps what there is and its provenance says when and why.
+        drove it, and the integrals. A run whose state ceases to be finite, or whose implicit step has no
+        solution, stops there with a warning `SimulationStopped`; the trajectory keeps what there is and its
+        provenance says when and why.
 
     Raises:
         InputError: before anything is computed, for what cannot be simulated as it is.

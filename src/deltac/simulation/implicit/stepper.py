@@ -179,6 +179,9 @@ class Run:
         self._stepper, self._p, self._h, self._radius = stepper, p, h, radius
         self._newton, self._ending = stepper.newton, stepper._ending
         self._newton.forget()
+        ending = self._ending
+        self._in, self._out = np.empty(ending.n_in), np.empty(ending.n_out)
+        self._places = [ending.output_slices[n] for n in ("after", "memory", "rates", "lam")]
         self._memory: Array | None = None
         self._previous: tuple[Array, Array] | None = None  # unknowns and speeds of the last step
         self._fastest = 0.0
@@ -207,9 +210,9 @@ class Run:
             self._newton.forget()
         if not outcome.solved:
             return None, outcome
-        out = self._ending.flat(np.concatenate([outcome.y, data])[:, None])[:, 0]
-        places = self._ending.output_slices
-        taken = Taken(*(out[places[name]] for name in ("after", "memory", "rates", "lam")))
+        self._in[: len(outcome.y)], self._in[len(outcome.y) :] = outcome.y, data
+        out = self._ending.single(self._in, self._out).copy()
+        taken = Taken(*(out[place] for place in self._places))
         self._previous = outcome.y, u.copy()
         return taken, outcome
 

@@ -199,7 +199,7 @@ def test_recorded_multipliers_are_second_order(solver: str, stabilisation: str) 
     "solver",
     [
         pytest.param("ode1be", marks=pytest.mark.slow),
-        "implicit-midpoint",
+        pytest.param("implicit-midpoint", marks=pytest.mark.slow),
         "generalized-alpha",
     ],
 )

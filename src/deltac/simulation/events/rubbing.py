@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from deltac.errors import DeltacError
 
@@ -19,11 +20,15 @@ Array = NDArray[np.float64]
 REST = 1e-13
 """Speeds below this fraction of the first approach are rounding."""
 
-TURN = 0.02
+TURN = 0.05
 """Largest turn (rad) of a slip that changes its direction, in one piece of an impact."""
 
+SLOWEST = 1e3
+"""So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
+
 MOST_PIECES = 20_000
-CORRECTIONS = 6
+DIRECTIONS = 90
+"""Directions among which that of a beginning slip is looked for."""
 
 
 def collide(W: Array, v: Array, e: float, mu: float) -> Array:
@@ -38,7 +43,7 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
         return np.array([-(1.0 + e) * v[0] / W[0, 0]])
     tiny = REST * float(np.abs(v).max())
     v, impulse = v.copy(), np.zeros(3)
-    compressing, work = True, 0.0  # done against the contact; later: what it has to give back
+    compressing, work, floor = True, 0.0, 0.0  # done against the contact; later: what it has to give back
     for _ in range(MOST_PIECES):
         force, straight = _force(W, v, mu, tiny)
         rate = W @ force
@@ -55,11 +60,17 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
                 "Lower the friction"
             )
         after, force, gained = _piece(W, v, mu, tiny, length, straight)
-        if whole and not straight:  # the piece that ends at a mark: corrected until it does
-            for _ in range(CORRECTIONS):
-                push = float(W[0] @ _force(W, after, mu, tiny)[0])
-                length += -after[0] / push if compressing else (work - gained) / after[0]
-                after, force, gained = _piece(W, v, mu, tiny, length, straight)
+        past = after[0] if compressing else gained - work
+        if not straight and past > 0.0:  # the piece goes beyond the mark that it is to end at
+
+            def beyond(part: float) -> float:
+                there, _, done = _piece(W, v, mu, tiny, part, straight)
+                return float(there[0] if compressing else done - work)
+
+            length, whole = brentq(beyond, 0.0, length, xtol=1e-300, rtol=1e-14), True
+            after, force, gained = _piece(W, v, mu, tiny, length, straight)
+        elif not straight:
+            whole = False
         v, impulse, work = after, impulse + length * force, work - gained
         if straight and not whole:
             v[1:] = 0.0  # the slip has come to rest
@@ -67,7 +78,8 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
             compressing, v[0], work = False, 0.0, e * e * work
             if e == 0.0:
                 return impulse
-        elif not compressing and whole:
+            floor = 1e-13 * work
+        elif not compressing and (whole or work <= floor or v[0] <= tiny):
             return impulse
     raise DeltacError("an impact with friction comes to no end: its slip turns too often")
 
@@ -106,7 +118,7 @@ def _until(v: float, rate: float, work: float) -> float:
 def _limit(W: Array, v: Array, rate: Array, straight: bool, tiny: float) -> float:
     """The impulse until the slip has come to rest, or has turned as far as one piece may go."""
     slip = float(np.hypot(v[1], v[2]))
-    if slip <= tiny:
+    if slip <= SLOWEST * tiny:
         return np.inf
     along = float(rate[1:] @ v[1:]) / slip
     if straight:
@@ -117,7 +129,7 @@ def _limit(W: Array, v: Array, rate: Array, straight: bool, tiny: float) -> floa
 def _force(W: Array, v: Array, mu: float, tiny: float) -> tuple[Array, bool]:
     """Impulse for unit normal impulse, and whether the slip keeps its direction under it."""
     slip = float(np.hypot(v[1], v[2]))
-    if slip > tiny:
+    if slip > SLOWEST * tiny:
         d = v[1:] / slip
         force = np.array([1.0, -mu * d[0], -mu * d[1]])
         rate = (W @ force)[1:]
@@ -127,9 +139,24 @@ def _force(W: Array, v: Array, mu: float, tiny: float) -> tuple[Array, bool]:
     grip = float(np.hypot(*stick))
     if grip <= mu:
         return np.array([1.0, *stick]), True
-    # More than friction can hold: slip begins against what would hold it, along what it then keeps.
-    d = -stick / grip
-    for _ in range(100):
-        pulled = W[1:, 0] - mu * W[1:, 1:] @ d
-        d = pulled / float(np.hypot(*pulled))
+    d = _escape(W, mu)
     return np.array([1.0, -mu * d[0], -mu * d[1]]), True
+
+
+def _escape(W: Array, mu: float) -> Array:
+    """The direction in which a slip begins that friction cannot hold: the one that it then keeps."""
+
+    def pulled(angle: float) -> tuple[float, float]:
+        d = np.array([np.cos(angle), np.sin(angle)])
+        pull = W[1:, 0] - mu * W[1:, 1:] @ d
+        return float(d[0] * pull[1] - d[1] * pull[0]), float(d @ pull)
+
+    angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS + 1)
+    across = [pulled(angle)[0] for angle in angles]
+    found = [
+        brentq(lambda angle: pulled(angle)[0], a, b, xtol=1e-15)
+        for a, b, f_a, f_b in zip(angles, angles[1:], across, across[1:])
+        if f_a * f_b <= 0.0
+    ]
+    best = max(found, key=lambda angle: pulled(angle)[1])
+    return np.array([np.cos(best), np.sin(best)])

@@ -74,7 +74,7 @@ def rows_of(run: Trajectory) -> Rows:
     at = np.repeat(np.searchsorted(run.t, [event.t for event in events], "left"), 2)
     starts = tuple(int(row) for row in at[1::2] + np.arange(1, len(at), 2))
 
-    def inserted(values: Array, pairs: Sequence[Array]) -> Array:
+    def inserted(values: Array, pairs: Sequence[Array] | Sequence[float]) -> Array:
         return np.insert(values, at, np.array(pairs), axis=0)
 
     def both(before: str, after: str) -> list[Array]:
@@ -140,7 +140,9 @@ def integrate_pieces(
         for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
             if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
                 piece, places = slice(*rows), slice(rows[0], rows[1] - 1)
-                better = hermite_parts(samples.rows(piece), powers, known[:, piece], 4, rates)[:, 1:]
+                better = hermite_parts(samples.rows(piece), powers, known[:, piece], 4, rates)[
+                    :, 1:
+                ]
                 bars[:, places] = np.abs(better - parts[:, places])[barred]
                 parts[:, places] = better
         if long:
@@ -156,7 +158,9 @@ def integrate_pieces(
     nothing |= width == 0.0
     parts[:, nothing], bars[:, nothing] = 0.0, 0.0
     return Integral(
-        _cumulated(parts), _cumulated(bars), ", ".join(dict.fromkeys(rules)) or "hermite 4",
+        _cumulated(parts),
+        _cumulated(bars),
+        ", ".join(dict.fromkeys(rules)) or "hermite 4",
         min(orders, default=0.0),
     )
 

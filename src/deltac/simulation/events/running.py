@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.errors import DeltacError
 from deltac.simulation.events.accumulation import Accumulation
 from deltac.simulation.events.colliding import Collider
 from deltac.simulation.events.locating import EPS, End, crossing, may_cross
@@ -149,7 +151,7 @@ class Run:
         found: dict[int, float] = {}
         for k in suspects:
             looked = crossing(
-                lambda theta, k=int(k): self._glance(step, theta, k),
+                partial(self._glance, step, int(k)),
                 End(0.0, float(start[k]), float(start_rate[k])),
                 End(1.0, float(end[k]), float(end_rate[k])),
                 resolution,
@@ -166,7 +168,7 @@ class Run:
             return step.t1, step.x1.copy(), together
         return t, step.exact(t), together
 
-    def _glance(self, step: Step, theta: float, k: int) -> tuple[float, float]:
+    def _glance(self, step: Step, k: int, theta: float) -> tuple[float, float]:
         h = step.t1 - step.t0
         t = step.t0 + theta * h
         x = step.exact(t)
@@ -226,7 +228,11 @@ class Run:
     def _strike(self, t: float, x: Array, touching: list[int], also: tuple[str, ...] = ()) -> None:
         """An impact of the points that touch."""
         before, p_before = x.copy(), self.p.copy()
-        self.x, impulses = self.collider.collide(touching, t, x, self.p)
+        try:
+            self.x, impulses = self.collider.collide(touching, t, x, self.p)
+        except DeltacError as error:
+            self.message = f"stopped at t = {t:.9g} s: {error}"
+            return
         self._apply_sides()
         also = (*also, *self._jumped_over())
         sight = self._look(t, self.x)

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Step:
-    """A step from (t0, x0) to (t1, x1). `near` gives states within by interpolation, `exact` by the solver."""
+    """A step from (t0, x0) to (t1, x1); `near` gives states within by dense output, `exact` by the solver."""
 
     t0: float
     x0: Array

@@ -163,7 +163,9 @@ def test_events_of_equations_by_hand() -> None:
     ("options", "words"),
     [
         ({"solver": "taylor"}, "solver 'taylor' cannot stop at events, and the run has 1 events"),
-        ({"solver": "taylor-quad"}, "use 'ode5', another"),
+        ({"solver": "implicit-midpoint", "step": 0.1}, "use 'ode5', another"),
+        ({"solver": "CVODES"}, "such as 'DOP853' and 'Radau'"),
+        ({"solver": "ode4", "step": 0.1, "correct": "energy"}, "cannot be combined with events"),
     ],
 )
 def test_solvers_that_cannot_say_so(options: dict[str, Any], words: str) -> None:

@@ -133,9 +133,9 @@ def simulate(
     x0 = flow.start(state, p)
     _check_start(flow, mechanism, controller, state, x0, p)
     tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    samples = None if step is None else _grid(state.t, duration, step)
     outcome = None
     if watching:
-        samples = None if step is None else _grid(state.t, duration, step)
         grid = (duration / steps, steps, every) if found.family == "fixed" else samples
         span, ready = (state.t, state.t + duration), eventful(flow, speeds, switches)
         outcome = run_with_events(ready, found, controller, p, x0, span, grid, tol, progress)
@@ -160,9 +160,8 @@ def simulate(
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
         case "adaptive":
-            times = None if step is None else _grid(state.t, duration, step)
             span = (state.t, state.t + duration)
-            motion = run_scipy(flow, found, controller, p, x0, times, span, tol, progress)
+            motion = run_scipy(flow, found, controller, p, x0, samples, span, tol, progress)
         case _:
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             quad = found.name == "taylor-quad"

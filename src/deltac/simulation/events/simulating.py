@@ -27,6 +27,7 @@ from deltac.simulation.events.watching import Watch
 from deltac.simulation.flow import Flow
 from deltac.simulation.observation import logged_forces, observer
 from deltac.simulation.solvers import Solver
+from deltac.simulation.sundials import SUNDIALS
 from deltac.trajectories import Occurrence, Trajectory
 
 Array = NDArray[np.float64]
@@ -39,11 +40,12 @@ def check_events(
     if not mechanism.events and not switches:
         return False
     what = f"{len(mechanism.events)} events" if mechanism.events else "switches=True"
-    able = solver.family == "adaptive" or (solver.family == "fixed" and solver.step is not None)
+    scipy = solver.family == "adaptive" and solver.name not in SUNDIALS
+    able = scipy or (solver.family == "fixed" and solver.step is not None)
     if not able:
         raise InputError(
             f"solver {solver.name!r} cannot stop at events, and the run has {what}; use 'ode5', another "
-            "explicit fixed-step solver, or an adaptive one such as 'DOP853'"
+            "explicit fixed-step solver, or one of SciPy's adaptive ones such as 'DOP853' and 'Radau'"
         )
     hits = [event.name for event in mechanism.events if not isinstance(event, Event)]
     if hits and equations is not None and equations.coordinates is not None:

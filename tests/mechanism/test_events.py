@@ -36,14 +36,23 @@ def test_an_impact_and_an_event_may_share_a_name() -> None:
 REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: dc.joint_stop("s", "plane.x"), "joint stop 's' has no limit; give lower=, upper="),
     (lambda: dc.joint_stop("s", "plane.x", lower=1, upper=1), "lower is 1, upper 1"),
-    (lambda: dc.joint_stop("s", "plane.x", upper=1, restitution=-0.1), "is -0.1; expected a number"),
+    (
+        lambda: dc.joint_stop("s", "plane.x", upper=1, restitution=-0.1),
+        "is -0.1; expected a number",
+    ),
     (lambda: dc.joint_stop("s", "plane.x", upper=1, restitution=1.01), "makes energy"),
     (lambda: dc.joint_stop(" s", "plane.x", upper=1), "a name without surrounding blanks"),
-    (lambda: mechanism(dc.joint_stop("s", "plane", upper=1)), "has the coordinates 'plane.x', 'plane"),
+    (
+        lambda: mechanism(dc.joint_stop("s", "plane", upper=1)),
+        "has the coordinates 'plane.x', 'plane",
+    ),
     (lambda: mechanism(dc.joint_stop("s", "plan.x", upper=1)), "did you mean 'plane.x'"),
     (lambda: mechanism(dc.joint_stop("s", "base.x", upper=1)), "which has a quaternion"),
     (lambda: mechanism(dc.joint_stop("s", "plane.x", upper="q.plane.y")), "unknown symbol"),
-    (lambda: mechanism(dc.joint_stop("s", "plane.x", upper=1, restitution="e")), "unknown symbol 'e'"),
+    (
+        lambda: mechanism(dc.joint_stop("s", "plane.x", upper=1, restitution="e")),
+        "unknown symbol 'e'",
+    ),
     (
         lambda: dc.impact("i", shapes.sphere("ball", 0.1), shapes.sphere("ball", 0.2)),
         "both shapes belong to 'ball'",

@@ -96,6 +96,20 @@ def test_a_contact_that_lasts_ends_with_words() -> None:
     assert run.u[-1, 0] == 0.0 and run.events[-1].energy_lost == pytest.approx(G, abs=1e-12)
 
 
+def test_starts_in_contact() -> None:
+    """Closing, it is hit at once, and the first row is after that; resting, it is no matter for impacts."""
+    mechanism = ball(0.5)
+    run = dc.simulate(mechanism, mechanism.state(speeds={"height": -4.0}), 0.3, 0.01)
+    assert run.events[0].t == run.t[0] == 0.0 and run.events[0].energy_lost == 6.0
+    assert run.u[0, 0] == 2.0
+    for work in ("in-loop", "samples"):
+        ledger = dc.balance(mechanism, run, work=work)
+        assert np.abs(ledger.delta_c["wang"]).max() < 1e-13
+        assert (ledger.work["impact floor"] == 0.0).all()  # since the first row
+    with pytest.warns(dc.SimulationStopped, match="the contact lasts"):
+        assert len(dc.simulate(mechanism, mechanism.state(), 0.3, 0.01)) == 1
+
+
 def test_energy_sources_are_refused_unless_asked_for_and_then_booked() -> None:
     with pytest.raises(dc.InputError, match="above 1 every impact makes energy"):
         ball(1.2)
@@ -239,6 +253,29 @@ def test_simultaneous_contacts_are_one_problem() -> None:
     u = np.array([-1.0, -2.0])
     impulses = resolve(Inertia(np.eye(2), np.empty((0, 2))), walls, u)
     np.testing.assert_allclose([p[0] for p in impulses], [1.5, 3.0], atol=1e-14)
+
+
+def test_a_box_that_tumbles_on_rough_ground_never_gains() -> None:
+    size = (0.4, 0.3, 0.2)
+    mechanism = dc.Mechanism(
+        bodies=[dc.box("box", 1.0, size)],
+        joints=[dc.free("base", "box")],
+        gravity=(0.0, 0.0, -G),
+        events=[
+            dc.impact(
+                "floor", shapes.box("box", size), shapes.half_space(), restitution=0.6, friction=0.3
+            )
+        ],
+    )
+    turned = np.array([0.9, 0.3, 0.2, 0.1]) / math.sqrt(0.95)
+    start = mechanism.state(
+        {"base": [0.0, 0.0, 1.0, *turned]}, speeds={"base.vx": 1.0, "base.wx": 2.0, "base.wy": -3.0}
+    )
+    run = dc.simulate(mechanism, start, 0.8, 0.01, "ode8")
+    assert len(run.events) > 5 and all(event.energy_lost > 0.0 for event in run.events)
+    ledger = dc.balance(mechanism, run)
+    # ode8's error over 80 steps of a tumbling box, relative to the energy turned over.
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-11 * ledger.turnover
 
 
 # --- the law of one contact ------------------------------------------------------------------------

@@ -89,7 +89,7 @@ class Watch:
         return Sight(found[:n], found[n : 2 * n], found[2 * n : 2 * n + m])
 
     def along(self, t: Array, x: Array, xdot: Array, p: Array) -> tuple[Array, Array]:
-        """g and ġ (n, T) of many states (T, n) with their rates."""
+        """Values and rates, (n, T) each, at many states (T, n)."""
         kernel, n = self._kernel, len(self)
         found = kernel.flat(np.vstack([t, x.T, xdot.T]), p if len(p) else None)
         return found[:n], found[n : 2 * n]

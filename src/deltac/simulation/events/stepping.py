@@ -133,7 +133,7 @@ class FixedSteps:
         if self._compiled is None or count < 2 or t != self._start + done * self._h:
             return None
         n = len(x)
-        times = self._start + (done + np.arange(count + 1)) * self._h
+        times: Array = self._start + (done + np.arange(count + 1.0)) * self._h
         states, worst = np.empty((count + 1, n)), np.empty(count)
         given, out = np.concatenate([x, self._p, [t, self._h]]), np.empty(n + 1)
         states[0], single = x, self._compiled.single

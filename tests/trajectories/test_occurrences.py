@@ -81,6 +81,40 @@ def test_cuts_keep_the_events_within() -> None:
     assert (np.abs(coarse.delta_c["wang"] - whole.delta_c["wang"][::2]) <= bar).all()
 
 
+def test_columns_in_another_order_take_the_events_along() -> None:
+    r, turned = run(), [1, 0]
+    mixed = dc.Trajectory(
+        t=r.t,
+        q=r.q[:, turned],
+        u=r.u[:, turned],
+        udot=None if r.udot is None else r.udot[:, turned],
+        forces={name: force[:, turned] for name, force in r.forces.items()},
+        coordinates=r.coordinates[::-1],
+        speeds=r.speeds[::-1],
+        events=tuple(event.reordered(turned, turned) for event in r.events),
+    )
+    audit = dc.audit(mechanism(), mixed)
+    assert audit.verdict.kind == "consistent" and [f.kind for f in audit.findings] == ["order"]
+    same(r, audit.run)
+
+
+def test_without_accelerations_pieces_are_derived_one_by_one() -> None:
+    m = dc.Mechanism(
+        bodies=[dc.point_mass("ball", 1.0)],
+        joints=[dc.prismatic("height", "ground", "ball", axis="z", damping=0.2)],
+        gravity=(0.0, 0.0, -9.81),
+        events=[dc.joint_stop("floor", "height", lower=0.0, restitution=0.7)],
+    )
+    full = dc.simulate(m, m.state({"height": 0.5}), 1.28, 0.01, "ode8")
+    events = tuple(replace(e, udot_before=None, udot_after=None) for e in full.events)
+    bare = replace(full, udot=None, events=events)
+    ledger = dc.balance(m, bare, work="samples")
+    assert ledger.basis["u̇"] == "derived"
+    # The flights are smooth, so splines of degree five find u̇ well enough for a cubic's rates.
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-8
+    assert dc.audit(m, bare).verdict.kind == "consistent"
+
+
 def test_the_ledger_in_chunks_is_the_ledger(tmp_path: Path) -> None:
     path = tmp_path / "log.parquet"
     run().write(path)

@@ -126,7 +126,7 @@ def test_examples_in_docstrings() -> None:
 
 def test_the_notation_names_all_there_is() -> None:
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-    from deltac.mechanism import channels, constraints, forces, joints
+    from deltac.mechanism import channels, constraints, events, forces, joints
     from deltac.simulation.solvers import SOLVERS
     from deltac.trajectories.files import FORMATS
 
@@ -136,6 +136,7 @@ def test_the_notation_names_all_there_is() -> None:
     parts = {s for kind in joints.KINDS.values() for s, _ in (*kind.coordinates, *kind.speeds) if s}
     named += [f".{part}" for part in parts]
     named += [*_makers(constraints.Constraint), *_makers(forces.Element), *FORMATS]
+    named += _makers(events.Happening)
     missing = [name for name in named if f"`{name}`" not in text]
     assert not missing
 

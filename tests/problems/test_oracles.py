@@ -17,7 +17,7 @@ import pytest
 import sympy
 
 from deltac import problems
-from oracles import governor, loops, pendulums, rolling, rubbing
+from oracles import governor, impacts, loops, pendulums, rolling, rubbing
 from oracles.common import Values, integrated
 
 INTEGRATED = 2e-9  # DOP853 at its tolerance, with the growth of errors over 10 s
@@ -260,6 +260,8 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
     "ball-on-rising-table": (rolling.ball_on_rising_table, CALM),
     "bicycle": (rolling.bicycle, 1e-12),
     **rubbing.ORACLES,
+    "bouncing-ball": (impacts.bouncing_ball, 1e-15),
+    "struck-slider-crank": (impacts.struck_slider_crank, 1e-15),
 }
 
 

@@ -38,6 +38,7 @@ def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, l
         forces={name: force[:, places_u] for name, force in run.forces.items()},
         coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names,
+        events=tuple(event.reordered(places_q, places_u) for event in run.events),
     )
     finding = Finding(
         "order",

@@ -127,7 +127,8 @@ def balance(
         n: integral.value[:, names.index(f"power {n}")] if discrete is None else discrete.work[n]
         for n in channel_names
     }
-    for name, work_of_impulses in jumped.work.items():
+    silent = {f"impact {e.name}": np.zeros(len(run)) for e in mechanism.events if e.impulsive}
+    for name, work_of_impulses in (silent | dict(jumped.work)).items():
         works[name] = works.get(name, np.zeros(len(run))) + work_of_impulses
         channel_powers.setdefault(name, np.zeros(len(run)))
         basis.setdefault(name, "measured")

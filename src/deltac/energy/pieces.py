@@ -31,6 +31,9 @@ INWARD = 1e-9
 is that of the piece.
 """
 
+UNEVEN = 0.02
+"""Least interval among four rows, as a fraction of the largest."""
+
 LONG = 9
 """Rows of a piece from which on its error can be estimated by leaving some of them out."""
 
@@ -71,7 +74,7 @@ def rows_of(run: Trajectory) -> Rows:
     at = np.repeat(np.searchsorted(run.t, [event.t for event in events], "left"), 2)
     starts = tuple(int(row) for row in at[1::2] + np.arange(1, len(at), 2))
 
-    def inserted(values: Array, pairs: Sequence[Array]) -> Array:
+    def inserted(values: Array, pairs: Sequence[Array] | Sequence[float]) -> Array:
         return np.insert(values, at, np.array(pairs), axis=0)
 
     def both(before: str, after: str) -> list[Array]:
@@ -118,40 +121,58 @@ def integrate_pieces(
 ) -> Integral:
     """`integrate` within every smooth piece, and nothing across the events between them.
 
-    Rows of a piece that are no events are integrated as a run of their own where there are enough; else,
-    and from an event to the next row, by cubic interpolation, whose bar is what it differs by from the
-    trapezoidal rule: generous.
+    Rows of a piece that are no events are integrated as a run of their own where there are enough. What is
+    left, and intervals from an event to the next row, is interpolated through four rows, with what it
+    differs by from two as its bar; where rows are too few, or too unevenly spaced for that, through two,
+    and the bar is what this differs by from the trapezoidal rule.
     """
     if not starts:
         return integrate(samples, powers, known, rates, barred)
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = hermite_parts(samples, powers, known, 2, rates)[:, 1:]
-    across = np.array(starts) - 1
-    parts[:, across] = 0.0
     width = np.diff(samples.t)
-    parts[:, width == 0.0] = 0.0
     plain = 0.5 * width * (known[:, 1:] + known[:, :-1])
     bars = np.abs(parts - plain)[barred]
-    bars[:, across] = 0.0
     rules, orders = [], []
     for first, stop in pairwise((0, *starts, len(samples.t))):
         inner = slice(first + (first > 0), stop - (stop < len(samples.t)))
-        if inner.stop - inner.start < LONG:
-            continue
-        found = integrate(samples.rows(inner), powers, known[:, inner], rates, barred)
-        intervals = slice(inner.start, inner.stop - 1)
-        parts[:, intervals] = np.diff(found.value.T, axis=1)
-        bars[:, intervals] = np.diff(found.bar.T, axis=1, prepend=0.0)[:, 1:]
-        bars[:, inner.start] += found.bar[0]
-        rules.append(found.rule)
-        orders.append(found.order)
-    zero = np.zeros((len(parts), 1))
+        long = inner.stop - inner.start >= LONG
+        for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
+            if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
+                piece, places = slice(*rows), slice(rows[0], rows[1] - 1)
+                better = hermite_parts(samples.rows(piece), powers, known[:, piece], 4, rates)[
+                    :, 1:
+                ]
+                bars[:, places] = np.abs(better - parts[:, places])[barred]
+                parts[:, places] = better
+        if long:
+            found = integrate(samples.rows(inner), powers, known[:, inner], rates, barred)
+            places = slice(inner.start, inner.stop - 1)
+            parts[:, places] = np.diff(found.value.T, axis=1)
+            bars[:, places] = np.diff(found.bar.T, axis=1)
+            bars[:, inner.start] += found.bar[0]
+            rules.append(found.rule)
+            orders.append(found.order)
+    nothing = np.zeros(len(width), dtype=bool)
+    nothing[np.array(starts) - 1] = True
+    nothing |= width == 0.0
+    parts[:, nothing], bars[:, nothing] = 0.0, 0.0
     return Integral(
-        np.cumsum(np.hstack([zero, parts]), axis=1).T,
-        np.cumsum(np.hstack([np.zeros((len(bars), 1)), bars]), axis=1).T,
-        ", ".join(dict.fromkeys(rules)) or "hermite 2",
+        _cumulated(parts),
+        _cumulated(bars),
+        ", ".join(dict.fromkeys(rules)) or "hermite 4",
         min(orders, default=0.0),
     )
+
+
+def _even(widths: Array) -> bool:
+    """Whether intervals are alike enough for a polynomial through all of their ends."""
+    return bool(widths.min() > UNEVEN * widths.max())
+
+
+def _cumulated(parts: Array) -> Array:
+    """Sums from the first row on, (T, m), of the parts (m, T − 1) of every interval."""
+    return np.cumsum(np.hstack([np.zeros((len(parts), 1)), parts]), axis=1).T
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,8 @@ class JointStop:
     restitution: Quantity
     allow_energy_source: bool = False
 
+    impulsive = True
+
 
 @dataclass(frozen=True)
 class Impact:
@@ -54,6 +56,8 @@ class Impact:
     friction: Quantity
     allow_energy_source: bool = False
 
+    impulsive = True
+
 
 @dataclass(frozen=True)
 class Event:
@@ -66,6 +70,8 @@ class Event:
     expression: Any
     direction: Direction
     terminal: bool
+
+    impulsive = False
 
 
 Happening: TypeAlias = JointStop | Impact | Event

@@ -126,6 +126,11 @@ def simulate_ensemble(
         raise InputError(
             f"ensembles take explicit fixed steps, {solver!r} does not; use 'ode4' or 'ode8'"
         )
+    if mechanism.events:
+        raise InputError(
+            f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
+            "ensemble does not stop at; simulate its members one by one, or leave the events out"
+        )
     steps = round(duration / step)
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         raise InputError(f"step {step:g} does not divide the duration {duration:g}")

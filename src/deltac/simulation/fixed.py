@@ -336,6 +336,11 @@ class StageRate:
         p = self.parameters if len(self.parameters) else None
         return self._rate.single(self._in, self._out, p).copy()
 
+    def batch(self, t: Array, x: Array) -> Array:
+        """ẋ (T, n) of many states (T, n), where nothing is called from Python."""
+        p = self.parameters if len(self.parameters) else None
+        return self._rate.flat(np.vstack([t, x.T]), p).T
+
     def _asked(self, t: float, x: Array) -> Array:
         """The controller's answer, checked, in the order of `System.inputs`."""
         from deltac.simulation.control import motor_values

@@ -65,7 +65,7 @@ def recorded(
             ]
         )
     seen = observe(parameters=p, **arrays)
-    rows, nu = len(motion.t), len(mechanism.speeds)
+    rows = len(motion.t)
     singular = _singular(flow, seen, motion, p)
     note = _where(singular) if singular.size else _near(seen, motion, provenance)
     q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
@@ -78,8 +78,7 @@ def recorded(
             )
         rows = stop
     forces = {
-        name: force[:rows]
-        for name, force in logged_forces(mechanism, flow, seen, motion.inputs).items()
+        name: force[:rows] for name, force in logged_forces(flow, seen, motion.inputs).items()
     }
     if note:
         provenance = replace(provenance, notes={**provenance.notes, "singular": note})
@@ -97,10 +96,9 @@ def recorded(
     )
 
 
-def logged_forces(
-    mechanism: Mechanism, flow: Flow, seen: dict[str, Array], inputs: Array
-) -> dict[str, Array]:
+def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[str, Array]:
     """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
+    mechanism = flow.system.mechanism
     rows, nu = len(inputs), len(mechanism.speeds)
     forces: dict[str, Array] = {}
     driving = seen["driving"].reshape(rows, -1)

@@ -17,7 +17,7 @@ from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.adaptive import run_scipy, run_taylor, scipy_options
+from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.events.running import Outcome
 from deltac.simulation.events.simulating import (
@@ -113,6 +113,12 @@ def simulate(
     _check(mechanism, state, found, equations, controller, step, tolerance)
     _check_correction(correct, found)
     radius = check_radius(found, spectral_radius)
+    watching = check_events(mechanism, found, equations, switches)
+    if watching and correct is not None:
+        raise InputError(
+            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
+            "energy that a correction would put back; leave one of them out"
+        )
     steps = _steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
@@ -127,28 +133,16 @@ def simulate(
     p = np.array([mechanism.parameters[name] for name in vary])
     x0 = flow.start(state, p)
     _check_start(flow, mechanism, controller, state, x0, p)
-    outcome = None
     tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    if check_events(mechanism, found, equations, switches):
-        if correct is not None:
-            raise InputError(
-                "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
-                "energy that a correction would put back; leave one of them out"
-            )
-        span = (state.t, state.t + duration)
-        grid: tuple[float, int, int] | Array | None = None
-        if found.family == "fixed":
-            grid = (duration / steps, steps, every)
-        elif step is not None:
-            grid = _grid(state.t, duration, step)
-        parts = eventful(flow, speeds, switches)
-        outcome = run_with_events(
-            mechanism, parts, found, controller, p, x0, span, grid, scipy_options(tol), progress
-        )
-        motion = outcome.motion
-    match found.family if outcome is None else "":
-        case "":
-            pass
+    samples = None if step is None else _grid(state.t, duration, step)
+    outcome = None
+    if watching:
+        grid = (duration / steps, steps, every) if found.family == "fixed" else samples
+        span, ready = (state.t, state.t + duration), eventful(flow, speeds, switches)
+        outcome = run_with_events(ready, found, controller, p, x0, span, grid, tol, progress)
+    match found.family:
+        case _ if outcome is not None:
+            motion = outcome.motion
         case "fixed":
             h = duration / steps
             compiled = controller is None and flow.traced
@@ -167,7 +161,6 @@ def simulate(
             times = _grid(state.t, duration, duration / 200 if step is None else step)
             motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
         case "adaptive":
-            samples = None if step is None else _grid(state.t, duration, step)
             span = (state.t, state.t + duration)
             motion = run_scipy(flow, found, controller, p, x0, samples, span, tol, progress)
         case _:
@@ -189,7 +182,7 @@ def simulate(
         notes=_notes(mechanism, equations, controller, correct, outcome),
     )
     run = recorded(mechanism, flow, observe, motion, p, provenance)
-    return run if outcome is None else with_occurrences(mechanism, parts, outcome.events, run)
+    return run if outcome is None else with_occurrences(ready, outcome.events, run)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------

@@ -49,7 +49,9 @@ def with_accelerations(run: Trajectory) -> Trajectory:
 
     Raises InputError for fewer than four rows.
     """
-    if run.udot is not None:
+    if (
+        run.udot is not None or run.events
+    ):  # no spline goes across an event; ledgers derive by pieces
         return run
     _check(run.t, run.u, "udot.<speed>")
     udot = _rate(run.t, run.u)

@@ -8,7 +8,7 @@ time holds the state after. Integrals over samples are taken in pieces, from one
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -78,6 +78,18 @@ class Occurrence:
     def energy_lost(self) -> float:
         """Kinetic energy that the impacts took out (J); negative where they put some in."""
         return -sum(w for channel, w in self.work.items() if channel.startswith("impact "))
+
+    def reordered(self, places_q: npt.ArrayLike, places_u: npt.ArrayLike) -> Occurrence:
+        """With coordinates and speeds in another order: those at these places now."""
+        q, u = np.asarray(places_q), np.asarray(places_u)
+
+        changes: dict[str, Any] = {"q": self.q[q]}
+        for name in _ARRAYS[1:]:
+            value = getattr(self, name)
+            changes[name] = None if value is None else value[u]
+        for name in _MAPPINGS:
+            changes[name] = {c: value[u] for c, value in getattr(self, name).items()}
+        return replace(self, **changes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, for JSON; `from_dict` is the inverse."""

@@ -42,7 +42,3 @@ class Accumulation:
             f"t = {self._end[point]:.12g} s, and then the contact lasts. End the run before (a shorter "
             "duration, or a terminal event), or use a compliant contact"
         )
-
-    def end(self, point: int) -> float | None:
-        """The predicted end of the impacts at a point (s)."""
-        return self._end.get(point)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -149,8 +149,3 @@ def _only(vector: Array, place: slice) -> Array:
     kept = np.zeros_like(vector)
     kept[place] = vector[place]
     return kept
-
-
-def merged(impulses: Mapping[str, Array]) -> dict[str, Array]:
-    """Without channels that answered nothing."""
-    return {name: value for name, value in impulses.items() if value.any()}

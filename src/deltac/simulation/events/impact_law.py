@@ -24,7 +24,7 @@ MOST_IMPACTS = 2000
 
 @dataclass(frozen=True)
 class Contact:
-    """A contact that may receive an impulse, in free speeds u (n,): approach speed v_n = `normal`·u + `drift`.
+    """A contact that may receive an impulse; its normal speed is `normal`·u + `drift`, of free speeds u (n,).
 
     `tangents` (2 by n) and `tangent_drift` (2,) give the slip; empty rows for a stop. The first direction of
     a contact is its normal.

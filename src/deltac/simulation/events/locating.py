@@ -40,7 +40,8 @@ def crossing(look: Look, start: End, end: End, resolution: float, after: bool) -
 
     Args:
         look: the function, by the solver.
-        start, end: what it is at the ends; the start's value may be zero, or by rounding below.
+        start: what it is at the start; zero, or by rounding below, after an event.
+        end: what it is at the end.
         resolution: of θ.
         after: whether an event has just happened at the start, so that a root there is over.
     """

@@ -10,8 +10,11 @@ and Applications, 1985); this law never does for e <= 1, since friction opposes 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from deltac.errors import DeltacError
 
@@ -19,11 +22,15 @@ Array = NDArray[np.float64]
 REST = 1e-13
 """Speeds below this fraction of the first approach are rounding."""
 
-TURN = 0.02
+TURN = 0.03
 """Largest turn (rad) of a slip that changes its direction, in one piece of an impact."""
 
+SLOWEST = 1e3
+"""So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
+
 MOST_PIECES = 20_000
-CORRECTIONS = 6
+DIRECTIONS = 90
+"""Directions among which that of a beginning slip is looked for."""
 
 
 def collide(W: Array, v: Array, e: float, mu: float) -> Array:
@@ -32,67 +39,126 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
     Args:
         W: (1, 1) or (3, 3), relative velocity gained by unit impulses.
         v: relative velocity before; the approach v[0] is negative.
-        e: restitution; mu: Coulomb's friction.
+        e: restitution.
+        mu: Coulomb's friction.
     """
     if len(v) == 1:
         return np.array([-(1.0 + e) * v[0] / W[0, 0]])
-    tiny = REST * float(np.abs(v).max())
+    rub = _Rub(W, mu, REST * float(np.abs(v).max()))
     v, impulse = v.copy(), np.zeros(3)
-    compressing, work = True, 0.0  # done against the contact; later: what it has to give back
+    compressing, work, floor = (
+        True,
+        0.0,
+        0.0,
+    )  # done against the contact; later what it has to give back
     for _ in range(MOST_PIECES):
-        force, straight = _force(W, v, mu, tiny)
+        force, straight = rub.force(v)
         rate = W @ force
         if not compressing:
             length = _until(v[0], rate[0], work)
         else:
             length = -v[0] / rate[0] if rate[0] > 0.0 else np.inf
-        limit = _limit(W, v, rate, straight, tiny)
+        limit = rub.limit(v, rate, straight)
         whole = length <= limit
         length = min(length, limit)
         if not np.isfinite(length):
             raise DeltacError(
-                "an impact with friction jams: the slip keeps pressing the bodies together without end. "
-                "Lower the friction"
+                "an impact with friction jams: the slip keeps pressing the bodies together without end; "
+                "lower the friction"
             )
-        after, force, gained = _piece(W, v, mu, tiny, length, straight)
-        if whole and not straight:  # the piece that ends at a mark: corrected until it does
-            for _ in range(CORRECTIONS):
-                push = float(W[0] @ _force(W, after, mu, tiny)[0])
-                length += -after[0] / push if compressing else (work - gained) / after[0]
-                after, force, gained = _piece(W, v, mu, tiny, length, straight)
-        v, impulse, work = after, impulse + length * force, work - gained
+        if not straight:  # a piece that goes beyond the mark it is to end at is cut there
+            mark = (v, compressing, work)
+            whole = rub.beyond(length, *mark) > 0.0
+            if whole:
+                length = brentq(rub.beyond, 0.0, length, args=mark, xtol=1e-300, rtol=1e-14)
+        v, force, gained = rub.piece(v, length, straight)
+        impulse, work = impulse + length * force, work - gained
         if straight and not whole:
             v[1:] = 0.0  # the slip has come to rest
-        if compressing and (whole or v[0] >= -tiny):
+        if compressing and (whole or v[0] >= -rub.tiny):
             compressing, v[0], work = False, 0.0, e * e * work
             if e == 0.0:
                 return impulse
-        elif not compressing and whole:
+            floor = 1e-13 * work
+        elif not compressing and (whole or work <= floor or v[0] <= rub.tiny):
             return impulse
     raise DeltacError("an impact with friction comes to no end: its slip turns too often")
 
 
-def _piece(
-    W: Array, v: Array, mu: float, tiny: float, length: float, straight: bool
-) -> tuple[Array, Array, float]:
-    """Velocity after a piece of an impact, its mean force, and its normal work."""
-    first = _force(W, v, mu, tiny)[0]
-    force = first if straight else _mean_force(W, v, mu, tiny, length)
-    after = v + length * (W @ force)
-    mean = 0.5 * (v[0] + after[0])
-    if not straight:  # by the rates at both ends
-        mean += length / 12.0 * float(W[0] @ (first - _force(W, after, mu, tiny)[0]))
-    return after, force, length * mean
+@dataclass(frozen=True)
+class _Rub:
+    """An impact under way: relative velocity by unit impulse `W`, friction `mu`, speeds `tiny` to it."""
 
+    W: Array
+    mu: float
+    tiny: float
 
-def _mean_force(W: Array, v: Array, mu: float, tiny: float, length: float) -> Array:
-    """The mean force of a piece in which the slip turns, by Kutta's method of order four."""
-    forces: list[Array] = []
-    for fraction in (0.0, 0.5, 0.5, 1.0):
-        moved = v + fraction * length * (W @ forces[-1]) if forces else v
-        forces.append(_force(W, moved, mu, tiny)[0])
-    first, second, third, fourth = forces
-    return (first + 2.0 * second + 2.0 * third + fourth) / 6.0
+    def force(self, v: Array) -> tuple[Array, bool]:
+        """Impulse for unit normal impulse, and whether the slip keeps its direction under it."""
+        slip = float(np.hypot(v[1], v[2]))
+        if slip > SLOWEST * self.tiny:
+            d = v[1:] / slip
+            force = np.array([1.0, -self.mu * d[0], -self.mu * d[1]])
+            rate = (self.W @ force)[1:]
+            across = rate - (rate @ d) * d
+            return force, bool(np.hypot(*across) <= 1e-12 * float(np.abs(self.W).max()))
+        stick = np.linalg.solve(self.W[1:, 1:], -self.W[1:, 0])
+        if float(np.hypot(*stick)) <= self.mu:
+            return np.array([1.0, *stick]), True
+        d = self.escape()
+        return np.array([1.0, -self.mu * d[0], -self.mu * d[1]]), True
+
+    def limit(self, v: Array, rate: Array, straight: bool) -> float:
+        """The impulse until the slip has come to rest, or has turned as far as one piece may go."""
+        slip = float(np.hypot(v[1], v[2]))
+        if slip <= SLOWEST * self.tiny:
+            return np.inf
+        if not straight:
+            return TURN * slip / float(np.hypot(rate[1], rate[2]))
+        along = float(rate[1:] @ v[1:]) / slip
+        return -slip / along if along < 0.0 else np.inf
+
+    def piece(self, v: Array, length: float, straight: bool) -> tuple[Array, Array, float]:
+        """Velocity after a piece of the impact, its mean force, and its normal work."""
+        first = self.force(v)[0]
+        force = first if straight else self.mean_force(v, length)
+        after = v + length * (self.W @ force)
+        mean = 0.5 * (v[0] + after[0])
+        if not straight:  # by the rates at both ends
+            mean += length / 12.0 * float(self.W[0] @ (first - self.force(after)[0]))
+        return after, force, length * mean
+
+    def mean_force(self, v: Array, length: float) -> Array:
+        """The mean force of a piece in which the slip turns, by Kutta's method of order four."""
+        forces: list[Array] = []
+        for fraction in (0.0, 0.5, 0.5, 1.0):
+            moved = v + fraction * length * (self.W @ forces[-1]) if forces else v
+            forces.append(self.force(moved)[0])
+        first, second, third, fourth = forces
+        return np.asarray((first + 2.0 * second + 2.0 * third + fourth) / 6.0)
+
+    def beyond(self, length: float, v: Array, compressing: bool, work: float) -> float:
+        """How far a piece with turning slip goes beyond its mark: no approach left, or the work done."""
+        after, _, gained = self.piece(v, length, False)
+        return float(after[0]) if compressing else gained - work
+
+    def escape(self) -> Array:
+        """The direction in which a slip begins that friction cannot hold: the one that it then keeps."""
+        angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS + 1)
+        across = [self.pulled(angle)[0] for angle in angles]
+        found = [
+            brentq(lambda angle: self.pulled(angle)[0], a, b, xtol=1e-15)
+            for a, b, f_a, f_b in zip(angles, angles[1:], across, across[1:])
+            if f_a * f_b <= 0.0
+        ]
+        best = max(found, key=lambda angle: self.pulled(angle)[1])
+        return np.array([np.cos(best), np.sin(best)])
+
+    def pulled(self, angle: float) -> tuple[float, float]:
+        """What a slip in a direction gains across it, and along it."""
+        d = np.array([np.cos(angle), np.sin(angle)])
+        pull = self.W[1:, 0] - self.mu * self.W[1:, 1:] @ d
+        return float(d[0] * pull[1] - d[1] * pull[0]), float(d @ pull)
 
 
 def _until(v: float, rate: float, work: float) -> float:
@@ -101,35 +167,3 @@ def _until(v: float, rate: float, work: float) -> float:
     if square > 0.0:
         return 2.0 * work / (v + float(np.sqrt(square)))
     return -v / rate if rate < 0.0 else 0.0
-
-
-def _limit(W: Array, v: Array, rate: Array, straight: bool, tiny: float) -> float:
-    """The impulse until the slip has come to rest, or has turned as far as one piece may go."""
-    slip = float(np.hypot(v[1], v[2]))
-    if slip <= tiny:
-        return np.inf
-    along = float(rate[1:] @ v[1:]) / slip
-    if straight:
-        return -slip / along if along < 0.0 else np.inf
-    return TURN * slip / float(np.hypot(rate[1], rate[2]))
-
-
-def _force(W: Array, v: Array, mu: float, tiny: float) -> tuple[Array, bool]:
-    """Impulse for unit normal impulse, and whether the slip keeps its direction under it."""
-    slip = float(np.hypot(v[1], v[2]))
-    if slip > tiny:
-        d = v[1:] / slip
-        force = np.array([1.0, -mu * d[0], -mu * d[1]])
-        rate = (W @ force)[1:]
-        across = rate - (rate @ d) * d
-        return force, bool(np.hypot(*across) <= 1e-12 * float(np.abs(W).max()))
-    stick = np.linalg.solve(W[1:, 1:], -W[1:, 0])
-    grip = float(np.hypot(*stick))
-    if grip <= mu:
-        return np.array([1.0, *stick]), True
-    # More than friction can hold: slip begins against what would hold it, along what it then keeps.
-    d = -stick / grip
-    for _ in range(100):
-        pulled = W[1:, 0] - mu * W[1:, 1:] @ d
-        d = pulled / float(np.hypot(*pulled))
-    return np.array([1.0, -mu * d[0], -mu * d[1]]), True

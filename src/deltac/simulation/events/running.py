@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.errors import DeltacError
 from deltac.simulation.events.accumulation import Accumulation
 from deltac.simulation.events.colliding import Collider
 from deltac.simulation.events.locating import EPS, End, crossing, may_cross
@@ -22,6 +24,9 @@ TOUCHING = 1e-10
 
 SLOW = 1e-12
 """Speeds (m/s or rad/s) of a contact below this are none."""
+
+FEW, MANY = 8, 256
+"""Steps that are looked at together, to begin with and at most."""
 
 MOST_PER_STEP = 20_000
 """Events within one step, before a run is said to make no headway."""
@@ -75,8 +80,14 @@ class Run:
         self._begin()
         self.rows.append((self.t, self.x.copy(), self.stepper.inputs(self.t, self.x)))
         sight = self._look(self.t, self.x)
-        fresh, within = bool(self.events), 0
+        fresh, within, reach = bool(self.events), 0, FEW
         while not (self.message or self.ended) and self.t < self.end * (1 - 4 * EPS):
+            if not fresh and reach and (passed := self._cruise(reach)):
+                reach = min(2 * reach, MANY) if passed == reach else 0
+                sight = self._look(self.t, self.x)
+                self._report(start)
+                continue
+            reach = FEW
             step = self.stepper.attempt(self.t, self.x)
             if isinstance(step, str):
                 self.message = step
@@ -95,13 +106,34 @@ class Run:
                 sight, fresh, within = self._look(self.t, self.x), True, within + 1
                 if within > MOST_PER_STEP:
                     self._endless()
-            if self.progress is not None:
-                self.progress((self.t - start) / (self.end - start))
+            self._report(start)
         if (self.message or self.ended) and self.rows[-1][0] < self.t:
             self.rows.append((self.t, self.x.copy(), self.stepper.inputs(self.t, self.x)))
         t, x, inputs = (np.array(column) for column in zip(*self.rows))
         motion = Motion(t, x, inputs, self.message)
         return Outcome(motion, tuple(self.events), self.ended)
+
+    def _report(self, start: float) -> None:
+        if self.progress is not None:
+            self.progress((self.t - start) / (self.end - start))
+
+    def _cruise(self, reach: int) -> int:
+        """How many of the next steps have no event; they are taken, all looked at together."""
+        found = None if (self.sides == 0.0).any() else self.stepper.ahead(self.t, self.x, reach)
+        if found is None or len(found[0]) < 2:
+            return 0
+        t, x = found
+        g, rate = self.watch.along(t, x, self.stepper.rate.batch(t, x), self.p)
+        sides = self.sides[:, None]
+        values, slopes = sides * g, sides * rate * np.diff(t, append=t[-1])
+        last = sides * rate[:, 1:] * np.diff(t)
+        suspect = may_cross(np.maximum(values[:, :-1], 0.0), slopes[:, :-1], values[:, 1:], last)
+        eventful = suspect.any(axis=0)
+        passed = int(np.argmax(eventful)) if eventful.any() else len(t) - 1
+        for k in self.stepper.skip(passed):
+            self.rows.append((float(t[k + 1]), x[k + 1].copy(), np.empty(0)))
+        self.t, self.x = float(t[passed]), x[passed].copy()
+        return passed
 
     # --- the start ------------------------------------------------------------------------------
 
@@ -149,7 +181,7 @@ class Run:
         found: dict[int, float] = {}
         for k in suspects:
             looked = crossing(
-                lambda theta, k=int(k): self._glance(step, theta, k),
+                partial(self._glance, step, int(k)),
                 End(0.0, float(start[k]), float(start_rate[k])),
                 End(1.0, float(end[k]), float(end_rate[k])),
                 resolution,
@@ -166,7 +198,7 @@ class Run:
             return step.t1, step.x1.copy(), together
         return t, step.exact(t), together
 
-    def _glance(self, step: Step, theta: float, k: int) -> tuple[float, float]:
+    def _glance(self, step: Step, k: int, theta: float) -> tuple[float, float]:
         h = step.t1 - step.t0
         t = step.t0 + theta * h
         x = step.exact(t)
@@ -226,7 +258,11 @@ class Run:
     def _strike(self, t: float, x: Array, touching: list[int], also: tuple[str, ...] = ()) -> None:
         """An impact of the points that touch."""
         before, p_before = x.copy(), self.p.copy()
-        self.x, impulses = self.collider.collide(touching, t, x, self.p)
+        try:
+            self.x, impulses = self.collider.collide(touching, t, x, self.p)
+        except DeltacError as error:
+            self.message = f"stopped at t = {t:.9g} s: {error}"
+            return
         self._apply_sides()
         also = (*also, *self._jumped_over())
         sight = self._look(t, self.x)

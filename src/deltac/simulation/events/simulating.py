@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,6 +17,7 @@ from deltac.kernels import Kernel
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.mechanism.mechanism import Mechanism
+from deltac.simulation.adaptive import scipy_options
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.events.colliding import Collider
 from deltac.simulation.events.running import TOUCHING, Happened, Outcome, Run
@@ -40,11 +40,12 @@ def check_events(
     if not mechanism.events and not switches:
         return False
     what = f"{len(mechanism.events)} events" if mechanism.events else "switches=True"
-    able = solver.family in ("fixed", "adaptive") and solver.name not in SUNDIALS
+    scipy = solver.family == "adaptive" and solver.name not in SUNDIALS
+    able = scipy or (solver.family == "fixed" and solver.step is not None)
     if not able:
         raise InputError(
             f"solver {solver.name!r} cannot stop at events, and the run has {what}; use 'ode5', another "
-            "explicit fixed-step solver, or an adaptive one such as 'DOP853'"
+            "explicit fixed-step solver, or one of SciPy's adaptive ones such as 'DOP853' and 'Radau'"
         )
     hits = [event.name for event in mechanism.events if not isinstance(event, Event)]
     if hits and equations is not None and equations.coordinates is not None:
@@ -69,7 +70,8 @@ class Eventful:
 def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
     """Prepare the events of a flow."""
     system = flow.system
-    functions, names = ca.SX(0, 1), ()
+    functions = ca.SX(0, 1)
+    names: tuple[str, ...] = ()
     if switches:
         held = switched(flow)
         flow, functions, names = held.flow, held.functions, held.names
@@ -81,7 +83,6 @@ def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventfu
 
 
 def run_with_events(
-    mechanism: Mechanism,
     parts: Eventful,
     solver: Solver,
     controller: Controller | None,
@@ -89,13 +90,15 @@ def run_with_events(
     x0: Array,
     span: tuple[float, float],
     grid: tuple[float, int, int] | Array | None,
-    options: dict[str, Any],
+    tolerance: float,
     progress: Callable[[float], None] | None,
 ) -> Outcome:
     """Integrate over `span` from event to event.
 
     `grid` is (step, number of steps, how many make a sample) of a fixed-step solver; the times of
-    samples, or None, of an adaptive one, which takes `options`.
+    samples, or None for those of an adaptive one's own steps.
+
+    Raises InputError where parts overlap at the start.
     """
     watch, flow = parts.watch, parts.flow
     full = np.concatenate([p, np.zeros(len(watch.switch_names))])
@@ -103,19 +106,16 @@ def run_with_events(
     if isinstance(grid, tuple):
         stepper = FixedSteps(flow, solver, controller, full, (span[0], *grid))
     else:
+        options = scipy_options(tolerance)
         stepper = AdaptiveSteps(flow, solver, controller, full, span, grid, options)
     stepper.rate.hold(span[0], x0)
-    _check_start(mechanism, watch, stepper, full, span[0], x0)
+    _check_start(watch, stepper, full, span[0], x0)
     run = Run(watch, parts.collider, stepper, full, span[0], x0.copy(), span[1], progress)
     return run.go()
 
 
-def with_occurrences(
-    mechanism: Mechanism, parts: Eventful, happened: Sequence[Happened], run: Trajectory
-) -> Trajectory:
+def with_occurrences(parts: Eventful, happened: Sequence[Happened], run: Trajectory) -> Trajectory:
     """The trajectory with what happened, as far as its rows go."""
-    from dataclasses import replace
-
     events = [e for e in happened if run.t[0] <= e.t <= run.t[-1]]
     if not events:
         return run
@@ -140,7 +140,7 @@ def with_occurrences(
         values = parts.observe(parameters=np.array([getattr(e, sides) for e in events]), **arrays)
         shaped = {name: value.reshape(len(events), -1) for name, value in values.items()}
         inputs = np.array([e.inputs for e in events])
-        seen.append((shaped, logged_forces(mechanism, parts.flow, shaped, inputs)))
+        seen.append((shaped, logged_forces(parts.flow, shaped, inputs)))
     (before, forces_before), (after, forces_after) = seen
     made = tuple(
         Occurrence(
@@ -160,9 +160,7 @@ def with_occurrences(
     return replace(run, events=made)
 
 
-def _check_start(
-    mechanism: Mechanism, watch: Watch, stepper: Stepper, p: Array, t: float, x: Array
-) -> None:
+def _check_start(watch: Watch, stepper: Stepper, p: Array, t: float, x: Array) -> None:
     """InputError where parts overlap from the start, with the pair, the depth and a remedy."""
     points = watch.points
     if not points:
@@ -173,7 +171,9 @@ def _check_start(
         return
     point = points[worst]
     happening = next(
-        e for e in mechanism.events if not isinstance(e, Event) and e.name == point.name
+        e
+        for e in watch.flow.system.mechanism.events
+        if not isinstance(e, Event) and e.name == point.name
     )
     if isinstance(happening, JointStop):
         what = (

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Step:
-    """A step from (t0, x0) to (t1, x1). `near` gives states within by interpolation, `exact` by the solver."""
+    """A step from (t0, x0) to (t1, x1); `near` gives states within by dense output, `exact` by the solver."""
 
     t0: float
     x0: Array
@@ -50,6 +50,12 @@ class Stepper(Protocol):
 
     def inputs(self, t: float, x: Array) -> Array:
         """The motors' values at a sample."""
+
+    def ahead(self, t: float, x: Array, most: int) -> tuple[Array, Array] | None:
+        """Times (m + 1,) and states of the next steps, this one first; None if they go one by one."""
+
+    def skip(self, steps: int) -> list[int]:
+        """Accept so many of the steps ahead; which of them are samples."""
 
 
 class FixedSteps:
@@ -119,6 +125,34 @@ class FixedSteps:
             self.rate.hold(t, x)
             self._held = self._next
         return self.rate.held.copy()
+
+    def ahead(self, t: float, x: Array, most: int) -> tuple[Array, Array] | None:
+        """From a point of the grid on, as long as the states are finite and constraints independent."""
+        done = self._next - 1
+        count = min(most, self._steps - done)
+        if self._compiled is None or count < 2 or t != self._start + done * self._h:
+            return None
+        n = len(x)
+        times: Array = self._start + (done + np.arange(count + 1.0)) * self._h
+        states, worst = np.empty((count + 1, n)), np.empty(count)
+        given, out = np.concatenate([x, self._p, [t, self._h]]), np.empty(n + 1)
+        states[0], single = x, self._compiled.single
+        for k in range(count):
+            given[-2] = times[k]
+            single(given, out)
+            states[k + 1] = given[:n] = out[:n]
+            worst[k] = out[n]
+        bad = ~np.isfinite(states[1:]).all(axis=1)
+        if self._careful is not None:
+            bad |= ~(worst > SMALLEST_PIVOT)
+        stop = int(np.argmax(bad)) if bad.any() else count
+        return times[: stop + 1], states[: stop + 1]
+
+    def skip(self, steps: int) -> list[int]:
+        """Go on to a later point of the grid."""
+        first = self._next
+        self._next += steps
+        return [k - first for k in range(first, self._next) if k % self._every == 0]
 
     def _advance(self, t: float, x: Array, h: float) -> Array:
         if self._compiled is not None:
@@ -208,6 +242,14 @@ class AdaptiveSteps:
     def inputs(self, t: float, x: Array) -> Array:
         """The controller's answer at a sample."""
         return self.rate.hold(t, x)
+
+    def ahead(self, t: float, x: Array, most: int) -> tuple[Array, Array] | None:
+        """Its steps are its own."""
+        return None
+
+    def skip(self, steps: int) -> list[int]:
+        """There are none ahead."""
+        return []
 
     def _fresh(self, t: float, x: Array, end: float) -> Any:
         def f(time: float, state: Array) -> Array:

@@ -87,3 +87,9 @@ class Watch:
         x_in = np.concatenate([[t], x, xdot])
         found = kernel.single(x_in, np.empty(kernel.n_out), p if len(p) else None)
         return Sight(found[:n], found[n : 2 * n], found[2 * n : 2 * n + m])
+
+    def along(self, t: Array, x: Array, xdot: Array, p: Array) -> tuple[Array, Array]:
+        """Values and rates, (n, T) each, at many states (T, n)."""
+        kernel, n = self._kernel, len(self)
+        found = kernel.flat(np.vstack([t, x.T, xdot.T]), p if len(p) else None)
+        return found[:n], found[n : 2 * n]

@@ -1,0 +1,114 @@
+"""A slider-crank whose slider strikes a stop: impacts that go through a closed loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from deltac.mechanism import (
+    Mechanism,
+    joint_stop,
+    loop_spherical,
+    point_mass,
+    prismatic,
+    revolute,
+    rod,
+)
+from deltac.problems.bouncing_ball import losses
+from deltac.problems.measures import FloatArray, Measure
+from deltac.problems.problem import Problem, Reference
+from deltac.trajectories import Trajectory
+
+CRANK, ROD, SLIDER = 1.0, 2.0, 1.5  # kg
+RADIUS, LENGTH = 0.1, 0.3  # m
+STOP = 0.38  # m
+RESTITUTION = 0.7
+RATE = 10.0  # rad/s
+IMPACTS = (
+    0.0972703876481528952,
+    0.698023190924855503,
+    1.55624148132014498,
+    2.78226761045627280,
+)
+
+
+def problem() -> Problem:
+    """A crank of 0.1 m and 1 kg, a rod of 0.3 m and 2 kg, a slider of 1.5 kg; no gravity, for 3 s.
+
+    It starts at a right angle with 10 rad/s towards the stop, 2 cm before the outer dead centre.
+    """
+    tilt = -math.asin(RADIUS / LENGTH)
+    mechanism = Mechanism(
+        bodies=[
+            rod("crank", CRANK, RADIUS),
+            rod("rod", ROD, LENGTH),
+            point_mass("slider", SLIDER),
+        ],
+        joints=[
+            revolute("crank", "ground", "crank"),
+            revolute("pin", "crank", "rod", position=(RADIUS, 0.0, 0.0)),
+            prismatic("slide", "ground", "slider", axis="x"),
+        ],
+        constraints=[loop_spherical("wrist", "rod", "slider", point1=(LENGTH, 0.0, 0.0))],
+        events=[joint_stop("stop", "slide", upper=STOP, restitution=RESTITUTION)],
+        name="struck slider-crank",
+    )
+    state = mechanism.state(
+        {"crank": math.pi / 2, "pin": tilt - math.pi / 2, "slide": LENGTH * math.cos(tilt)},
+        speeds={"crank": -RATE, "pin": RATE, "slide": RADIUS * RATE},
+    )
+    # At the start everything but the crank translates: ½ (1/3 · 0.1² + (2 + 1.5) 0.1²) 10² J.
+    energy = 0.5 * (CRANK / 3.0 + ROD + SLIDER) * (RADIUS * RATE) ** 2
+    reference = []
+    for k, t in enumerate(IMPACTS):
+        reference += [
+            Reference(
+                quantity=f"time of impact {k + 1}",
+                value=t,
+                unit="s",
+                kind="calculated",
+                accuracy=1e-14,
+                measure=_impact(k, "t"),
+            ),
+            Reference(
+                quantity=f"loss of impact {k + 1}",
+                value=(1.0 - RESTITUTION**2) * energy * RESTITUTION ** (2 * k),
+                unit="J",
+                kind="exact",
+                accuracy=1e-14,
+                measure=_impact(k, "energy_lost"),
+            ),
+        ]
+    return Problem(
+        name="struck-slider-crank",
+        title="Slider-crank that strikes a stop",
+        mechanism=mechanism,
+        state=state,
+        duration=3.0,
+        step=2e-3,
+        solver="ode8",
+        source="One degree of freedom: between impacts √A(θ) θ̇ is constant, and each impact multiplies it "
+        "by −e; the times are quadratures of √A (by mpmath, 30 digits)",
+        classification="holonomic, scleronomic (closed loop), with impacts",
+        freedom=1,
+        invariants={"energy and losses": _energy_and_losses},
+        reference=tuple(reference),
+        notes="The impulse of the stop acts on the slider, and through the rod on the crank: the "
+        "constraint's impulse answers, and does no work.",
+    )
+
+
+def _impact(k: int, what: str) -> Measure:
+    """A number of the impact with index k."""
+    return lambda run: float(getattr(run.events[k], what))
+
+
+def _energy_and_losses(run: Trajectory) -> FloatArray:
+    """½ I θ̇² of the crank; m (v² + v·w + w²)/6 of the rod between points with v and w; the slider's."""
+    angle, rate = run.coordinate("crank"), run.speed("crank")
+    pin = RADIUS * rate * 1j * np.exp(1j * angle)
+    slider = run.speed("slide")
+    bar = ROD * (np.abs(pin) ** 2 + (pin * slider).real + slider**2) / 6.0
+    kinetic = CRANK * (RADIUS * rate) ** 2 / 6.0 + bar + 0.5 * SLIDER * slider**2
+    return np.asarray(kinetic + losses(run))

@@ -1,0 +1,112 @@
+"""Laws with kinks and jumps: with switches=True no step goes across, and every solver keeps its order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import deltac as dc
+
+LAWS = {
+    "jump": "where(q.x > 0.3, -4.0, 1.0) - 3*q.x",
+    "kink": "-9*q.x - 5*max(q.x - 0.2, 0)",
+    "sign": "-2*q.x - 0.05*sign(u.x)",
+    "abs": "-2*q.x - 0.3*u.x*abs(u.x)",
+    "time": "-q.x + where(t > 0.777, sin(t), 0)",
+}
+
+
+def slider(law: str) -> dc.Mechanism:
+    return dc.Mechanism(
+        bodies=[dc.point_mass("mass", 1.0)],
+        joints=[dc.prismatic("x", "ground", "mass", axis="x")],
+        forces=[dc.joint_torque("motor", "x", law)],
+    )
+
+
+def end(law: str, solver: str, steps: int, *, switches: bool) -> np.ndarray:
+    mechanism = slider(law)
+    start = mechanism.state({"x": 1.0}, speeds={"x": 0.1})
+    run = dc.simulate(mechanism, start, 2.0, 2.0 / steps, solver, (), switches=switches)
+    return np.array([run.q[-1, 0], run.u[-1, 0]])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_order_survives_a_switch(name: str) -> None:
+    law = LAWS[name]
+    exact = end(law, "ode8", 320, switches=True)
+    for solver, order in (("ode2", 2), ("ode4", 4)):
+        errors = [np.abs(end(law, solver, n, switches=True) - exact).max() for n in (40, 80, 160)]
+        orders = np.log2(np.array(errors[:-1]) / errors[1:])
+        assert (orders > order - 0.3).all(), (solver, errors)
+    if name in ("jump", "kink"):  # and does not without
+        across = [np.abs(end(law, "ode4", n, switches=False) - exact).max() for n in (40, 160)]
+        assert np.log2(across[0] / across[1]) / 2 < 3.5
+
+
+def test_switch_times_of_a_piecewise_linear_oscillator() -> None:
+    """ẍ = −4 x, on one side of x = 0 −16 x: half periods π/2 and π/4 in turn, in closed form."""
+    mechanism = slider("where(q.x > 0, -4*q.x, -16*q.x)")
+    run = dc.simulate(mechanism, mechanism.state({"x": 1.0}), 3.5, 0.02, "ode8", switches=True)
+    expected = [math.pi / 4, math.pi / 2, math.pi]  # a quarter, then half a fast, half a slow one
+    np.testing.assert_allclose([e.t for e in run.events], expected, rtol=0, atol=1e-10)
+    assert {name for e in run.events for name in e.names} == {"switch actuator motor"}
+
+
+@pytest.mark.parametrize("work", ["in-loop", "samples"])
+@pytest.mark.parametrize("name", ["jump", "sign"])
+def test_the_ledger_closes_across_jumps_of_the_force(name: str, work: str) -> None:
+    mechanism = slider(LAWS[name])
+    start = mechanism.state({"x": 1.0}, speeds={"x": 0.1})
+    run = dc.simulate(mechanism, start, 2.0, 0.01, "ode8", switches=True)
+    assert run.events
+    jump = run.events[0].udot_after - run.events[0].udot_before
+    # "jump" passes x = 0.3 downwards, from −4 to 1; friction turns from −0.05 to 0.05.
+    assert jump[0] == pytest.approx(5.0 if name == "jump" else 0.1, abs=1e-9)
+    ledger = dc.balance(mechanism, run, work=work)
+    for delta_c in ledger.delta_c.values():
+        # ode8's error is rounding; the samples' quadrature is of order five at the pieces' ends.
+        assert np.abs(delta_c).max() < 2e-12
+    assert dc.audit(mechanism, run, work=work).verdict.kind == "consistent"
+
+
+def test_dry_friction_that_sticks_is_said() -> None:
+    """Decelerated by sign(u) to rest, where the force law has no value: stick."""
+    mechanism = slider("-3*sign(u.x)")
+    with pytest.warns(
+        dc.SimulationStopped, match="leads back to where it switches, from both sides"
+    ):
+        run = dc.simulate(
+            mechanism, mechanism.state(speeds={"x": 1.5}), 1.0, 0.03125, switches=True
+        )
+    assert run.t[-1] == pytest.approx(0.5, abs=1e-12)
+    assert run.q[-1, 0] == pytest.approx(0.375, abs=1e-12)
+    assert dc.balance(mechanism, run).work["actuator motor"][-1] == pytest.approx(-1.125, abs=1e-12)
+
+
+def test_a_start_from_rest_finds_its_side() -> None:
+    """At rest sign(u) is zero; the motion decides which side it is."""
+    mechanism = slider("5.0 - 3*sign(u.x)")
+    run = dc.simulate(mechanism, mechanism.state(), 1.0, 0.125, "ode4", switches=True)
+    assert run.q[-1, 0] == pytest.approx(1.0, abs=1e-13)
+
+
+def test_switches_and_impacts_together() -> None:
+    mechanism = dc.Mechanism(
+        bodies=[dc.point_mass("mass", 1.0)],
+        joints=[dc.prismatic("x", "ground", "mass", axis="x")],
+        forces=[dc.joint_torque("motor", "x", "-1.0 - 0.3*sign(u.x)")],
+        events=[dc.joint_stop("wall", "x", lower=0.0, restitution=0.9)],
+    )
+    start = mechanism.state({"x": 1.0}, speeds={"x": -0.1})
+    run = dc.simulate(mechanism, start, 4.0, 0.05, "ode4", switches=True)
+    # Down from 1 with −0.7: v² = 0.01 + 1.4; up with 0.81 of it against −1.3.
+    hit, top = run.events[:2]
+    assert hit.t == pytest.approx((math.sqrt(1.41) - 0.1) / 0.7, abs=1e-12)
+    assert hit.energy_lost == pytest.approx(0.5 * 1.41 * 0.19, abs=1e-12)
+    assert top.q[0] == pytest.approx(0.81 * 1.41 / 2.6, abs=1e-12)
+    for work in ("in-loop", "samples"):
+        ledger = dc.balance(mechanism, run, work=work)
+        assert max(np.abs(d).max() for d in ledger.delta_c.values()) < 1e-11

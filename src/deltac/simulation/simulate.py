@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,10 +25,19 @@ from deltac.simulation.events.simulating import (
     with_occurrences,
 )
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import LONG_RUN, FixedStepper, StageRate, run_in_python
+from deltac.simulation.fixed import LONG_RUN, FixedStepper, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.implicit import ImplicitStepper, check_radius
 from deltac.simulation.observation import observer, recorded, while_assembled
+from deltac.simulation.preparation import (
+    check_accelerations,
+    check_correction,
+    check_request,
+    count,
+    positive,
+    sample_times,
+    whole_steps,
+)
 from deltac.simulation.solvers import Solver, find_solver
 from deltac.simulation.stiffness import explained
 from deltac.simulation.sundials import SUNDIALS, run_sundials
@@ -108,18 +115,13 @@ def simulate(
         StiffStep: the step is far too large for friction or contact, whose time scale it tells.
     """
     found = find_solver(solver)
-    duration = _positive(duration, "duration")
-    every = _count(record_every)
-    _check(mechanism, state, found, equations, controller, step, tolerance)
-    _check_correction(correct, found)
+    duration = positive(duration, "duration")
+    every = count(record_every)
+    check_request(mechanism, state, found, equations, controller, step, tolerance)
     radius = check_radius(found, spectral_radius)
     watching = check_events(mechanism, found, equations, switches)
-    if watching and correct is not None:
-        raise InputError(
-            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
-            "energy that a correction would put back; leave one of them out"
-        )
-    steps = _steps(duration, step, every) if found.takes_steps else 0
+    check_correction(correct, found, watching=watching)
+    steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
     flow, stepper, observe = _compiled(
@@ -132,9 +134,9 @@ def simulate(
         )
     p = np.array([mechanism.parameters[name] for name in vary])
     x0 = flow.start(state, p)
-    _check_start(flow, mechanism, controller, state, x0, p)
+    check_accelerations(flow, mechanism, controller, state, x0, p)
     tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    samples = None if step is None else _grid(state.t, duration, step)
+    samples = None if step is None else sample_times(state.t, duration, step)
     outcome = None
     if watching:
         grid = (duration / steps, steps, every) if found.family == "fixed" else samples
@@ -158,13 +160,13 @@ def simulate(
             h = duration / steps
             motion = stepper.run(controller, p, x0, state.t, h, steps, every, progress, radius)
         case "adaptive" if found.name in SUNDIALS:
-            times = _grid(state.t, duration, duration / 200 if step is None else step)
+            times = sample_times(state.t, duration, duration / 200 if step is None else step)
             motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
         case "adaptive":
             span = (state.t, state.t + duration)
             motion = run_scipy(flow, found, controller, p, x0, samples, span, tol, progress)
         case _:
-            times = _grid(state.t, duration, duration / 200 if step is None else step)
+            times = sample_times(state.t, duration, duration / 200 if step is None else step)
             quad = found.name == "taylor-quad"
             motion = run_taylor(flow, p, x0, times, tolerance, progress, quad=quad)
     motion = while_assembled(flow, motion, p)
@@ -239,107 +241,6 @@ def _compiled(
     return _KEPT.get(key, make)
 
 
-# --- checks, before anything is computed ---------------------------------------------------------
-
-
-def _check(
-    mechanism: Mechanism,
-    state: State,
-    solver: Solver,
-    equations: Equations | None,
-    controller: Controller | None,
-    step: float | None,
-    tolerance: float | None,
-) -> None:
-    if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
-        raise InputError(
-            f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
-            f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
-            "Make it by mechanism.state(...)"
-        )
-    if not len(mechanism.free.u):
-        raise InputError(
-            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
-        )
-    if step is not None:
-        _positive(step, "step")
-    if solver.takes_steps:
-        if step is None:
-            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
-        if tolerance is not None:
-            raise InputError(
-                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
-                "an adaptive solver such as 'DOP853'"
-            )
-    elif tolerance is not None:
-        _positive(tolerance, "tolerance")
-    motors = [motor.name for motor in mechanism.motors]
-    if motors and controller is None:
-        raise InputError(
-            f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
-            "joint torque a law"
-        )
-    if controller is not None and not motors:
-        raise InputError(
-            "a controller was given, but no joint torque waits for its value; leave out the law of the "
-            "joint torques that it shall set"
-        )
-    if controller is not None and controller.hold and solver.family == "adaptive":
-        raise InputError(
-            f"solver {solver.name!r} chooses its own steps, over which a controller cannot be held; use a "
-            "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
-        )
-    if controller is not None and equations is not None:
-        raise InputError(
-            "equations by hand and a controller were both given; let the equations take the controller "
-            "in, or use the mechanism's own dynamics"
-        )
-
-
-def _check_correction(correct: str | None, solver: Solver) -> None:
-    if correct not in (None, "energy"):
-        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
-    if correct is not None and solver.family != "fixed":
-        raise InputError(
-            f"the energy is corrected after steps of explicit fixed-step solvers only; {solver.name!r} is "
-            "none of them, use one such as 'ode5'"
-        )
-
-
-def _check_start(
-    flow: Flow,
-    mechanism: Mechanism,
-    controller: Controller | None,
-    state: State,
-    x0: Array,
-    p: Array,
-) -> None:
-    """The accelerations at the start must be finite: else the mass matrix is singular."""
-    if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
-        raise InputError(
-            "the state is not finite; make it by mechanism.state(...), which says where"
-        )
-    if not np.isfinite(x0).all():
-        raise InputError("the coordinate map has no finite own coordinates for the initial state")
-    if flow.traced and controller is None:
-        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
-        xdot = np.array(f(state.t, x0, p)).ravel()
-    else:
-        rate = StageRate(flow, controller, p)
-        rate.hold(state.t, x0)
-        xdot = rate(state.t, x0)
-    _, u_part, _ = flow.parts
-    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
-    if bad.size:
-        names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
-        which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
-        raise InputError(
-            f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
-            ": either a law is not defined there, or a joint turns something without inertia (a point "
-            "mass about itself, say), so that the mass matrix is singular"
-        )
-
-
 def _notes(
     mechanism: Mechanism,
     equations: Equations | None,
@@ -357,42 +258,3 @@ def _notes(
     if controller is not None and controller.hold:
         notes["held"] = ";".join(f"actuator {motor.name}" for motor in mechanism.motors)
     return notes
-
-
-def _positive(value: float, what: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{what} is {value!r}; expected a positive, finite number")
-    return number
-
-
-def _count(value: int) -> int:
-    if not isinstance(value, int | np.integer) or value < 1:
-        raise InputError(f"record_every is {value!r}; expected a whole number, 1 or more")
-    return int(value)
-
-
-def _steps(duration: float, step: float | None, every: int) -> int:
-    """How many steps make up the duration."""
-    assert step is not None
-    steps = round(duration / step)
-    if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
-        near = duration / max(1, math.ceil(duration / step))
-        raise InputError(
-            f"step {step:g} does not divide the duration {duration:g} (it goes {duration / step:.6g} "
-            f"times); the next smaller one that does is {near:.12g}"
-        )
-    if steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
-    return steps
-
-
-def _grid(start: float, duration: float, step: float) -> Array:
-    """Sample times `step` apart, the end included."""
-    count = math.ceil(duration / step * (1 - 1e-12))
-    times: Array = start + step * np.arange(count + 1, dtype=np.float64)
-    times[-1] = start + duration
-    return times

@@ -1,0 +1,165 @@
+"""What can be refused before a run is computed, and the grid that it is computed on."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.fixed import StageRate
+from deltac.simulation.flow import Flow
+from deltac.simulation.solvers import Solver
+
+Array = NDArray[np.float64]
+
+
+def check_request(
+    mechanism: Mechanism,
+    state: State,
+    solver: Solver,
+    equations: Equations | None,
+    controller: Controller | None,
+    step: float | None,
+    tolerance: float | None,
+) -> None:
+    """InputError for arguments that do not go together, or not with the mechanism."""
+    if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
+        raise InputError(
+            f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
+            f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
+            "Make it by mechanism.state(...)"
+        )
+    if not len(mechanism.free.u):
+        raise InputError(
+            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
+        )
+    if step is not None:
+        positive(step, "step")
+    if solver.takes_steps:
+        if step is None:
+            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
+        if tolerance is not None:
+            raise InputError(
+                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
+                "an adaptive solver such as 'DOP853'"
+            )
+    elif tolerance is not None:
+        positive(tolerance, "tolerance")
+    motors = [motor.name for motor in mechanism.motors]
+    if motors and controller is None:
+        raise InputError(
+            f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
+            "joint torque a law"
+        )
+    if controller is not None and not motors:
+        raise InputError(
+            "a controller was given, but no joint torque waits for its value; leave out the law of the "
+            "joint torques that it shall set"
+        )
+    if controller is not None and controller.hold and solver.family == "adaptive":
+        raise InputError(
+            f"solver {solver.name!r} chooses its own steps, over which a controller cannot be held; use a "
+            "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
+        )
+    if controller is not None and equations is not None:
+        raise InputError(
+            "equations by hand and a controller were both given; let the equations take the controller "
+            "in, or use the mechanism's own dynamics"
+        )
+
+
+def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> None:
+    """InputError for a correction that is unknown, or does not go with the solver or with events."""
+    if correct not in (None, "energy"):
+        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
+    if correct is not None and solver.family != "fixed":
+        raise InputError(
+            f"the energy is corrected after steps of explicit fixed-step solvers only; {solver.name!r} is "
+            "none of them, use one such as 'ode5'"
+        )
+    if correct is not None and watching:
+        raise InputError(
+            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
+            "energy that a correction would put back; leave one of them out"
+        )
+
+
+def check_accelerations(
+    flow: Flow,
+    mechanism: Mechanism,
+    controller: Controller | None,
+    state: State,
+    x0: Array,
+    p: Array,
+) -> None:
+    """The accelerations at the start must be finite: else the mass matrix is singular."""
+    if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
+        raise InputError(
+            "the state is not finite; make it by mechanism.state(...), which says where"
+        )
+    if not np.isfinite(x0).all():
+        raise InputError("the coordinate map has no finite own coordinates for the initial state")
+    if flow.traced and controller is None:
+        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
+        xdot = np.array(f(state.t, x0, p)).ravel()
+    else:
+        rate = StageRate(flow, controller, p)
+        rate.hold(state.t, x0)
+        xdot = rate(state.t, x0)
+    _, u_part, _ = flow.parts
+    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
+    if bad.size:
+        names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+        which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
+        raise InputError(
+            f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
+            ": either a law is not defined there, or a joint turns something without inertia (a point "
+            "mass about itself, say), so that the mass matrix is singular"
+        )
+
+
+def positive(value: float, what: str) -> float:
+    """The value as a float; InputError unless it is positive and finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        raise InputError(f"{what} is {value!r}; expected a positive, finite number")
+    return number
+
+
+def count(value: int) -> int:
+    """`record_every` as an int; InputError unless it is one, and positive."""
+    if not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"record_every is {value!r}; expected a whole number, 1 or more")
+    return int(value)
+
+
+def whole_steps(duration: float, step: float | None, every: int) -> int:
+    """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
+    assert step is not None
+    steps = round(duration / step)
+    if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
+        near = duration / max(1, math.ceil(duration / step))
+        raise InputError(
+            f"step {step:g} does not divide the duration {duration:g} (it goes {duration / step:.6g} "
+            f"times); the next smaller one that does is {near:.12g}"
+        )
+    if steps % every:
+        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+    return steps
+
+
+def sample_times(start: float, duration: float, step: float) -> Array:
+    """Sample times `step` apart, the end included."""
+    count = math.ceil(duration / step * (1 - 1e-12))
+    times: Array = start + step * np.arange(count + 1, dtype=np.float64)
+    times[-1] = start + duration
+    return times

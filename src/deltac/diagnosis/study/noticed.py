@@ -14,6 +14,7 @@ from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
 from deltac.diagnosis.study.rules import BELOW
 from deltac.diagnosis.study.runs import StudyRun
 from deltac.energy import Ledger
+from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -25,7 +26,10 @@ JUMP = 10.0
 """A change of speed so many times its neighbours' is a jump."""
 
 NOTICEABLE = 0.01
-"""Share of the largest speed that a jump must reach."""
+"""Share of the largest speed of its unit that a jump must reach."""
+
+STAYS = 0.8
+"""A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
 STILL = 1e-3
 """Share of the turnover below which works that are no potential count as none."""
@@ -70,7 +74,7 @@ def of_order(
         return
     if state.order is not None and state.trend == "tends to a limit":
         error = state.order_error or 0.0
-        if state.order + error < nominal - BELOW:
+        if state.order + error < nominal - min(BELOW, 0.4 * nominal):
             yield Finding(
                 "order-below-nominal",
                 f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
@@ -151,8 +155,14 @@ def of_corrections(
         )
 
 
-def of_constraints(runs: Sequence[StudyRun], tolerance: float) -> Iterator[Finding]:
-    """Constraints or quaternions that are violated though energy is kept."""
+def of_constraints(
+    runs: Sequence[StudyRun], tolerance: float, *, trusted: bool
+) -> Iterator[Finding]:
+    """Constraints, driven joints or quaternions that are violated though energy may be kept.
+
+    A violation that stays, however small the step, is none of the integrator: the model's constraint is
+    another than the motion's.
+    """
     finest = runs[-1]
     assert finest.ledger is not None and finest.run is not None
     for name, values in finest.ledger.violation.items():
@@ -163,16 +173,22 @@ def of_constraints(runs: Sequence[StudyRun], tolerance: float) -> Iterator[Findi
         if worst <= max(1e-6, tolerance * span):
             continue
         sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
-        falls = len(sizes) > 1 and sizes[-1] < 0.8 * sizes[-2]
+        stays = len(sizes) > 1 and sizes[-1] > STAYS * max(sizes)
+        blamed = stays and not trusted and what != "quaternion"
         yield Finding(
             "constraint-violation",
             f"{what} {element!r} is violated, whatever energy says"
-            + ("; less so at smaller steps" if falls else ", at every step alike"),
+            + (
+                ", at every step alike"
+                if stays
+                else "; less so at smaller steps" * (len(sizes) > 1)
+            ),
             f"by up to {', '.join(f'{s:.2g}' for s in sizes)}",
-            "Use a projection, or a smaller step"
-            if falls
-            else "Check the constraint's geometry, and where the motion starts",
-            element=element,
+            "Check the geometry or the motion of that constraint in the model, and where the motion starts"
+            if stays
+            else "Use a projection, or a smaller step",
+            "cause" if blamed else "note",
+            element,
         )
 
 
@@ -190,12 +206,12 @@ def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator
             )
 
 
-def of_jumps(run: Trajectory) -> Iterator[Finding]:
+def of_jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     """Speeds that jump between two rows, as in an impact that no channel holds."""
     if len(run) < 5 or any(n.partition(" ")[0] in ("impact", "contact") for n in run.forces):
         return
     change = np.abs(np.diff(run.u, axis=0))
-    top = np.abs(run.u).max(axis=0)
+    top = _by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
     around = np.maximum(change[:-2], change[2:])
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
@@ -212,6 +228,12 @@ def of_jumps(run: Trajectory) -> Iterator[Finding]:
         "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
         element=run.speeds[k],
     )
+
+
+def _by_unit(sizes: Array, units: Sequence[str]) -> Array:
+    """For each column the largest of its unit: what is zero but for rounding has no size."""
+    same = np.array([[a == b for b in units] for a in units])
+    return np.asarray(np.where(same, sizes, 0.0).max(axis=1))
 
 
 def _listed(steps: Sequence[float]) -> str:

@@ -32,6 +32,9 @@ LEAST_ROWS = 3
 REFINES = 1.1
 """Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
 
+DIGITS = 3.0
+"""How many times farther than one random rounding moved it a quantity may be off."""
+
 SAME_START = 1e-6
 """Scaled difference of two starts from which on they are starts of two motions."""
 
@@ -46,6 +49,7 @@ class StudyRun:
         left_over: ΔC of each testing function, with the work of corrections (T,), J.
         bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
             of a log, forces held between its rows (T,), J.
+        momentum_bar: likewise of the departure of each momentum balance (T,).
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
     """
@@ -55,6 +59,7 @@ class StudyRun:
     ledger: Ledger | None = None
     left_over: dict[str, Array] | None = None
     bar: dict[str, Array] | None = None
+    momentum_bar: dict[str, Array] | None = None
     failure: str = ""
     findings: tuple[Finding, ...] = ()
 
@@ -188,12 +193,17 @@ def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bo
         return StudyRun(step, failure=str(error))
     ledger = log.ledger
     left = {name: with_corrections(ledger, name) for name in ledger.delta_c}
-    bars = dict(ledger.error_bar)
+    bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
-        held = held_between_rows(log) + _held_unknown(log)
+        unknown = _held_unknown(log)
+        held = held_between_rows(log) + unknown
         digits = _of_digits(mechanism, log)
         bars = {n: b + held + digits.get(n, 0.0) for n, b in bars.items()}
-    return StudyRun(step, log.run, ledger, left, bars, findings=log.findings)
+        momentum_bars = {
+            n: b + digits.get(n, 0.0) + (np.abs(ledger.momentum[n]) if unknown else 0.0)
+            for n, b in momentum_bars.items()
+        }
+    return StudyRun(step, log.run, ledger, left, bars, momentum_bars, findings=log.findings)
 
 
 def with_corrections(ledger: Ledger, function: str) -> Array:
@@ -214,21 +224,29 @@ def _step_of(run: Trajectory) -> float:
 def _held_unknown(log: Log) -> float:
     """Energy (J) that is not known of logged forces where nobody says how they went on between rows.
 
-    Held until the next row, a force is on average half a spacing older than one that is interpolated.
+    Held until the next row, a force is on average half a spacing older than one that is interpolated. A log
+    of every step has that error too, but there it falls with the step.
     """
-    run = log.run
-    if run.provenance.step is not None or not run.forces or len(run) < 2:
+    run, step = log.run, log.run.provenance.step
+    told = "held" in run.provenance.notes or run.provenance.simulator == "deltac"
+    if told or not run.forces or len(run) < 2:
+        return 0.0
+    spacing = float(np.median(np.diff(run.t)))
+    if step is not None and spacing < 1.01 * step:
         return 0.0
     mean = 0.5 * (run.u[1:] + run.u[:-1])
     late = sum(
         (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in run.forces.values()),
         np.zeros(len(mean)),
     )
-    return float(0.5 * np.median(np.diff(run.t)) * np.abs(np.cumsum(late)).max(initial=0.0))
+    return float(0.5 * spacing * np.abs(np.cumsum(late)).max(initial=0.0))
 
 
-def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, Array]:
-    """How much ΔC moves when all numbers of a log of few digits move by half of the last."""
+def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
+    """How much each ΔC and momentum balance moves when all numbers of a log move by half of its digits.
+
+    Nothing for a log in double precision, whose rounding the ledger knows.
+    """
     run = log.run
     halves = {"q": resolution(np.asarray(run.q)), "u": resolution(np.asarray(run.u))}
     sizes = {"q": np.abs(run.q), "u": np.abs(run.u)}
@@ -240,9 +258,12 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, Array]:
         **{n: getattr(run, n) + rng.uniform(-1, 1, h.shape) * h for n, h in halves.items()},
     )
     ledger = balance(mechanism, moved, log.ledger.method)
+    was, now = log.ledger, ledger
+    pairs = [(was.delta_c, now.delta_c), (was.momentum, now.momentum)]
     return {
-        n: np.full(len(run), 3.0 * float(np.abs(ledger.delta_c[n] - x).max()))
-        for n, x in log.ledger.delta_c.items()
+        n: DIGITS * float(np.abs(after[n] - x).max())
+        for before, after in pairs
+        for n, x in before.items()
     }
 
 

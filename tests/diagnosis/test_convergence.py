@@ -22,7 +22,9 @@ def curves(steps: np.ndarray, order: float, limit: float, size: float = 1.0) -> 
 def test_the_published_table_of_the_four_bar_gives_order_two() -> None:
     """IFToMM benchmark A02: largest energy errors of one second-order solver, to its three or four digits."""
     found = observed_order(
-        [1e-3, 5e-4, 2.5e-4, 1.25e-4], [1.143e-3, 2.858e-4, 7.15e-5, 1.795e-5], [5e-7, 5e-8, 5e-8, 5e-9]
+        [1e-3, 5e-4, 2.5e-4, 1.25e-4],
+        [1.143e-3, 2.858e-4, 7.15e-5, 1.795e-5],
+        [5e-7, 5e-8, 5e-8, 5e-9],
     )
     assert found.trend == "falls to zero"
     assert f"{found.order:.2f}" == "2.00"
@@ -30,7 +32,9 @@ def test_the_published_table_of_the_four_bar_gives_order_two() -> None:
 
 
 @pytest.mark.parametrize("order", [1.0, 2.5, 4.0, 8.0])
-@pytest.mark.parametrize("steps", [HALVES, np.array([0.01, 0.004, 0.001]), np.array([0.01, 0.008, 0.007])])
+@pytest.mark.parametrize(
+    "steps", [HALVES, np.array([0.01, 0.004, 0.001]), np.array([0.01, 0.008, 0.007])]
+)
 def test_order_and_no_limit(steps: np.ndarray, order: float) -> None:
     found = observed_order(steps, curves(steps, order, 0.0))
     assert found.trend == "falls to zero"

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac import Study, Trajectory
+from deltac import Mechanism, State, Study, Trajectory
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
 from machines import pendulum, robot
 
 FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
-COARSEST = {1: 512, 2: 128, 3: 64, 4: 64, 5: 32, 8: 8}
+COARSEST = {1: 512, 2: 128, 3: 64, 4: 64, 5: 48, 8: 8}
 """Steps of the coarsest of four runs, by order: resolved, and clear of rounding at the finest."""
 
 
@@ -27,15 +27,31 @@ def halved(step: float, count: int = 3) -> list[float]:
     return [step / 2**k for k in range(count)]
 
 
+def arm() -> tuple[Mechanism, State]:
+    """Two damped bars under a torque, without any symmetry that could cancel errors."""
+    mechanism = dc.Mechanism(
+        [dc.rod("upper", 1.2, 0.7), dc.rod("lower", 0.8, 0.5)],
+        [
+            dc.revolute("shoulder", "ground", "upper", damping=0.2),
+            dc.revolute("elbow", "upper", "lower", position=(0.7, 0, 0), damping=0.1),
+        ],
+        [dc.joint_torque("motor", "shoulder", "0.7*cos(2*t)*sin(q.shoulder)")],
+        gravity=[0, -9.81, 0],
+    )
+    return mechanism, mechanism.state({"shoulder": -0.9, "elbow": 0.4}, {"elbow": 1.5})
+
+
 # --- orders ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", FIXED)
 def test_every_solver_shows_its_order(name: str) -> None:
     """In the state to ± 0.15; of ΔC between p and p + 1 (Kane and Levinson's functions are of order p)."""
-    mechanism, state = robot()
     order = SOLVERS[name].order
     assert order is not None
+    mechanism, state = (
+        arm() if order < 8 else robot()
+    )  # whose errors stay above rounding for longer
     found = dc.study(mechanism, state, 1.28, halved(1.28 / COARSEST.get(order, 32), 4), name)
     motion = found.observed_order["state"]
     assert motion.order == pytest.approx(order, abs=0.15), found.verdict.explain()
@@ -72,7 +88,9 @@ def test_the_error_of_the_integrator_in_words() -> None:
     assert (within.verdict.kind, within.status) == ("consistent", 0)
 
 
-@pytest.mark.parametrize("steps", [(1e-2, 5e-3, 2.5e-3), (1e-3, 5e-4, 2.5e-4), (4e-4, 2e-4, 1e-4), (1e-2,)])
+@pytest.mark.parametrize(
+    "steps", [(1e-2, 5e-3, 2.5e-3), (1e-3, 5e-4, 2.5e-4), (4e-4, 2e-4, 1e-4), (1e-2,)]
+)
 def test_the_mistake_of_figure_4_7_is_blamed_on_coordinate_2(steps: tuple[float, ...]) -> None:
     problem = dc.problems.load("triple-pendulum", mistake=True)
     found = dc.study(problem, duration=2.0, steps=steps, equations=problem.equations)
@@ -153,7 +171,9 @@ def test_a_controller_held_over_the_step_makes_the_motion_first_order() -> None:
             1.0,
             (0.02, 0.01, 0.005),
             "ode4",
-            controller=dc.Controller(lambda t, q, u: {"motor": np.sin(3 * t) - 0.5 * u[0]}, hold=hold),
+            controller=dc.Controller(
+                lambda t, q, u: {"motor": np.sin(3 * t) - 0.5 * u[0]}, hold=hold
+            ),
         )
         for hold in (True, False)
     )

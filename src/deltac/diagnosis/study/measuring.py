@@ -19,7 +19,7 @@ from deltac.diagnosis.study.curves import FEWEST, Comparison, compare
 from deltac.diagnosis.study.residuals import residuals_of
 from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.rules import StudyMeasures, judge_study
-from deltac.diagnosis.study.runs import StudyRun, disagreements
+from deltac.diagnosis.study.runs import StudyRun, disagreements, unblinded
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
@@ -41,6 +41,7 @@ def studied(
 ) -> Study:
     """From runs to the study: compare, fit, look around, judge."""
     mechanism = loaded.mechanism
+    runs = unblinded(runs)
     places, found = disagreements(mechanism, runs)
     findings = [*findings, *found]
     kept = [runs[k] for k in places]
@@ -75,7 +76,7 @@ def studied(
         findings += noticed.of_jumps(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(kept, function, ledger.turnover, tolerance * ledger.turnover)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
     findings += noticed.of_constraints(kept, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))

@@ -46,7 +46,7 @@ class StudyRun:
     Attributes:
         step: the step (s), or the tolerance of an adaptive solver.
         run: the motion, in the model's order; `ledger` where its energy went.
-        left_over: ΔC of each testing function, with the work of corrections (T,), J.
+        left_over: ΔC of each testing function (T,), J, corrections counted so that they hide nothing.
         bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
             of a log, forces held between its rows (T,), J.
         momentum_bar: likewise of the departure of each momentum balance (T,).
@@ -192,7 +192,7 @@ def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bo
     except InputError as error:
         return StudyRun(step, failure=str(error))
     ledger = log.ledger
-    left = {name: with_corrections(ledger, name) for name in ledger.delta_c}
+    left = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
         unknown = _held_unknown(log)
@@ -206,11 +206,43 @@ def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bo
     return StudyRun(step, log.run, ledger, left, bars, momentum_bars, findings=log.findings)
 
 
-def with_corrections(ledger: Ledger, function: str) -> Array:
-    """ΔC with what the simulator itself added to keep its scheme going: that is error, not force."""
-    corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
-    delta_c = ledger.delta_c[function]
-    return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
+def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
+    """The runs with ΔC taken so that corrections do not hide an error, alike for all of them.
+
+    A simulator that brings its state back to the right energy, or onto a constraint, books that as work of a
+    channel "correction …". Counted as work, it shows the drift that was corrected; left out, what the
+    corrections spoiled. The larger one at the finest step is the error.
+    """
+    finest = next((r for r in reversed(runs) if r.ledger is not None), None)
+    if finest is None or finest.ledger is None or not corrections(finest.ledger):
+        return tuple(runs)
+    counted = finest.ledger.delta_c
+    chosen = {
+        n: float(np.abs(without_corrections(finest.ledger, n)).max()) > float(np.abs(x).max())
+        for n, x in counted.items()
+    }
+
+    def taken(entry: StudyRun) -> StudyRun:
+        if entry.ledger is None:
+            return entry
+        ledger = entry.ledger
+        left = {
+            n: without_corrections(ledger, n) if chosen.get(n, False) else x
+            for n, x in ledger.delta_c.items()
+        }
+        return replace(entry, left_over=left)
+
+    return tuple(taken(entry) for entry in runs)
+
+
+def corrections(ledger: Ledger) -> dict[str, Array]:
+    """Work (T,) of each channel by which a simulator corrected its own state, from zero on."""
+    return {n: w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")}
+
+
+def without_corrections(ledger: Ledger, function: str) -> Array:
+    """ΔC (T,) as it is when the work of corrections counts as error, and not as work."""
+    return np.asarray(sum(corrections(ledger).values(), start=ledger.delta_c[function]))
 
 
 def _step_of(run: Trajectory) -> float:

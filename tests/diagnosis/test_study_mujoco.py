@@ -1,4 +1,4 @@
-"""Studies of MuJoCo: the order of each of its integrators, contacts, models that are not the simulated one."""
+"""Studies of MuJoCo: the order of each of its integrators, contacts, models that were not simulated."""
 
 from __future__ import annotations
 

@@ -136,11 +136,16 @@ def towards_zero(h: Array, y: Array, floors: Array) -> Convergence:
 
 
 def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
-    count = _above_floor(sizes, floors)
-    if count == 0:
+    clear = sizes > CLEAR * floors
+    if not clear.any():
         return Convergence("at its floor", limit=0.0, limit_error=float(floors.min()))
     if len(h) == 1:
         return Convergence("one run")
+    # Quadrature on coarse samples may be worse than the motion; finer samples mend that.
+    first = int(np.argmax(clear))
+    h, y, sizes, floors = (x[first:] for x in (h, y, sizes, floors))
+    clear = clear[first:]
+    count = len(h) if clear.all() else int(np.argmin(clear))
     limit, limit_error, three = _limit(h, y, floors)
     if three is not None and abs(limit) > SURE * limit_error:
         order, error, alike, places = three
@@ -155,8 +160,8 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         rate = _pair_order(h[count - 1 : count + 1], sizes[count - 1 : count + 1]) if falls else 0.0
         trend: Trend = "falls to zero" if rate >= LEAST_ORDER else "does not settle"
         return Convergence(trend, limit=limit, limit_error=limit_error)
-    clear = [p for p in pairs if sizes[p[0] + 1] > WELL_CLEAR * floors[p[0] + 1]]
-    last, estimates = (clear or pairs)[-1]
+    well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
+    last, estimates = (well_clear or pairs)[-1]
     order, error = _with_neighbours(last, estimates, pairs)
     falling = float(np.median(pairs[-1][1])) >= LEAST_ORDER
     certain = error <= max(VAGUE * abs(order), 1.0)
@@ -216,12 +221,6 @@ def _told(found: Convergence, sizes: Array, floors: Array) -> Convergence:
 
 
 # --- parts ---------------------------------------------------------------------------------------
-
-
-def _above_floor(sizes: Array, floors: Array) -> int:
-    """How many runs, from the coarsest on, are clear of their floor."""
-    clear = sizes > CLEAR * floors
-    return len(sizes) if clear.all() else int(np.argmin(clear))
 
 
 def _limit(

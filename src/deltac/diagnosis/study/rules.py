@@ -14,6 +14,9 @@ BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a
 whole order or more, and steps that are still coarse a part of one."""
 
+ENDS_OTHERWISE = 0.3
+"""An order of the end value that differs by more from that of the whole is worth a word."""
+
 LARGE_LIMIT = 1e-4
 """Share of the turnover below which a limit of ΔC is not told from slow convergence without u̇."""
 
@@ -256,6 +259,9 @@ def _energy(m: StudyMeasures) -> str:
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"
+        end = m.energy.end_order
+        if end is not None and abs(end - m.energy.order) > ENDS_OTHERWISE:
+            text += f" (its value at the end: {end:.1f})"
     if m.energy.trend == "tends to a limit":
         text += f"; limit {m.energy.limit:.3g} ± {m.energy.limit_error:.1g} J"
     return text

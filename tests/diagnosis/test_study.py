@@ -44,7 +44,9 @@ def arm() -> tuple[Mechanism, State]:
 # --- orders ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "ode8")) for n in FIXED]
+)
 def test_every_solver_shows_its_order(name: str) -> None:
     """In the state to ± 0.15; of ΔC between p and p + 1 (Kane and Levinson's functions are of order p)."""
     order = SOLVERS[name].order

@@ -63,6 +63,7 @@ def test_controls_are_held_over_a_step() -> None:
     assert found.verdict.kind in ("consistent", "integration-error", "unresolved")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["euler", "implicitfast"])
 def test_contacts_accuse_nobody(name: str) -> None:
     found = dc.study(model_of(HOPPER), None, 0.6, (4e-3, 2e-3, 1e-3), f"mujoco:{name}")

@@ -209,6 +209,7 @@ def test_a_moving_support() -> None:
         assert found.verdict.kind == "consistent", found.verdict.explain()
 
 
+@pytest.mark.slow
 def test_constraints_stabilised_in_three_ways() -> None:
     problem = dc.problems.load("n-four-bar")
     for stabilisation in ("projection", (20.0, 20.0), "none"):

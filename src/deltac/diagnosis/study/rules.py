@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from deltac.diagnosis.findings import Finding, percent
@@ -133,8 +134,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
             "speeds jump between rows, as in impacts, and the work of an impact is not in the runs"
         )
     if m.energy.trend == "falls to zero":
-        confidence: Confidence = "high" if m.equations_right or len(m.steps) > 2 else "medium"
-        return verdict("integration-error", confidence, _falling(m))
+        return verdict("integration-error", _sure(m), _falling(m), *_hidden(m))
     if m.trusted or (m.equations_right and not _wrong_limit(m)):
         return verdict("integration-error", "medium", _coarse(m))
     if _wrong_limit(m):
@@ -209,6 +209,14 @@ def _amount(m: StudyMeasures) -> str:
 def _falling(m: StudyMeasures) -> str:
     order = "" if m.energy.order is None else f" at order {order_text(m.energy)}"
     return f"The error is the integrator's; it falls{order or ', at no clear order'}; {_amount(m)}."
+
+
+def _hidden(m: StudyMeasures) -> tuple[str, ...]:
+    """What could still hide behind the error of the steps, where the equations were not tested."""
+    bound = max(m.energy.limit, m.energy.limit_error)
+    if m.equations_right or not math.isfinite(bound):
+        return ()
+    return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these steps",)
 
 
 def _small(m: StudyMeasures, *, idle: bool = False) -> str:

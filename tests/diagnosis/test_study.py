@@ -65,6 +65,18 @@ def test_every_solver_shows_its_order(name: str) -> None:
     assert not kinds(found) & {"order-below-nominal", "horizon"}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [s.name for s in SOLVERS.values() if s.family == "implicit"])
+def test_implicit_solvers_show_their_order(name: str) -> None:
+    """In the state; one that keeps energy by construction has no error of energy to show an order."""
+    mechanism, state = arm()
+    order = SOLVERS[name].order
+    assert order is not None
+    found = dc.study(mechanism, state, 1.28, halved(1.28 / COARSEST[order], 4), name)
+    assert found.observed_order["state"].order == pytest.approx(order, abs=0.15)
+    assert found.verdict.kind in ("consistent", "integration-error")
+
+
 def test_adaptive_solvers_by_their_tolerances() -> None:
     mechanism = pendulum()
     state = mechanism.state({"hinge": 2.0})

@@ -185,11 +185,11 @@ def _own(
             f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
         )
     found = find_solver(solver)
-    if adaptive and found.family == "fixed":
+    if adaptive and found.takes_steps:
         raise InputError(
             f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
         )
-    if not adaptive and found.family != "fixed":
+    if not adaptive and not found.takes_steps:
         raise InputError(
             f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
         )

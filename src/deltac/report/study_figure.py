@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.report.figures import COLOURS, POINTS, _figure, styled
+from deltac.report.figures import COLOURS, EPS, POINTS, _figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,11 +97,8 @@ def _line(panel: Axes, h: np.ndarray, sizes: np.ndarray, found: Convergence, col
 
 def _over_time(panel: Axes, study: Study) -> None:
     runs = [r for r in study.runs if r.step in study.measures.steps and r.run is not None]
-    floor = max(
-        float(min(study.measures.bars)),
-        DECADES * study.measures.left[-1],
-        float(np.finfo(np.float64).tiny),
-    )
+    m = study.measures
+    floor = max(EPS * m.turnover, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
     palette = (*COLOURS[:2], *COLOURS[3:], COLOURS[2])
     for k, (entry, colour) in enumerate(zip(runs, (palette[i % 5] for i in range(len(runs))))):
         assert entry.run is not None and entry.left_over is not None

@@ -42,6 +42,9 @@ AGREE = 0.1
 UNVERIFIED = 0.05
 """Share of an order by which it may be off where no neighbouring steps confirm it: terms of higher order."""
 
+VAGUE = 0.5
+"""An order whose error is a larger share of it is none."""
+
 EARLY = 8
 """The first so many parts of the time tell truncation from rounding, before either is amplified."""
 
@@ -133,11 +136,16 @@ def towards_zero(h: Array, y: Array, floors: Array) -> Convergence:
 
 
 def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
-    count = _above_floor(sizes, floors)
-    if count == 0:
+    clear = sizes > CLEAR * floors
+    if not clear.any():
         return Convergence("at its floor", limit=0.0, limit_error=float(floors.min()))
     if len(h) == 1:
         return Convergence("one run")
+    # Quadrature on coarse samples may be worse than the motion; finer samples mend that.
+    first = int(np.argmax(clear))
+    h, y, sizes, floors = (x[first:] for x in (h, y, sizes, floors))
+    clear = clear[first:]
+    count = len(h) if clear.all() else int(np.argmin(clear))
     limit, limit_error, three = _limit(h, y, floors)
     if three is not None and abs(limit) > SURE * limit_error:
         order, error, alike, places = three
@@ -152,15 +160,16 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         rate = _pair_order(h[count - 1 : count + 1], sizes[count - 1 : count + 1]) if falls else 0.0
         trend: Trend = "falls to zero" if rate >= LEAST_ORDER else "does not settle"
         return Convergence(trend, limit=limit, limit_error=limit_error)
-    clear = [p for p in pairs if sizes[p[0] + 1] > WELL_CLEAR * floors[p[0] + 1]]
-    last, estimates = (clear or pairs)[-1]
+    well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
+    last, estimates = (well_clear or pairs)[-1]
     order, error = _with_neighbours(last, estimates, pairs)
     falling = float(np.median(pairs[-1][1])) >= LEAST_ORDER
+    certain = error <= max(VAGUE * abs(order), 1.0)
     ends = np.abs(y[last : last + 2, -1])
     return Convergence(
         "falls to zero" if falling else "does not settle",
-        order,
-        error,
+        order if certain else None,
+        error if certain else None,
         limit,
         limit_error,
         (float(h[last]), float(h[last + 1])),
@@ -192,7 +201,9 @@ def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array)
             if found:
                 triples.append((i, found))
     if not triples:
-        return Convergence("does not settle" if len(h) > 2 else "one run")
+        if clear[-1]:
+            return Convergence("does not settle" if len(h) > 2 else "one run")
+        return Convergence("at its floor", limit_error=float(floors.min()))
     first, estimates = triples[-1]
     order, error = _with_neighbours(first, estimates, triples)
     trend: Trend = "tends to a limit" if order >= LEAST_ORDER else "does not settle"
@@ -210,12 +221,6 @@ def _told(found: Convergence, sizes: Array, floors: Array) -> Convergence:
 
 
 # --- parts ---------------------------------------------------------------------------------------
-
-
-def _above_floor(sizes: Array, floors: Array) -> int:
-    """How many runs, from the coarsest on, are clear of their floor."""
-    clear = sizes > CLEAR * floors
-    return len(sizes) if clear.all() else int(np.argmin(clear))
 
 
 def _limit(
@@ -314,7 +319,10 @@ def _richardson_order(h: Array, ratio: float) -> float | None:
 
 
 def _centre(estimates: Sequence[float]) -> tuple[float, float]:
-    """Median and half of the spread."""
+    """Median and half of the spread; of what is not finite there is no spread."""
+    finite = [x for x in estimates if math.isfinite(x)]
+    if len(finite) < len(estimates):
+        return round(float(np.median(finite or [0.0])), 12), math.inf
     return round(float(np.median(estimates)), 12), 0.5 * float(np.ptp(estimates))
 
 

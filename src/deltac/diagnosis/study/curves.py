@@ -22,6 +22,9 @@ SAME = 1e-9
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two motions."""
 
+CLOSE = 0.01
+"""Scaled difference up to which two motions are close: what parts them grows in proportion."""
+
 FEWEST = 8
 """Common times below which curves are not compared over time."""
 
@@ -36,6 +39,7 @@ class Comparison:
         states: scaled coordinates and speeds (n, T, m): of one unit and kind, the largest range is 1.
         horizon: the time up to which runs with successive steps stay together.
         together: for each pair of successive runs, the time up to which they do.
+        close: likewise the time up to which the three finest are close.
     """
 
     t: Array
@@ -43,11 +47,18 @@ class Comparison:
     states: Array
     horizon: float
     together: tuple[float, ...]
+    close: float
 
     @property
     def within(self) -> int:
         """How many of the common times lie within the horizon."""
         return int(np.searchsorted(self.t, self.horizon, "right"))
+
+    @property
+    def closely(self) -> int:
+        """How many of them lie where the runs are close; all within the horizon where that is too few."""
+        count = int(np.searchsorted(self.t, self.close, "right"))
+        return count if count >= FEWEST else self.within
 
     def sampled(self, curves: Sequence[Array]) -> Array:
         """Curves of each run at the common times (n, T)."""
@@ -58,13 +69,17 @@ def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Comparison:
     """Put runs side by side, coarsest step first; the horizon is that of the three finest."""
     t, rows = common_times([run.t for run in runs])
     states = _scaled(mechanism, runs, rows)
-    together = []
-    for a, b in zip(states, states[1:]):
-        apart = np.sqrt(np.mean((a - b) ** 2, axis=1)) > PARTED
-        k = int(np.argmax(apart)) if apart.any() else len(t)
-        together.append(float(t[k - 1]) if 0 < k <= len(t) else float(t[0]))
-    horizon = min(together[-2:], default=float(t[-1]))
-    return Comparison(t, tuple(rows), states, horizon, tuple(together))
+    together = [_parting(t, a, b, PARTED) for a, b in zip(states, states[1:])]
+    close = [_parting(t, a, b, CLOSE) for a, b in zip(states[-3:], states[-2:])]
+    horizon, near = (min(times[-2:], default=float(t[-1])) for times in (together, close))
+    return Comparison(t, tuple(rows), states, horizon, tuple(together), near)
+
+
+def _parting(t: Array, a: Array, b: Array, difference: float) -> float:
+    """The last time before two motions (T, m) differ by so much."""
+    apart = np.sqrt(np.mean((a - b) ** 2, axis=1)) > difference
+    k = int(np.argmax(apart)) if apart.any() else len(t)
+    return float(t[max(k - 1, 0)])
 
 
 def common_times(times: Sequence[Array]) -> tuple[Array, list[Rows]]:

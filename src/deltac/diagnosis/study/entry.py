@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from deltac.diagnosis.findings import Finding
@@ -63,7 +64,8 @@ def study(
         state: where the motion starts; for a Problem its own by default, else at zero and at rest. With
             MuJoCo an mjData will do.
         duration: s; for a Problem its own by default.
-        steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by default.
+        steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
+            default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
         solver: a name of `solver_names()` ("ode5" by default), or "mujoco:" and an integrator's name.
         equations: hand-written equations of motion in place of the mechanism's own, or their function.
         testing: testing functions that are integrated in the loop.
@@ -87,25 +89,29 @@ def study(
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
-    mechanism = loaded.mechanism
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)
-    findings: list[Finding] = []
-    own_solver = False
     if logs:
         if simulator is not None or steps or tolerances or solver:
             raise InputError(
                 "logs= are runs already: leave out steps, tolerances, solver and simulator"
             )
-        runs = logged(mechanism, logs, mapping)
-        solver, order = _of_logs(runs, order)
+        runs = logged(loaded.mechanism, logs, mapping)
+        maker = _of_logs(runs, order)
+        findings: list[Finding] = []
     else:
         if tolerances and steps:
             raise InputError("give steps= or tolerances=, not both")
         wanted = tolerances or steps or _default_steps(loaded)
         values, findings = checked_steps(wanted, "tolerance" if tolerances else "step")
-        if simulator is None:
-            state = _start(loaded, state)
+        if simulator is not None:
+            if solver or equations is not None or controller is not None:
+                raise InputError(
+                    "simulator= makes the runs by itself: leave out solver, equations and controller"
+                )
+            maker = _of_user(simulator, order)
+        else:
+            state = loaded.problem.state if state is None and loaded.problem else state
             duration = _duration(loaded, duration)
             solver = solver or ("DOP853" if tolerances else _default_solver(loaded))
             if solver.startswith(MUJOCO):
@@ -114,50 +120,50 @@ def study(
                         "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
                         "are set by control=)"
                     )
-                simulator = mujoco_simulator(
-                    model,
-                    duration,
-                    integrator=solver.removeprefix(MUJOCO),
-                    control=control,
-                    state=state,
+                name = solver.removeprefix(MUJOCO)
+                run = mujoco_simulator(
+                    model, duration, integrator=name, control=control, state=state
                 )
+                maker = _of_user(run, order)
             else:
-                own_solver, order = True, find_solver(solver).order if order is None else order
-                simulator = _own(
-                    mechanism,
-                    state if state is not None else mechanism.state(),
+                maker = _own(
+                    loaded.mechanism,
+                    loaded.mechanism.state() if state is None else state,
                     duration,
                     solver,
                     testing,
                     equations,
                     controller,
                     stabilisation,
+                    order,
                     adaptive=bool(tolerances),
                 )
-                order = None if tolerances else order
-        elif solver or equations is not None or controller is not None:
-            raise InputError(
-                "simulator= makes the runs by itself: leave out solver, equations and controller"
-            )
-        if isinstance(simulator, MujocoSimulator):
-            solver, order = simulator.solver, simulator.order if order is None else order
-        solver = solver or getattr(simulator, "__name__", type(simulator).__name__)
-        runs = simulated(mechanism, simulator, values, progress, trusted=own_solver)
+        runs = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=maker.own)
     _some(runs)
     return studied(
         loaded,
         tuple(runs),
-        solver,
-        order,
+        maker.name,
+        maker.order,
         equations,
         findings,
         float(tolerance),
-        own_solver=own_solver,
+        own_solver=maker.own,
         unit="" if tolerances else "s",
     )
 
 
 # --- what is run ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Maker:
+    """What makes the runs: its name, its nominal order if known, and whether it is one of our solvers."""
+
+    simulator: Simulator
+    name: str
+    order: int | None
+    own: bool = False
 
 
 def _own(
@@ -169,9 +175,10 @@ def _own(
     equations: Equations | None,
     controller: Controller | None,
     stabilisation: Stabilisation,
+    order: int | None,
     *,
     adaptive: bool,
-) -> Simulator:
+) -> _Maker:
     """One of our solvers as a function of its step, or of its tolerance."""
     if not isinstance(state, State):
         raise InputError(
@@ -201,24 +208,28 @@ def _own(
             stabilisation=stabilisation,
         )
 
-    return run
+    # The error of an adaptive solver follows its tolerance, not a power of a step.
+    nominal = None if adaptive else found.order
+    return _Maker(run, solver, nominal if order is None else order, own=True)
+
+
+def _of_user(simulator: Simulator, order: int | None) -> _Maker:
+    """A simulator that is not ours; MuJoCo's know their name and order."""
+    if isinstance(simulator, MujocoSimulator):
+        return _Maker(simulator, simulator.solver, simulator.order if order is None else order)
+    return _Maker(simulator, getattr(simulator, "__name__", type(simulator).__name__), order)
 
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
         raise InputError("give steps=, three or more, each half of the one before")
-    h = loaded.problem.step
-    return tuple(c * h for c in (4, 2, 1) if round(loaded.problem.duration / (c * h)) * c * h)
+    h, duration = loaded.problem.step, loaded.problem.duration
+    coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
+    return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)
 
 
 def _default_solver(loaded: Model) -> str:
     return loaded.problem.solver if loaded.problem is not None else "ode5"
-
-
-def _start(loaded: Model, state: State | Any) -> State | Any:
-    if state is not None or loaded.problem is None:
-        return state
-    return loaded.problem.state
 
 
 def _duration(loaded: Model, duration: float | None) -> float:
@@ -229,16 +240,19 @@ def _duration(loaded: Model, duration: float | None) -> float:
     return loaded.problem.duration
 
 
-def _of_logs(runs: Sequence[StudyRun], order: int | None) -> tuple[str, int | None]:
-    """Who made the logs, as they say themselves."""
-    known = [entry.run.provenance for entry in runs if entry.run is not None]
-    if not known:
-        return "logs", order
-    last = known[-1]
-    name = f"{last.simulator} {last.solver}" if last.solver else last.simulator
-    if order is None and last.simulator == "deltac" and last.solver:
-        order = find_solver(last.solver).order
-    return name, order
+def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:
+    """Who made the logs, as the finest says itself."""
+
+    def none(step: float) -> Trajectory:
+        raise InputError("logs are runs already")
+
+    source = next((r.run.provenance for r in reversed(runs) if r.run is not None), None)
+    if source is None:
+        return _Maker(none, "logs", order)
+    name = f"{source.simulator} {source.solver}" if source.solver else source.simulator
+    if order is None and source.simulator == "deltac" and source.solver:
+        order = find_solver(source.solver).order
+    return _Maker(none, name, order)
 
 
 def _some(runs: Sequence[StudyRun]) -> None:

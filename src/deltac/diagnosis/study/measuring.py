@@ -19,7 +19,8 @@ from deltac.diagnosis.study.curves import FEWEST, Comparison, compare
 from deltac.diagnosis.study.residuals import residuals_of
 from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.rules import StudyMeasures, judge_study
-from deltac.diagnosis.study.runs import StudyRun, disagreements
+from deltac.diagnosis.study.runs import StudyRun, disagreements, unblinded
+from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
 
@@ -40,6 +41,7 @@ def studied(
 ) -> Study:
     """From runs to the study: compare, fit, look around, judge."""
     mechanism = loaded.mechanism
+    runs = unblinded(runs)
     places, found = disagreements(mechanism, runs)
     findings = [*findings, *found]
     kept = [runs[k] for k in places]
@@ -52,7 +54,7 @@ def studied(
     functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
     energy = {n: _energy(kept, compared, first, steps, n) for n in functions}
     state = _state(compared, first, steps, motions)
-    momentum = _momentum(kept, compared, first, steps)
+    momentum = _momentum(mechanism, kept, compared, first, steps)
     trusted = own_solver and equations is None
     residuals = None
     if not trusted:
@@ -71,11 +73,11 @@ def studied(
     if not own_solver:
         missing = assumed_zero(motions[-1], loaded.import_report)
         findings += assumed_zero_finding(missing)
-        findings += noticed.of_jumps(motions[-1])
+        findings += noticed.of_jumps(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(kept, function, ledger.turnover, tolerance * ledger.turnover)
-    findings += noticed.of_constraints(kept, tolerance)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
+    findings += noticed.of_constraints(kept, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     measures = StudyMeasures(
@@ -141,7 +143,7 @@ def _energy(
 def _state(
     compared: Comparison, first: int, steps: Array, motions: Sequence[Trajectory]
 ) -> Convergence:
-    within = compared.within
+    within = compared.closely
     if within < min(FEWEST, len(compared.t)) or within < 2:
         return Convergence("does not settle" if len(steps) > 1 else "one run")
     states = compared.states[first:, 1:within]
@@ -150,16 +152,18 @@ def _state(
 
 
 def _momentum(
-    kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array
+    mechanism: Mechanism, kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array
 ) -> dict[str, Convergence]:
     within = compared.within
+    if mechanism.constraints:  # whose reactions these balances leave out
+        return {}
     ledgers = [entry.ledger for entry in kept if entry.ledger is not None]
     if within < FEWEST or first > len(kept) - 2:
         return {}
     found = {}
     for name in ledgers[-1].momentum:
         curves = [ledger.momentum[name] for ledger in ledgers]
-        bars = [ledger.momentum_bar[name] for ledger in ledgers]
+        bars = [(entry.momentum_bar or {})[name] for entry in kept]
         y = compared.sampled(curves)[first:, :within]
         floors = compared.sampled(bars)[first:, :within].max(axis=1)
         found[name] = towards_zero(steps[first:], y, floors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from deltac.diagnosis.findings import Finding, percent
@@ -10,8 +11,12 @@ from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.residuals import Residuals
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 
-BELOW = 0.35
-"""An observed order below the nominal one by more than this and its error is a finding."""
+BELOW = 0.6
+"""An observed order that is off by more than this and its error is a finding: what is not smooth costs a
+whole order or more, and steps that are still coarse a part of one."""
+
+ENDS_OTHERWISE = 0.3
+"""An order of the end value that differs by more from that of the whole is worth a word."""
 
 LARGE_LIMIT = 1e-4
 """Share of the turnover below which a limit of ΔC is not told from slow convergence without u̇."""
@@ -69,6 +74,11 @@ class StudyMeasures:
         return self.tolerance * self.turnover
 
     @property
+    def below_rounding(self) -> bool:
+        """Whether so little energy is turned over that the tolerance asks for less than rounding."""
+        return self.bars[-1] > self.allowed and not self.quadrature
+
+    @property
     def equations_right(self) -> bool:
         """Whether the equations are known to be those of the model, whatever the integration did."""
         return self.trusted or (self.residuals is not None and self.residuals.closes)
@@ -99,7 +109,12 @@ def judge_study(m: StudyMeasures) -> Verdict:
         return unresolved("; ".join(doubts))
     if m.residuals is not None and m.residuals.stays and max(m.residuals.by_step) > m.tolerance:
         return verdict("equation-error", "high", _wrong_equations(m))
-    idle = m.turnover <= max(NOTHING * m.scale, IDLE * left)
+    if violated := [
+        f.what for f in m.findings if f.kind == "constraint-violation" and f.weight == "cause"
+    ]:
+        meaning = f"The motion is not one of this model: {'; '.join(violated)}."
+        return verdict("equation-error", "medium", meaning)
+    idle = m.turnover <= max(NOTHING * m.scale, IDLE * left) or m.below_rounding
     if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic:
         return verdict("consistent", _sure(m), _small(m, idle=True))
     if m.turnover <= NOTHING * m.scale:
@@ -109,19 +124,18 @@ def judge_study(m: StudyMeasures) -> Verdict:
             f"the error bar of the work, {bar:.2g} J, is as large as what is left: log more often, or log "
             "more digits"
         )
-    astray = [n for n, c in m.momentum.items() if c.trend == "tends to a limit"]
+    astray = _astray(m)
     if left <= m.allowed:
-        if astray and not m.equations_right and not m.has(*BLOCKING):
-            return verdict("equation-error", "medium", _wrong_momentum(m, astray))
+        if astray:
+            return verdict("equation-error", "medium", _wrong_momentum(astray))
         return verdict("consistent", _sure(m), _small(m))
     if m.has("impacts") and m.energy.trend != "falls to zero":
         return unresolved(
             "speeds jump between rows, as in impacts, and the work of an impact is not in the runs"
         )
     if m.energy.trend == "falls to zero":
-        confidence: Confidence = "high" if m.equations_right or len(m.steps) > 2 else "medium"
-        return verdict("integration-error", confidence, _falling(m))
-    if m.equations_right:
+        return verdict("integration-error", _sure(m), _falling(m), *_hidden(m))
+    if m.trusted or (m.equations_right and not _wrong_limit(m)):
         return verdict("integration-error", "medium", _coarse(m))
     if _wrong_limit(m):
         blocked = [f.what for f in m.findings if f.kind in BLOCKING]
@@ -129,11 +143,25 @@ def judge_study(m: StudyMeasures) -> Verdict:
             return unresolved(f"ΔC tends to {m.energy.limit:.3g} J, but {blocked[0]}")
         if m.residuals is not None:
             return unresolved(
-                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion close the better the "
-                "smaller the step: something happens between the rows that they do not hold"
+                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion close at the samples: "
+                "something happens between them that no channel holds, or the constraints of the model are "
+                "not those of the motion"
             )
         return verdict("equation-error", "medium", _wrong_equations(m))
+    if astray:
+        return verdict("equation-error", "low", _wrong_momentum(astray))
     return unresolved(_why(m), _advice(m))
+
+
+def _astray(m: StudyMeasures) -> list[str]:
+    """Momentum balances that do not close however small the step, where nothing else explains it."""
+    if m.equations_right or m.has(*BLOCKING) or not _plausible(m):
+        return []
+    return [
+        name
+        for name, found in m.momentum.items()
+        if found.trend == "tends to a limit" and found.limit > BEYOND * max(found.floors)
+    ]
 
 
 def _wrong_limit(m: StudyMeasures) -> bool:
@@ -180,8 +208,15 @@ def _amount(m: StudyMeasures) -> str:
 
 def _falling(m: StudyMeasures) -> str:
     order = "" if m.energy.order is None else f" at order {order_text(m.energy)}"
-    known = "" if m.energy.order is not None else " to the floor of rounding"
-    return f"The error is the integrator's; it falls{order or known}; {_amount(m)}."
+    return f"The error is the integrator's; it falls{order or ', at no clear order'}; {_amount(m)}."
+
+
+def _hidden(m: StudyMeasures) -> tuple[str, ...]:
+    """What could still hide behind the error of the steps, where the equations were not tested."""
+    bound = max(m.energy.limit, m.energy.limit_error)
+    if m.equations_right or not math.isfinite(bound):
+        return ()
+    return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these steps",)
 
 
 def _small(m: StudyMeasures, *, idle: bool = False) -> str:
@@ -215,10 +250,10 @@ def _wrong_equations(m: StudyMeasures) -> str:
     )
 
 
-def _wrong_momentum(m: StudyMeasures, names: list[str]) -> str:
+def _wrong_momentum(names: list[str]) -> str:
     return (
-        f"Energy balances, but {' and '.join(names)} does not, however small the step: a force that does "
-        "no work is wrong or missing."
+        f"The balance of momentum ({', '.join(names)}) does not close, however small the step: a force is "
+        "wrong or missing, one that does no work perhaps."
     )
 
 
@@ -232,6 +267,9 @@ def _energy(m: StudyMeasures) -> str:
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"
+        end = m.energy.end_order
+        if end is not None and abs(end - m.energy.order) > ENDS_OTHERWISE:
+            text += f" (its value at the end: {end:.1f})"
     if m.energy.trend == "tends to a limit":
         text += f"; limit {m.energy.limit:.3g} ± {m.energy.limit_error:.1g} J"
     return text
@@ -266,6 +304,11 @@ def _why(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
         count = "one step was" if len(m.steps) == 1 else "two steps were"
         return f"{count} studied: what ΔC tends to shows from three on"
+    if m.energy.trend == "at its floor":
+        return (
+            f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly more than the error bar of the work, "
+            f"{m.bars[-1]:.2g} J"
+        )
     if m.energy.trend == "tends to a limit":
         return (
             f"ΔC seems to tend to {m.energy.limit:.2g} J, but the motion itself does not converge as the "

@@ -32,6 +32,9 @@ LEAST_ROWS = 3
 REFINES = 1.1
 """Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
 
+DIGITS = 3.0
+"""How many times farther than one random rounding moved it a quantity may be off."""
+
 SAME_START = 1e-6
 """Scaled difference of two starts from which on they are starts of two motions."""
 
@@ -43,9 +46,10 @@ class StudyRun:
     Attributes:
         step: the step (s), or the tolerance of an adaptive solver.
         run: the motion, in the model's order; `ledger` where its energy went.
-        left_over: ΔC of each testing function, with the work of corrections (T,), J.
+        left_over: ΔC of each testing function (T,), J, corrections counted so that they hide nothing.
         bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
             of a log, forces held between its rows (T,), J.
+        momentum_bar: likewise of the departure of each momentum balance (T,).
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
     """
@@ -55,6 +59,7 @@ class StudyRun:
     ledger: Ledger | None = None
     left_over: dict[str, Array] | None = None
     bar: dict[str, Array] | None = None
+    momentum_bar: dict[str, Array] | None = None
     failure: str = ""
     findings: tuple[Finding, ...] = ()
 
@@ -187,20 +192,57 @@ def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bo
     except InputError as error:
         return StudyRun(step, failure=str(error))
     ledger = log.ledger
-    left = {name: with_corrections(ledger, name) for name in ledger.delta_c}
-    bars = dict(ledger.error_bar)
+    left = dict(ledger.delta_c)
+    bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
-        held = held_between_rows(log) + _held_unknown(log)
+        unknown = _held_unknown(log)
+        held = held_between_rows(log) + unknown
         digits = _of_digits(mechanism, log)
         bars = {n: b + held + digits.get(n, 0.0) for n, b in bars.items()}
-    return StudyRun(step, log.run, ledger, left, bars, findings=log.findings)
+        momentum_bars = {
+            n: b + digits.get(n, 0.0) + (np.abs(ledger.momentum[n]) if unknown else 0.0)
+            for n, b in momentum_bars.items()
+        }
+    return StudyRun(step, log.run, ledger, left, bars, momentum_bars, findings=log.findings)
 
 
-def with_corrections(ledger: Ledger, function: str) -> Array:
-    """ΔC with what the simulator itself added to keep its scheme going: that is error, not force."""
-    corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
-    delta_c = ledger.delta_c[function]
-    return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
+def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
+    """The runs with ΔC taken so that corrections do not hide an error, alike for all of them.
+
+    A simulator that brings its state back to the right energy, or onto a constraint, books that as work of a
+    channel "correction …". Counted as work, it shows the drift that was corrected; left out, what the
+    corrections spoiled. The larger one at the finest step is the error.
+    """
+    finest = next((r for r in reversed(runs) if r.ledger is not None), None)
+    if finest is None or finest.ledger is None or not corrections(finest.ledger):
+        return tuple(runs)
+    counted = finest.ledger.delta_c
+    chosen = {
+        n: float(np.abs(without_corrections(finest.ledger, n)).max()) > float(np.abs(x).max())
+        for n, x in counted.items()
+    }
+
+    def taken(entry: StudyRun) -> StudyRun:
+        if entry.ledger is None:
+            return entry
+        ledger = entry.ledger
+        left = {
+            n: without_corrections(ledger, n) if chosen.get(n, False) else x
+            for n, x in ledger.delta_c.items()
+        }
+        return replace(entry, left_over=left)
+
+    return tuple(taken(entry) for entry in runs)
+
+
+def corrections(ledger: Ledger) -> dict[str, Array]:
+    """Work (T,) of each channel by which a simulator corrected its own state, from zero on."""
+    return {n: w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")}
+
+
+def without_corrections(ledger: Ledger, function: str) -> Array:
+    """ΔC (T,) as it is when the work of corrections counts as error, and not as work."""
+    return np.asarray(sum(corrections(ledger).values(), start=ledger.delta_c[function]))
 
 
 def _step_of(run: Trajectory) -> float:
@@ -214,21 +256,29 @@ def _step_of(run: Trajectory) -> float:
 def _held_unknown(log: Log) -> float:
     """Energy (J) that is not known of logged forces where nobody says how they went on between rows.
 
-    Held until the next row, a force is on average half a spacing older than one that is interpolated.
+    Held until the next row, a force is on average half a spacing older than one that is interpolated. A log
+    of every step has that error too, but there it falls with the step.
     """
-    run = log.run
-    if run.provenance.step is not None or not run.forces or len(run) < 2:
+    run, step = log.run, log.run.provenance.step
+    told = "held" in run.provenance.notes or run.provenance.simulator == "deltac"
+    if told or not run.forces or len(run) < 2:
+        return 0.0
+    spacing = float(np.median(np.diff(run.t)))
+    if step is not None and spacing < 1.01 * step:
         return 0.0
     mean = 0.5 * (run.u[1:] + run.u[:-1])
     late = sum(
         (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in run.forces.values()),
         np.zeros(len(mean)),
     )
-    return float(0.5 * np.median(np.diff(run.t)) * np.abs(np.cumsum(late)).max(initial=0.0))
+    return float(0.5 * spacing * np.abs(np.cumsum(late)).max(initial=0.0))
 
 
-def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, Array]:
-    """How much ΔC moves when all numbers of a log of few digits move by half of the last."""
+def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
+    """How much each ΔC and momentum balance moves when all numbers of a log move by half of its digits.
+
+    Nothing for a log in double precision, whose rounding the ledger knows.
+    """
     run = log.run
     halves = {"q": resolution(np.asarray(run.q)), "u": resolution(np.asarray(run.u))}
     sizes = {"q": np.abs(run.q), "u": np.abs(run.u)}
@@ -240,9 +290,12 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, Array]:
         **{n: getattr(run, n) + rng.uniform(-1, 1, h.shape) * h for n, h in halves.items()},
     )
     ledger = balance(mechanism, moved, log.ledger.method)
+    was, now = log.ledger, ledger
+    pairs = [(was.delta_c, now.delta_c), (was.momentum, now.momentum)]
     return {
-        n: np.full(len(run), 3.0 * float(np.abs(ledger.delta_c[n] - x).max()))
-        for n, x in log.ledger.delta_c.items()
+        n: DIGITS * float(np.abs(after[n] - x).max())
+        for before, after in pairs
+        for n, x in before.items()
     }
 
 

@@ -1,0 +1,7 @@
+"""Which few physical causes explain what a log leaves of its model's equations of motion."""
+
+from __future__ import annotations
+
+from deltac.diagnosis.explanation.explain import Cause, Explanation, explain_residual, explanation
+
+__all__ = ["Cause", "Explanation", "explain_residual", "explanation"]

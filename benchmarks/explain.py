@@ -79,24 +79,27 @@ def main() -> None:
     _table(counts, [f.name for f in planted])
     for level in NOISE:
         both = inside[level]
-        print(f"noise {level:g}: {np.mean(both):.0%} of {len(both)} values within ±2 standard errors")
+        print(
+            f"noise {level:g}: {np.mean(both):.0%} of {len(both)} values within ±2 standard errors"
+        )
     print(f"{len(planted)} faults, median {np.median(seconds):.2f} s an explanation")
 
 
 def _table(counts: dict[tuple[str, float], dict[str, int]], names: list[str]) -> None:
-    print(f"{'fault':10}" + "".join(f"{f'noise {level:g}':>24}" for level in NOISE))
-    print(f"{'':10}" + f"{'right equal unsaid wrong':>26}" * len(NOISE))
-    totals: dict[float, dict[str, int]] = defaultdict(lambda: defaultdict(int))
+    outcomes = ("right", "equal", "unsaid", "wrong")
+    totals = {(w, level): 0 for w in outcomes for level in NOISE}
+
+    def line(name: str, counts: dict[tuple[str, float], int]) -> str:
+        cells = ("".join(f"{counts[w, level]:7d}" for w in outcomes) for level in NOISE)
+        return f"{name:10}" + "  ".join(cells)
+
+    print(f"{'fault':10}" + "  ".join(f"{f'noise {level:g}':>28}" for level in NOISE))
+    print(f"{'':10}" + "  ".join(["".join(f"{w:>7}" for w in outcomes)] * len(NOISE)))
     for name in dict.fromkeys(names):
-        cells = []
-        for level in NOISE:
-            row = counts[name, level]
-            for what, number in row.items():
-                totals[level][what] += number
-            cells.append("".join(f"{row[w]:6d}" for w in ("right", "equal", "unsaid", "wrong")))
-        print(f"{name:10}" + "  ".join(cells))
-    cells = ["".join(f"{totals[level][w]:6d}" for w in ("right", "equal", "unsaid", "wrong")) for level in NOISE]
-    print(f"{'all':10}" + "  ".join(cells))
+        row = {(w, level): counts[name, level][w] for w in outcomes for level in NOISE}
+        totals = {key: totals[key] + row[key] for key in row}
+        print(line(name, row))
+    print(line("all", totals))
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def _of_gravity(model: str, rng: np.random.Generator) -> Iterator[Fault]:
     def scale(m: Any) -> None:
         m.opt.gravity[:] *= factor
 
-    yield Fault(model, "gravity", "", ("gravity",), factor, scale)
+    yield Fault(model, "gravity", "gravity", ("gravity",), factor, scale)
 
 
 def _of_body(model: str, body: str, rng: np.random.Generator) -> Iterator[Fault]:

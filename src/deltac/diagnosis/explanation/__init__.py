@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from deltac.diagnosis.explanation.explain import Cause, Explanation, explain_residual, explanation
+from deltac.diagnosis.explanation.explain import explain_residual, explanation
+from deltac.diagnosis.explanation.result import Cause, Explanation
 
 __all__ = ["Cause", "Explanation", "explain_residual", "explanation"]

@@ -1,4 +1,4 @@
-"""Causes: changes of a mechanism that a person would name, each one to ten numbers θ.
+"""Causes: changes of a mechanism that a person would name, each one to six numbers θ.
 
 A cause maps its numbers to coefficients of the columns, θ ↦ L θ + θᵀQθ: linear for almost all;
 a mass centre that moves changes the moments of inertia about the joint by squares, and a delay has
@@ -49,7 +49,6 @@ PREFERENCE = (
     "thrust",
     "body-torque",
     "body-tensor",
-    "body-parameters",
 )
 """Of causes that explain the same by as many numbers, the one that comes first is named first."""
 
@@ -66,6 +65,7 @@ class Candidate:
     units           of its d numbers
     sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10
     origin          "logged" or "computed" for channels
+    limit           of |θ|
     """
 
     kind: str
@@ -78,6 +78,7 @@ class Candidate:
     sign: Sign = "any"
     quadratic: Array | None = None
     origin: str = ""
+    limit: float = np.inf
 
     @property
     def size(self) -> int:
@@ -87,7 +88,8 @@ class Candidate:
     def rank(self, theta: Array) -> int:
         """Order of preference of causes that explain the same; factors beyond two come late."""
         far = "1" in self.units and bool(np.any(np.abs(np.log2(np.abs(self.base + theta))) > 1.0))
-        return PREFERENCE.index(self.kind) + far * len(PREFERENCE)
+        place = PREFERENCE.index(self.kind)
+        return place + len(PREFERENCE) if far else place
 
     def coefficients(self, theta: Array) -> Array:
         """Coefficients (a,) of its columns."""
@@ -106,6 +108,11 @@ class Candidate:
     def plausible(self, theta: Array) -> bool:
         """Whether the world could have it: dampers brake, masses stay within a decade."""
         value = self.base + theta
+        if float(np.linalg.norm(theta)) > self.limit:
+            return False
+        if self.kind == "body-tensor":
+            principal = np.linalg.eigvalsh(_tensor(value))
+            return bool(principal[0] > 0.0 and principal[2] <= principal[0] + principal[1])
         if self.sign == "positive":
             return bool(np.all(value > 0.0))
         return self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0)))
@@ -160,9 +167,9 @@ def _gravity(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
     if not active:
         return
     if g[active].any():
-        yield from _one("gravity", "", columns, list(g[active]), "factor", 1.0, "1")
+        yield from _one("gravity", "gravity", columns, list(g[active]), "factor", 1.0, "1")
     yield Candidate(
-        "gravity-vector", "", columns, np.eye(len(active)), tuple("xyz"[k] for k in active),
+        "gravity-vector", "gravity", columns, np.eye(len(active)), tuple("xyz"[k] for k in active),
         g[active], ("m/s²",) * len(active),
     )  # fmt: skip
 
@@ -201,6 +208,14 @@ def _six(J: Array) -> list[float]:
     return [float(J[i, j]) for i, j in UNIT_MOMENTS]
 
 
+def _tensor(six: Array) -> Array:
+    """The symmetric matrix of six moments and products of inertia."""
+    J = np.zeros((3, 3))
+    for value, (i, j) in zip(six, UNIT_MOMENTS):
+        J[i, j] = J[j, i] = value
+    return J
+
+
 def _bodies(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
     system = evaluator.symbols.system
     whole: list[tuple[tuple[int, ...], list[float]]] = []
@@ -227,20 +242,10 @@ def _bodies(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
         yield from _one("body-moments", b.name, at, take(moments), "factor", 1.0, "1", factor)
         yield from _centres(b, at, kept)
         yield from _moments(b, at, kept)
-        if len(kept) < 4:
-            continue
-        yield Candidate(
-            "body-parameters", b.name, at, np.eye(10)[kept][:, kept],
-            tuple(np.array(_TEN)[kept]), np.zeros(len(kept)),
-            tuple(np.array(["kg"] + ["kg·m"] * 3 + ["kg·m²"] * 6)[kept]),
-        )  # fmt: skip
     if len(whole) > 1:
         columns = tuple(k for at, _ in whole for k in at)
         weights = [w for _, some in whole for w in some]
-        yield from _one("mass-scale", "", columns, weights, "factor", 1.0, "1", "factor")
-
-
-_TEN = ("m", "mx", "my", "mz", "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
+        yield from _one("mass-scale", "all bodies", columns, weights, "factor", 1.0, "1", "factor")
 
 
 def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
@@ -250,19 +255,24 @@ def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
     for k in range(3):
         d = axes[:, k]
         L[1:4, k] = b.mass * d
-        turned = 2.0 * float(b.centre @ d) * np.eye(3) - np.outer(b.centre, d) - np.outer(d, b.centre)
+        turned = (
+            2.0 * float(b.centre @ d) * np.eye(3) - np.outer(b.centre, d) - np.outer(d, b.centre)
+        )
         L[4:, k] = _six(b.mass * turned)
         for l in range(3):
             e = axes[:, l]
             both = float(d @ e) * np.eye(3) - 0.5 * (np.outer(d, e) + np.outer(e, d))
             Q[4:, k, l] = _six(b.mass * both)
     L, Q = L[kept], Q[kept]
+    gyration = np.sqrt(0.5 * float(np.trace(b.central)) / b.mass) if b.mass else 0.0
+    limit = max(3.0 * gyration, float(np.linalg.norm(b.centre)))  # it stays within the body
     groups = [[0], [1], [2], [0, 1, 2]]
     for group in groups:
         if L[:, group].any():
             yield Candidate(
                 "body-centre", b.name, at, L[:, group], tuple("xyz"[k] for k in group),
                 np.zeros(len(group)), ("m",) * len(group), "any", Q[:, group][:, :, group],
+                limit=limit,
             )  # fmt: skip
 
 
@@ -351,9 +361,7 @@ def _speeds(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
                     "rest-angle", entry.name, at("constant"), [stiffness[row]], "rest", rest, per
                 )
                 continue  # a constant force would be the same
-        yield from _one(
-            "constant-force", entry.name, at("constant"), [1.0], "force", 0.0, force
-        )
+        yield from _one("constant-force", entry.name, at("constant"), [1.0], "force", 0.0, force)
 
 
 def _channels(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:

@@ -95,7 +95,6 @@ def prepare(
     rows = _Rows(kernels, form)
     stretches = _stretches(run, evaluator, kernels, form)
     whole = np.concatenate([rows(s) for s in stretches])
-    n = kernels.speeds
     scale = _scale(whole, kernels)
     digits = _digits(kernels, form, stretches)
     shaken = _shaken(rows, stretches)
@@ -205,7 +204,6 @@ class _Rows:
         momentum, force = found
         return _windows(stretch.samples.t, momentum, force, stride)
 
-
     def slowest(self, stretch: _Stretch) -> Array:
         """The smallest |u| that each row saw (rows, n)."""
         u = np.abs(stretch.samples.u)
@@ -262,6 +260,7 @@ def _ten(inertia: Inertia) -> list[SX]:
 
 
 # --- uncertainty --------------------------------------------------------------------------------------
+
 
 def _quadrature(rows: _Rows, residual: Array, stretches: Sequence[_Stretch]) -> Array:
     """What sampling makes of the integrals (n,): a third of their change on every second sample."""
@@ -339,4 +338,4 @@ def white_noise(x: Array) -> float:
     eighth = 1.4826 * float(np.median(np.abs(np.diff(x, 8)))) / np.sqrt(12870.0)
     if sixth <= 0.0 or not WHITE[0] < eighth / sixth < WHITE[1]:
         return 0.0
-    return eighth
+    return float(eighth)

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.explanation.equations import Form, Prepared, prepare
 from deltac.diagnosis.explanation.regression import Fit
-from deltac.diagnosis.explanation.search import Found, search
+from deltac.diagnosis.explanation.result import Cause, Explanation, Kind
+from deltac.diagnosis.explanation.search import MOST, Found, search
 from deltac.diagnosis.explanation.separate import advice
-from deltac.diagnosis.explanation.words import remedy, sentence
-from deltac.diagnosis.findings import Finding
+from deltac.diagnosis.explanation.words import sentence
 from deltac.diagnosis.names import in_model_order
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
-Kind = Literal["nothing", "explained", "ambiguous", "unexplained"]
 
 EXPLAINS = 0.9
 """Share of what is no noise that causes must explain of the squared residual to be named."""
@@ -39,139 +38,6 @@ PASSIVE = ("spring", "damper")
 
 UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A change of the model that would explain the residual.
-
-    kind, element   what, and of which body, joint or channel; "gravity", "body-mass", "missing-damper", …
-    values, errors  its numbers with their standard errors: what the run has
-    names, units    of these
-    model           what the model has in their place
-    share           of the squared residual that this cause alone explains of what the others leave
-    sentence        all of it in words
-    """
-
-    kind: str
-    element: str
-    values: tuple[float, ...]
-    errors: tuple[float, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    model: tuple[float, ...]
-    share: float
-    sentence: str
-
-    def __str__(self) -> str:
-        return self.sentence
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """What explains the residual F_r + F*_r of a log.
-
-    Attributes:
-        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; or
-            "unexplained" by the causes that are known.
-        causes: the fewest that explain it, largest first.
-        explained: share of the squared residual that they explain, what is noise left out.
-        alternatives: other sets of causes that the log does not tell from these.
-        separating: the motion that would tell them apart, or that none does.
-        unseen: elements whose masses, inertias or channels the log hardly shows.
-        form: "samples", with measured accelerations; "weak", from speeds over windows.
-        residual: largest root mean square of an equation's residual, as a share of its terms.
-        noise: what of that the noise of the log accounts for.
-        samples: how many were looked at.
-    """
-
-    kind: Kind
-    causes: tuple[Cause, ...]
-    explained: float
-    alternatives: tuple[tuple[Cause, ...], ...]
-    separating: str
-    unseen: tuple[str, ...]
-    form: Form
-    residual: float
-    noise: float
-    samples: int
-
-    @property
-    def sentence(self) -> str:
-        """The outcome in a sentence or two."""
-        if self.kind == "nothing":
-            return (
-                f"There is nothing to explain: the equations of motion hold to {self.residual:.1g} of their "
-                f"terms, and noise accounts for {self.noise:.1g}"
-            )
-        if self.kind == "unexplained":
-            nearest = f"; the nearest is {self.causes[0]}" if self.causes else ""
-            return (
-                f"No few causes of those known explain the residual ({self.residual:.2g} of the terms)"
-                f"{nearest}, which explains {percent(self.explained)}"
-            )
-        told = "; and ".join(c.sentence for c in self.causes)
-        told = f"{told[:1].upper()}{told[1:]}"
-        verb = "explain" if len(self.causes) > 1 else "explains"
-        said = f"{told}: {verb} {percent(self.explained)} of the residual"
-        if self.kind == "ambiguous":
-            others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
-            more = len(self.alternatives) - 4
-            said += f". The log explains as well: {others}"
-            said += f"; or {more} more" if more > 0 else ""
-            said += f". {self.separating}" if self.separating else ""
-        return said
-
-    def table(self) -> str:
-        """Causes with their numbers, a line each."""
-        rows = [("cause", "of", "in the run", "±", "in the model", "unit", "share")]
-        for c in self.causes:
-            for k, name in enumerate(c.names):
-                rows.append(
-                    (
-                        c.kind if k == 0 else "",
-                        c.element if k == 0 else "",
-                        f"{name} {c.values[k]:.6g}",
-                        f"{c.errors[k]:.2g}",
-                        f"{c.model[k]:.6g}",
-                        c.units[k],
-                        percent(c.share) if k == 0 else "",
-                    )
-                )
-        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-        lines = ["  ".join(x.ljust(w) for x, w in zip(row, widths)).rstrip() for row in rows]
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        held = {k: v for k, v in vars(self).items() if k not in ("causes", "alternatives")}
-        return {
-            **held,
-            "sentence": self.sentence,
-            "causes": [vars(c) for c in self.causes],
-            "alternatives": [[vars(c) for c in other] for other in self.alternatives],
-        }
-
-    def findings(self) -> list[Finding]:
-        """The causes as findings of an audit; none where the residual is not explained."""
-        if self.kind not in ("explained", "ambiguous"):
-            return []
-        evidence = f"explains {percent(self.explained)} of what is left of the equations of motion"
-        if len(self.causes) > 1:
-            evidence = f"together these explain {percent(self.explained)} of what is left of the equations"
-        if self.alternatives:
-            others = (" and ".join(map(str, other)) for other in self.alternatives[:3])
-            evidence += f"; explained as well by: {'; '.join(others)}"
-            evidence += f". {self.separating}" if self.separating else ""
-        return [
-            Finding(
-                c.kind, c.sentence, evidence, remedy(c.kind), "cause", c.element, c.values[0], c.errors[0]
-            )
-            for c in self.causes
-        ]
-
-    def __str__(self) -> str:
-        return self.sentence
 
 
 def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
@@ -203,11 +69,11 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
         raise InputError("mapping= is for log files; this log is a Trajectory already")
     run, _ = in_model_order(mechanism, log)
     if not len(mechanism.free.u):
-        raise InputError("every joint of the model is prescribed: no equation of motion is left to explain")
+        raise InputError(
+            "every joint of the model is prescribed: no equation of motion is left to explain"
+        )
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
-    own = [
-        n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told
-    ]
+    own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
     derived = "udot" in run.provenance.notes.get("derived", "").split(";")
     return explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
@@ -219,11 +85,12 @@ def explanation(
     form: Form,
     least: float = EXPLAINS,
     *,
+    most: int = MOST,
     sliding: bool = False,
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
 
-    `least` is the share of the squared residual that causes must explain. `sliding` leaves out what
+    `least` is the share of the squared residual that causes must explain, `most` their number. `sliding` leaves out what
     joints do that hardly move: dry friction has no law there. It is tried where nothing else fits.
     """
     prepared = prepare(mechanism, run, form, sliding=sliding)
@@ -231,7 +98,9 @@ def explanation(
     relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
     noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
 
-    def made(kind: Kind, found: Found | None = None, explained: float = 0.0, told: str = "") -> Explanation:
+    def made(
+        kind: Kind, found: Found | None = None, explained: float = 0.0, told: str = ""
+    ) -> Explanation:
         return Explanation(
             kind,
             _causes(mechanism, prepared, found.best) if found else (),
@@ -247,14 +116,20 @@ def explanation(
 
     if regression.total <= regression.precision:
         return made("nothing")
-    found = search(regression)
+    found = search(regression, most)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
     if regression.total <= CLEAR * floor and not _stands_out(prepared, found.best):
-        return made("nothing")
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+        if not _stands_out(prepared, found.best):
+            return made("nothing")
     if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
-        slid = explanation(mechanism, run, form, least, sliding=True)
-        if any("friction" in f"{c.kind} {c.element}" for c in slid.causes) and slid.explained > explained:
+        slid = explanation(mechanism, run, form, least, most=most, sliding=True)
+        if (
+            any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
+            and slid.explained > explained
+        ):
             return slid
     if not found.best.chosen or explained < least:
         return made("unexplained", Found(found.best, ()), explained)
@@ -291,8 +166,8 @@ def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, 
         c = regression.candidates[k]
         error = errors[start : start + c.size]
         start += c.size
-        others = regression.fit([j for m, j in enumerate(fit.chosen) if m != n]) if len(fit.chosen) > 1 else None
-        without = others.left if others else regression.total
+        others = [j for m, j in enumerate(fit.chosen) if m != n]
+        without = regression.fit(others).left if others else regression.total
         share = (without - fit.left) / regression.total
         found.append(
             Cause(
@@ -326,8 +201,3 @@ def _unseen(prepared: Prepared) -> tuple[str, ...]:
             what = {"body-mass": "mass of ", "body-moments": "inertia of "}.get(c.kind, "")
             found.append(f"{what}{c.element}")
     return tuple(found)
-
-
-def percent(share: float) -> str:
-    """A share near one, with as many nines as it has."""
-    return "all but 1e-6" if share > 1 - 1e-6 else f"{100 * share:.4g} %"

@@ -101,7 +101,7 @@ class Regression:
         c, J = np.zeros(width), np.zeros((width, len(theta)))
         for part, a, b in zip(parts, edges[:-1], edges[1:]):
             np.add.at(c, list(part.columns), part.coefficients(theta[a:b]))
-            np.add.at(J, (list(part.columns), slice(a, b)), part.tangent(theta[a:b]))
+            np.add.at(J[:, a:b], list(part.columns), part.tangent(theta[a:b]))
         return c, J
 
     def tangents(self, fit: Fit) -> tuple[Array, Array]:

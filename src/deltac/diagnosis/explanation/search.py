@@ -14,12 +14,15 @@ import numpy as np
 
 from deltac.diagnosis.explanation.regression import Fit, Regression
 
-MOST = 4
-"""Causes together."""
+MOST = 24
+"""Causes together, such as a damper at every joint."""
 
-PATHS = 12
-TRIED = 40
-"""Paths that are kept, and extensions that are fitted in full, at each number of causes."""
+MANY = 4
+PATHS, TRIED = (12, 2), (40, 8)
+"""Paths that are kept, and extensions that are fitted in full, up to `MANY` causes and beyond."""
+
+PROGRESS = 0.98
+"""A cause more that leaves more than this share of what was left is not worth going on."""
 
 PRICE_OF_A_NUMBER = 0.2
 PRICE_OF_A_CAUSE = 0.5
@@ -46,19 +49,17 @@ def search(regression: Regression, most: int = MOST) -> Found:
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None
-    for _ in range(most):
-        paths = _extended(regression, paths)
-        if not paths:
-            break
+    for count in range(1, most + 1):
+        left = min(fit.left for fit in paths)
+        paths = _extended(regression, paths, count > MANY)
         every += paths
         possible = [fit for fit in paths if plausible(regression, fit)]
         here = min(possible, key=lambda fit: price(regression, fit), default=None)
-        if here is None:
-            continue
-        if best is not None and price(regression, here) >= price(regression, best):
-            break
-        best = here
-        if best.left <= max(CLOSED * regression.floor(best), SLIGHT * regression.total):
+        if here is not None and (best is None or price(regression, here) < price(regression, best)):
+            best = here
+            if best.left <= max(CLOSED * regression.floor(best), SLIGHT * regression.total):
+                break
+        if not paths or min(fit.left for fit in paths) > PROGRESS * left:
             break
     if best is None:
         return Found(regression.nothing, ())
@@ -80,8 +81,9 @@ def plausible(regression: Regression, fit: Fit) -> bool:
     return all(regression.candidates[k].plausible(t) for k, t in zip(fit.chosen, fit.theta))
 
 
-def _extended(regression: Regression, paths: list[Fit]) -> list[Fit]:
+def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]:
     """The best fits of one cause more than those of `paths`."""
+    most_paths, tried = PATHS[many], TRIED[many]
     promising: dict[tuple[int, ...], float] = {}
     sizes = np.array([c.size for c in regression.candidates])
     floor = regression.floor(regression.nothing)
@@ -90,16 +92,16 @@ def _extended(regression: Regression, paths: list[Fit]) -> list[Fit]:
         Q = np.linalg.qr(J)[0] if J.shape[1] else J
         left = _left(regression, Q, e)
         cost = np.log(left + floor + 1e-300) + PRICE_OF_A_NUMBER * sizes
-        for k in np.argsort(cost)[:TRIED]:
+        for k in np.argsort(cost)[:tried]:
             if np.isfinite(cost[k]) and int(k) not in path.chosen:
                 key = tuple(sorted((*path.chosen, int(k))))
                 promising[key] = min(promising.get(key, math.inf), float(cost[k]))
-    chosen = sorted(promising, key=lambda key: promising[key])[:TRIED]
+    chosen = sorted(promising, key=lambda key: promising[key])[:tried]
     fits = [regression.fit(key) for key in chosen]
     fits.sort(key=lambda fit: price(regression, fit))
     good = [fit for fit in fits if plausible(regression, fit)]
     other = [fit for fit in fits if not plausible(regression, fit)]
-    return good[:PATHS] + other[: PATHS // 3]
+    return good[:most_paths] + other[: most_paths // 3]
 
 
 def _left(regression: Regression, Q: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -108,7 +110,9 @@ def _left(regression: Regression, Q: np.ndarray, e: np.ndarray) -> np.ndarray:
     total = float(e @ e)
     smallest = 1e-12 * max(float(regression.sizes.max(initial=0.0)), 1e-300)
     single = [
-        k for k, c in enumerate(regression.candidates) if c.size == 1 and regression.sizes[k] > smallest
+        k
+        for k, c in enumerate(regression.candidates)
+        if c.size == 1 and regression.sizes[k] > smallest
     ]
     if single:
         Z = np.column_stack([regression.directions[k][:, 0] for k in single])
@@ -145,7 +149,7 @@ def _with_equals(regression: Regression, best: Fit, every: list[Fit]) -> Found:
         if len(f.chosen) == len(best.chosen)
         and numbers(f) <= limit
         and f.chosen != best.chosen
-        and regression.same(*sorted((best, f), key=lambda fit: fit.left))
+        and (regression.same(best, f) if best.left <= f.left else regression.same(f, best))
     ]
     ranked = sorted([best, *equals], key=rank)
     return Found(ranked[0], tuple(ranked[1:]))

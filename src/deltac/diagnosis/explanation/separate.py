@@ -45,9 +45,7 @@ def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Arra
     kernels = prepared.kernels
     nothing = np.zeros_like(samples.logged)
     rng = np.random.default_rng(2)
-    rates = [
-        rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)
-    ]
+    rates = [rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
     columns = [
         samples.t[:, None], samples.q, samples.u, samples.udot, samples.logged, *rates,
     ]  # fmt: skip
@@ -83,14 +81,20 @@ def _experiments(
 
     def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
         return Sampled(
-            np.full(STATES, float(run.t[0])), q, u, udot, forces * rng.standard_normal((STATES, logged))
+            np.full(STATES, float(run.t[0])),
+            q,
+            u,
+            udot,
+            forces * rng.standard_normal((STATES, logged)),
         )
 
     anywhere = _poses(mechanism, rng)
     here = np.repeat(run.q[:1, free.q], STATES, axis=0)
     still = np.zeros((STATES, nu))
     fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
-    force = float(max((np.abs(f).max(initial=0.0) for f in run.forces.values()), default=0.0)) or 1.0
+    force = (
+        float(max((np.abs(f).max(initial=0.0) for f in run.forces.values()), default=0.0)) or 1.0
+    )
     found = [
         ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
         ("a motion with other forces of the motors", states(anywhere, fast, hard, force)),
@@ -99,9 +103,7 @@ def _experiments(
         alone = np.zeros((STATES, nu))
         alone[:, k] = 1.0
         name = mechanism.speeds[int(free.u[k])].name
-        found.append(
-            (f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0))
-        )
+        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
     found += [
         ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
         ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),

@@ -13,7 +13,7 @@ from deltac.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[np.float64]
 
-WORTH_SAYING = 1e-9
+WORTH_SAYING = 1e-7
 """Relative errors below this are not shown: they are the log's rounding."""
 
 
@@ -26,7 +26,7 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
         case "gravity":
             g = float(np.linalg.norm([mechanism.number(x) for x in mechanism.gravity]))
             ours, theirs = f"{g:.6g}", f"{g * factor:.6g}{_error(g * factor, g * error[0])}"
-            return f"gravity in the run is {theirs}, not {ours} m/s² ({shown} times the model's)"
+            return f"gravity in the run is {theirs} m/s² instead of {ours} m/s²"
         case "gravity-vector":
             return f"gravity in the run is ({shown}) m/s², not ({_plain(c.base)})"
         case "mass-scale":
@@ -47,15 +47,11 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             )
         case "body-tensor":
             return f"the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)"
-        case "body-parameters":
-            return f"the inertial parameters of {element} are others in the run"
         case "body-centre":
             axes = ", ".join(c.names)
             return f"the mass centre of {element} in the run is moved by ({shown}) m along {axes} of the body"
         case "actuator-gear":
-            return (
-                f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
-            )
+            return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
         case "channel-factor" if abs(factor) < 3.0 * error[0]:
             return f"{element} does not act in the run: {shown} of its {c.origin} force"
         case "channel-factor":
@@ -67,7 +63,9 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             what = noun.get(c.kind, "the rotor inertia of")
             return f"{what} joint {element} in the run is {shown}, not {c.base[0]:.6g} {c.units[0]}"
         case "rest-angle":
-            return f"the spring of joint {element} rests at {shown}, not {c.base[0]:.6g} {c.units[0]}"
+            return (
+                f"the spring of joint {element} rests at {shown}, not {c.base[0]:.6g} {c.units[0]}"
+            )
         case "constant-force":
             return f"a constant force of {shown} {c.units[0]} acts on joint {element}"
         case "missing-spring" if c.size == 2:
@@ -88,7 +86,9 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
     along = ", ".join(c.names)
     frame = "the body" if c.kind in ("thrust", "body-torque") else "the world"
     noun_of = "moment" if c.kind in ("applied-moment", "body-torque") else "force"
-    return f"a constant {noun_of} of ({shown}) {c.units[0]} along {along} of {frame} acts on {element}"
+    return (
+        f"a constant {noun_of} of ({shown}) {c.units[0]} along {along} of {frame} acts on {element}"
+    )
 
 
 def remedy(kind: str) -> str:

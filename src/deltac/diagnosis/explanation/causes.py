@@ -88,7 +88,7 @@ class Candidate:
     def rank(self, theta: Array) -> int:
         """Order of preference of causes that explain the same; factors beyond two come late."""
         far = "1" in self.units and bool(np.any(np.abs(np.log2(np.abs(self.base + theta))) > 1.0))
-        place = PREFERENCE.index(self.kind)
+        place: int = PREFERENCE.index(self.kind)
         return place + len(PREFERENCE) if far else place
 
     def coefficients(self, theta: Array) -> Array:

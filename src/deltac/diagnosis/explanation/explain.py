@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.explanation.equations import Form, Prepared, prepare
-from deltac.diagnosis.explanation.regression import Fit
+from deltac.diagnosis.explanation.regression import Fit, Regression
 from deltac.diagnosis.explanation.result import Cause, Explanation, Kind
 from deltac.diagnosis.explanation.search import MOST, Found, search
 from deltac.diagnosis.explanation.separate import advice
@@ -29,9 +29,6 @@ CLEAR = 4.0
 
 NOISE = 1.2
 """What is left counts as noise up to so many times its estimate."""
-
-SURE = 6.0
-"""Standard errors by which a cause must stand out where the residual is little more than noise."""
 
 PASSIVE = ("spring", "damper")
 """Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
@@ -90,8 +87,9 @@ def explanation(
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
 
-    `least` is the share of the squared residual that causes must explain, `most` their number. `sliding` leaves out what
-    joints do that hardly move: dry friction has no law there. It is tried where nothing else fits.
+    `least` is the share of the squared residual that causes must explain, `most` their number.
+    `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
+    where nothing else fits.
     """
     prepared = prepare(mechanism, run, form, sliding=sliding)
     regression = prepared.regression
@@ -119,10 +117,10 @@ def explanation(
     found = search(regression, most)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
-    if regression.total <= CLEAR * floor and not _stands_out(prepared, found.best):
+    if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
-        if not _stands_out(prepared, found.best):
+        if not regression.stands_out(found.best):
             return made("nothing")
     if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
         slid = explanation(mechanism, run, form, least, most=most, sliding=True)
@@ -131,11 +129,20 @@ def explanation(
             and slid.explained > explained
         ):
             return slid
-    if not found.best.chosen or explained < least:
+    if explained < _enough(regression, found.best, least):  # then one cause, if it says nearly all
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+    if not found.best.chosen or explained < _enough(regression, found.best, least):
         return made("unexplained", Found(found.best, ()), explained)
     if not found.alternatives:
         return made("explained", found, explained)
     return made("ambiguous", found, explained, advice(mechanism, run, prepared, found))
+
+
+def _enough(regression: Regression, fit: Fit, least: float) -> float:
+    """The share that causes must explain: with each number more, what is left must be a tenth."""
+    numbers = sum(regression.candidates[k].size for k in fit.chosen)
+    return float(1.0 - (1.0 - least) * 10.0 ** -min(max(numbers - 1, 0), 5))
 
 
 def _explained(prepared: Prepared, fit: Fit) -> float:
@@ -146,14 +153,6 @@ def _explained(prepared: Prepared, fit: Fit) -> float:
     there = max(regression.total - regression.noise(regression.nothing), 1e-300)
     left = max(fit.left - regression.noise(fit), 0.0)
     return float(np.clip(1.0 - left / there, 0.0, 1.0))
-
-
-def _stands_out(prepared: Prepared, fit: Fit) -> bool:
-    """Whether each number of a fit is many times its standard error."""
-    if not fit.chosen:
-        return False
-    errors = np.sqrt(np.diag(prepared.regression.covariance(fit)))
-    return bool(np.all(np.abs(np.concatenate(fit.theta)) > SURE * errors))
 
 
 def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, ...]:

@@ -21,6 +21,9 @@ Array: TypeAlias = NDArray[np.float64]
 STEPS = 8
 """Steps of Gauss–Newton for causes that are not linear; they converge in two or three."""
 
+SURE = 6.0
+"""Standard errors by which a cause must stand out to be named."""
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -141,6 +144,19 @@ class Regression:
         robust = inverse @ meat @ inverse
         scale = np.sqrt(np.maximum(1.0, np.diag(robust) / np.maximum(np.diag(white), 1e-300)))
         return np.asarray(white * np.outer(scale, scale))
+
+    def stands_out(self, fit: Fit, sure: float = SURE) -> bool:
+        """Whether every cause of a fit is many times the errors of its numbers (Wald's test)."""
+        if not fit.chosen:
+            return False
+        covariance, start = self.covariance(fit), 0
+        for theta in fit.theta:
+            where = slice(start, start + len(theta))
+            start += len(theta)
+            inverse = np.linalg.pinv(covariance[where, where], rcond=1e-12, hermitian=True)
+            if not float(theta @ inverse @ theta) > len(theta) * sure**2:
+                return False
+        return True
 
     def same(self, a: Fit, b: Fit, sure: float = 3.0) -> bool:
         """Whether the data do not prefer fit a to b, which leaves more.

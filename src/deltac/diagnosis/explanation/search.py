@@ -53,8 +53,12 @@ def search(regression: Regression, most: int = MOST) -> Found:
         left = min(fit.left for fit in paths)
         paths = _extended(regression, paths, count > MANY)
         every += paths
-        possible = [fit for fit in paths if plausible(regression, fit)]
-        here = min(possible, key=lambda fit: price(regression, fit), default=None)
+        possible = sorted(
+            (fit for fit in paths if plausible(regression, fit)),
+            key=lambda fit: price(regression, fit),
+        )
+        sure = (fit for fit in possible if count == 1 or regression.stands_out(fit))
+        here = next(sure, None)
         if here is not None and (best is None or price(regression, here) < price(regression, best)):
             best = here
             if best.left <= max(CLOSED * regression.floor(best), SLIGHT * regression.total):
@@ -148,6 +152,7 @@ def _with_equals(regression: Regression, best: Fit, every: list[Fit]) -> Found:
         for f in every
         if len(f.chosen) == len(best.chosen)
         and numbers(f) <= limit
+        and (len(f.chosen) == 1 or regression.stands_out(f))
         and f.chosen != best.chosen
         and (regression.same(best, f) if best.left <= f.left else regression.same(f, best))
     ]

@@ -121,6 +121,8 @@ def _numbers(c: Candidate, theta: Array, error: Array) -> str:
 
 
 def _number(value: float, error: float) -> str:
+    if abs(value) < error:
+        return f"0{_error(1.0, error)}"
     return f"{value:.{_digits(value, error)}g}{_error(value, error)}"
 
 

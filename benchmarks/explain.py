@@ -6,6 +6,7 @@ Prints a table fault × noise, the coverage of the stated uncertainties, and eve
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Sequence
@@ -74,6 +75,7 @@ def main() -> None:
                     inside[level].append(within)
             label = f"{fault.model} {fault.name} {fault.element} {np.round(fault.truth, 6)}"
             if given.verbose or what != "right":
+                print(f"{number + 1}/{len(planted)}", what, label, file=sys.stderr, flush=True)
                 told.append(f"{level:g} {what}: {label}: {found}")
     print("\n".join(told))
     _table(counts, [f.name for f in planted])

@@ -83,11 +83,12 @@ class Candidate:
     @property
     def size(self) -> int:
         """How many numbers it has."""
-        return self.linear.shape[1]
+        return int(self.linear.shape[1])
 
     def rank(self, theta: Array) -> int:
         """Order of preference of causes that explain the same; factors beyond two come late."""
-        far = "1" in self.units and bool(np.any(np.abs(np.log2(np.abs(self.base + theta))) > 1.0))
+        size = np.abs(self.base + theta)
+        far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
         place: int = PREFERENCE.index(self.kind)
         return place + len(PREFERENCE) if far else place
 

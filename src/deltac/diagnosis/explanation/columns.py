@@ -28,7 +28,8 @@ from deltac.mechanism.joints import KINDS
 Array: TypeAlias = NDArray[np.float64]
 
 What = Literal[
-    "inertia", "gravity", "damper", "friction", "spring", "constant", "armature", "channel", "delay",
+    "inertia", "weight", "gravity", "damper", "friction", "spring", "constant", "armature", "channel",
+    "delay",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -38,6 +39,7 @@ class Column:
     """An elementary change: of which body, speed or channel; `index` counts those of one element.
 
     inertia     body; 0 mass, 1–3 first moments, 4–9 Jxx, Jyy, Jzz, Jxy, Jxz, Jyz; kg, kg·m, kg·m²
+    weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
     damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
     channel     a channel's generalized force once more
@@ -140,6 +142,9 @@ def _inertia(evaluator: Evaluator) -> dict[Column, SX]:
         for index, inertia in enumerate(_unit_inertias()):
             F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
             found[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
+            if base is not None and index < 4:
+                weight = inertia @ ca.vertcat(ca.SX.zeros(3), s.poses[k].E @ s.gravity)
+                found[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[s.free_u]
     return found
 
 

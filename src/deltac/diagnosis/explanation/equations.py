@@ -15,6 +15,7 @@ from deltac.diagnosis.equations import Evaluator, Sampled
 from deltac.diagnosis.explanation.causes import candidates
 from deltac.diagnosis.explanation.columns import (
     UNIT_MOMENTS,
+    Column,
     ColumnKernels,
     column_kernels,
     evaluate,
@@ -47,8 +48,11 @@ HALF_WINDOW = 32
 POWER = 8
 """Windows of the weak form: half width in samples; φ = (1 − s²)^8 is smooth enough for trapezoids."""
 
-LEAST = 1e-7
-"""Share of the terms of the equations below which a residual is not explained: solvers stop there."""
+LEAST: dict[Form, float] = {"samples": 1e-7, "weak": 1e-5}
+"""Share of the terms of the equations below which a residual is not explained.
+
+Solvers of constraints stop there; over windows the integrator's own error is part of the residual.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +112,14 @@ def prepare(
     blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
     shaken = _arranged(shaken * weight[:, None])
     share = float(moving.mean()) * len(matrix) / len(shaken)
-    precise = np.sum(((4.0 * digits + LEAST * scale) * weight) ** 2)
+    precise = np.sum(((4.0 * digits + LEAST[form] * scale) * weight) ** 2)
     regression = Regression(
         factored(blocks),
         candidates(evaluator, kernels.columns),
         int(moving.sum()),
         factored([shaken.reshape(-1, matrix.shape[2])])[0] * np.sqrt(share),
         float(len(matrix) * precise),
+        _weights(kernels.columns),
     )
     free = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
     residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
@@ -122,6 +127,12 @@ def prepare(
         regression, kernels, form, tuple(free), scale, residual, noise,
         sum(len(s.samples.t) for s in stretches), 1.01 * float(np.median(np.diff(run.t))), sliding,
     )  # fmt: skip
+
+
+def _weights(columns: Sequence[Column]) -> dict[int, int]:
+    places = {column: k for k, column in enumerate(columns)}
+    masses = ((c, Column("inertia", c.element, c.index)) for c in columns if c.what == "weight")
+    return {places[mass]: places[weight] for weight, mass in masses if mass in places}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +187,10 @@ def _stretches(
 
 
 def _centred(run: Trajectory, evaluator: Evaluator, logged: Array) -> Array:
-    """Forces that were held from each row to the next, as their mean over the step around each row."""
+    """Forces that were held from each row to the next, as their mean over the steps around each row.
+
+    Trapezoids then err by (h²/12) ∫ φ″ f, and by as much with the momentum, whose rate jumps with f.
+    """
     step = run.provenance.step
     if step is None or not np.isclose(np.median(np.diff(run.t)), step, rtol=0.01, atol=0.0):
         return logged

@@ -159,7 +159,7 @@ def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, 
     regression = prepared.regression
     if not fit.chosen:
         return ()
-    errors = np.sqrt(np.diag(regression.covariance(fit)))
+    errors = np.sqrt(np.maximum(np.diag(regression.covariance(fit)), 0.0))
     found, start = [], 0
     for n, (k, theta) in enumerate(zip(fit.chosen, fit.theta)):
         c = regression.candidates[k]

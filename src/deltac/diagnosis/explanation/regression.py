@@ -6,8 +6,8 @@ follows (fits, their errors, their comparison) needs no more than that, however 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
@@ -35,6 +35,7 @@ class Regression:
         rows: number of equations.
         shaken: triangular factor (P + 1, P + 1) of what the log's noise does to [X r].
         precision: sum of squares of r that the log's digits and rounding account for.
+        weights: place of each body's mass and first moments -> that of their weight.
     """
 
     blocks: Array
@@ -42,6 +43,7 @@ class Regression:
     rows: int
     shaken: Array
     precision: float
+    weights: Mapping[int, int] = field(default_factory=dict)
 
     @cached_property
     def R(self) -> Array:
@@ -83,7 +85,8 @@ class Regression:
         parts = [self.candidates[k] for k in chosen]
         edges = np.concatenate([[0], np.cumsum([c.size for c in parts])]).astype(int)
         theta = np.zeros(edges[-1])
-        curved = any(c.quadratic is not None for c in parts)
+        heavier = len(parts) > 1 and any(c.kind == "gravity" for c in parts)
+        curved = heavier or any(c.quadratic is not None for c in parts)
         for _ in range(STEPS if curved else 1):
             c, J = self._linearised(parts, edges, theta)
             e = self.R[:, :-1] @ c + self.R[:, -1]
@@ -105,6 +108,12 @@ class Regression:
         for part, a, b in zip(parts, edges[:-1], edges[1:]):
             np.add.at(c, list(part.columns), part.coefficients(theta[a:b]))
             np.add.at(J[:, a:b], list(part.columns), part.tangent(theta[a:b]))
+        for part, a in zip(parts, edges[:-1]):  # another gravity pulls at the other masses
+            if part.kind == "gravity" and self.weights:
+                mass, weight = list(self.weights), list(self.weights.values())
+                c[weight] += theta[a] * c[mass]
+                J[weight] += theta[a] * J[mass]
+                J[weight, a] += c[mass]
         return c, J
 
     def tangents(self, fit: Fit) -> tuple[Array, Array]:

@@ -81,10 +81,10 @@ class Explanation:
                 f"No few causes of those known explain the residual ({self.residual:.2g} of the terms)"
                 f"{nearest}, which explains {percent(self.explained)}"
             )
-        told = "; and ".join(c.sentence for c in self.causes)
+        told = "; ".join(c.sentence for c in self.causes)
         told = f"{told[:1].upper()}{told[1:]}"
-        verb = "explain" if len(self.causes) > 1 else "explains"
-        said = f"{told}: {verb} {percent(self.explained)} of the residual"
+        that = "Together that" if len(self.causes) > 1 else "That"
+        said = f"{told}. {that} explains {percent(self.explained)} of the residual"
         if self.kind == "ambiguous":
             others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
             more = len(self.alternatives) - 4
@@ -93,25 +93,28 @@ class Explanation:
             said += f". {self.separating}" if self.separating else ""
         return said
 
+    def rows(self) -> list[tuple[str, ...]]:
+        """Cause, element, value in the run, its error, value in the model, unit, share; as text."""
+        return [
+            (
+                c.kind if k == 0 else "",
+                c.element if k == 0 else "",
+                f"{name} {c.values[k]:.6g}",
+                f"{c.errors[k]:.2g}",
+                f"{c.model[k]:.6g}",
+                c.units[k],
+                percent(c.share) if k == 0 else "",
+            )
+            for c in self.causes
+            for k, name in enumerate(c.names)
+        ]
+
     def table(self) -> str:
         """Causes with their numbers, a line each."""
-        rows = [("cause", "of", "in the run", "±", "in the model", "unit", "share")]
-        for c in self.causes:
-            for k, name in enumerate(c.names):
-                rows.append(
-                    (
-                        c.kind if k == 0 else "",
-                        c.element if k == 0 else "",
-                        f"{name} {c.values[k]:.6g}",
-                        f"{c.errors[k]:.2g}",
-                        f"{c.model[k]:.6g}",
-                        c.units[k],
-                        percent(c.share) if k == 0 else "",
-                    )
-                )
-        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-        lines = ["  ".join(x.ljust(w) for x, w in zip(row, widths)).rstrip() for row in rows]
-        return "\n".join(lines)
+        heads = ("cause", "of", "in the run", "±", "in the model", "unit", "explains")
+        rows = [heads, *self.rows()]
+        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
+        return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""

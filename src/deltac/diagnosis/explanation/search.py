@@ -29,7 +29,7 @@ PRICE_OF_A_CAUSE = 0.5
 """A number more must take so much of the logarithm of what is left; a cause more, so much besides."""
 
 CLOSED = 1.5
-SLIGHT = 1e-7
+SLIGHT = 1e-6
 """What is left is noise up to so many times its estimate; below that share no further cause is sought."""
 
 ALIKE = 1e-9
@@ -49,8 +49,8 @@ def search(regression: Regression, most: int = MOST) -> Found:
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None
+    left = regression.total
     for count in range(1, most + 1):
-        left = min(fit.left for fit in paths)
         paths = _extended(regression, paths, count > MANY)
         every += paths
         possible = sorted(
@@ -63,8 +63,11 @@ def search(regression: Regression, most: int = MOST) -> Found:
             best = here
             if best.left <= max(CLOSED * regression.floor(best), SLIGHT * regression.total):
                 break
-        if not paths or min(fit.left for fit in paths) > PROGRESS * left:
+        # What is implausible may close by annulling masses and motors alike: that is no progress.
+        now = min((fit.left for fit in possible), default=left)
+        if not possible or now > PROGRESS * left:
             break
+        left = now
     if best is None:
         return Found(regression.nothing, ())
     return _with_equals(regression, best, [f for f in every if plausible(regression, f)])
@@ -83,6 +86,11 @@ def price(regression: Regression, fit: Fit) -> float:
 def plausible(regression: Regression, fit: Fit) -> bool:
     """Whether the world could have all of its causes."""
     return all(regression.candidates[k].plausible(t) for k, t in zip(fit.chosen, fit.theta))
+
+
+def _massive(regression: Regression, fit: Fit) -> bool:
+    parts = ((regression.candidates[k], theta) for k, theta in zip(fit.chosen, fit.theta))
+    return all(c.sign != "factor" or c.plausible(theta) for c, theta in parts)
 
 
 def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]:
@@ -104,7 +112,8 @@ def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]
     fits = [regression.fit(key) for key in chosen]
     fits.sort(key=lambda fit: price(regression, fit))
     good = [fit for fit in fits if plausible(regression, fit)]
-    other = [fit for fit in fits if not plausible(regression, fit)]
+    # A damper that drives may turn with a further cause; masses that vanish close any equation.
+    other = [fit for fit in fits if not plausible(regression, fit) and _massive(regression, fit)]
     return good[:most_paths] + other[: most_paths // 3]
 
 

@@ -20,24 +20,25 @@ Array: TypeAlias = NDArray[np.float64]
 
 STATES = 60
 APART = 0.05
-"""Sine of the angle between what two causes do, from which on a motion is said to tell them apart."""
+"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
 
 
 def advice(mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found) -> str:
     """A sentence: the simplest motion in which the causes differ, or that there is none."""
-    chosen = [found.best, *found.alternatives]
-    best: tuple[float, str] = (0.0, "")
+    fits = [found.best, *found.alternatives]
+    most, said = 0, ""
     for name, samples in _experiments(mechanism, run, prepared):
-        vectors = _effects(prepared, samples, chosen)
-        sine = min(_sine(vectors[0], v) for v in vectors[1:])
-        if sine > max(3.0 * best[0], APART):
-            best = (sine, name)
-    if not best[1]:
+        first, *others = _effects(prepared, samples, fits)
+        told = sum(_difference(first, other) > APART for other in others)
+        if told > most:
+            most, said = told, name
+    if not said:
         return (
             "No motion of this machine tells them apart by joint coordinates and these forces: they say the "
             "same in other words"
         )
-    return f"To tell them apart, log also {best[1]}"
+    them = "them" if most == len(found.alternatives) else "some of them"
+    return f"To tell {them} apart, log also {said}"
 
 
 def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Array]:
@@ -62,7 +63,7 @@ def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Arra
     return found
 
 
-def _sine(a: Array, b: Array) -> float:
+def _difference(a: Array, b: Array) -> float:
     """Relative difference of two effects."""
     size = max(float(np.linalg.norm(a)), float(np.linalg.norm(b)))
     return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0

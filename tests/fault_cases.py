@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ def bare(run: dc.Trajectory) -> dc.Trajectory:
 # --- logs ---------------------------------------------------------------------------------------------
 
 
+@cache
 def missing_lever_arm(damping: tuple[float, float, float] = (0.4, 0.4, 0.4)) -> LogCase:
     """A pendulum on a ball joint in which fuel sloshes: the force −D l′ is added to the moment l × m g.
 
@@ -74,6 +76,7 @@ def missing_lever_arm(damping: tuple[float, float, float] = (0.4, 0.4, 0.4)) -> 
     )  # fmt: skip
 
 
+@cache
 def force_without_its_potential() -> LogCase:
     """A spring with the energy ½ k r² whose force has the size k, however long it is."""
     k, m = 2.0, 0.7
@@ -119,6 +122,7 @@ def _urdf_run(model: Any) -> dc.Trajectory:
     return bare(dc.run_mujoco(model, 2.0, data=data, step=2e-3, integrator="rk4"))
 
 
+@cache
 def damping_dropped_by_an_importer() -> LogCase:
     """`<dynamics damping="…">` of a URDF is lost on the way into the simulator, silently."""
     import mujoco
@@ -129,6 +133,7 @@ def damping_dropped_by_an_importer() -> LogCase:
     return LogCase("isaac-sim/IsaacSim issue 841", model, _urdf_run(lossy), _urdf_run(model))
 
 
+@cache
 def inertia_made_from_a_shape() -> LogCase:
     """The inertia in the file is passed over; a box's of the same mass is taken in its place."""
     import mujoco
@@ -148,6 +153,7 @@ BOB = """
  <inertial pos="0.1 0 -0.2" mass="2" diaginertia="0.1 0.2 0.25" {turn}/></body></worldbody></mujoco>"""
 
 
+@cache
 def inertia_axes_lost() -> LogCase:
     """The orientation of the principal axes in a URDF's `<inertial>` is lost, the moments are kept."""
     import mujoco
@@ -162,6 +168,7 @@ def inertia_axes_lost() -> LogCase:
     return LogCase("google-deepmind/mujoco issue 3559", model, simulated(lost), simulated(model))
 
 
+@cache
 def solver_residual_integrated() -> LogCase:
     """A solve ends with a force residual r, and M⁻¹ r is integrated with the motion.
 
@@ -199,6 +206,7 @@ def solver_residual_integrated() -> LogCase:
 # --- equations ----------------------------------------------------------------------------------------
 
 
+@cache
 def wrong_velocity() -> EquationsCase:
     """A disc rolls on a round hill; the speed of its centre is taken for that on flat ground.
 
@@ -220,6 +228,7 @@ def wrong_velocity() -> EquationsCase:
     return EquationsCase("sympy issue 24669", hill, rolling(R), rolling(R + r))
 
 
+@cache
 def sign_in_the_thesis() -> EquationsCase:
     """The weight term of the second equation of the triple pendulum with the wrong sign."""
     right = dc.problems.load("triple-pendulum")
@@ -232,3 +241,34 @@ def sign_in_the_thesis() -> EquationsCase:
         right.equations.rhs,
         right.equations.coordinates,
     )
+
+
+# --- a getter that answers with the step before -------------------------------------------------------
+
+
+def stale_getters() -> tuple[Any, dc.Trajectory, np.ndarray]:
+    """A MuJoCo loop that writes its log after each `mj_step`: new positions, old accelerations.
+
+    Returns the model, that log, and the kinetic energies that MuJoCo gave at the same moments.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(
+        BOB.format(turn="")
+        .replace("<option ", '<option integrator="Euler" ')
+        .replace("<worldbody>", '<option><flag energy="enable"/></option><worldbody>')
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = [2.0, 1.0, 3.0]
+    rows, energy = [], []
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy(), data.qacc.copy()))
+        energy.append(data.energy[1])
+    t, q, u, udot = (np.array(x) for x in zip(*rows))
+    mechanism, _ = dc.read_mechanism(model)
+    log = dc.Trajectory(
+        t=t, q=q, u=u, udot=udot, coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names, provenance=dc.Provenance("MuJoCo, by hand", step=0.002),
+    )  # fmt: skip
+    return model, log, np.array(energy)

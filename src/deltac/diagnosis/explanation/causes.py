@@ -313,15 +313,17 @@ def _speeds(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
             type(e): (e, f"{kind} {e.name}")
             for e in mechanism.elements
             for kind, cls in (("damper", JointDamper), ("spring", JointSpring))
-            if isinstance(e, cls) and e.joint == joint.name
+            if isinstance(e, cls)
+            and e.joint == joint.name
+            and places(Column("channel", f"{kind} {e.name}")) is not None  # which is not zero
         }
         damper, spring = own.get(JointDamper), own.get(JointSpring)
-        logged = set(evaluator.channels)
+        acting = {c.element for c in places.of if c.what == "channel"}
 
         def at(what: str, name: str = entry.name) -> tuple[int, ...] | None:
             return places(Column(what, name))  # type: ignore[arg-type]
 
-        has_damper = single and (damper is not None or f"damper {joint.name}" in logged)
+        has_damper = single and (damper is not None or f"damper {joint.name}" in acting)
         if not has_damper:
             yield from _one(
                 "missing-damper", entry.name, at("damper"), [1.0], "damping", 0.0,
@@ -333,7 +335,7 @@ def _speeds(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
                 yield from _one(
                     "damping", entry.name, at("damper"), [1.0], "damping", law, f"{force}·s/{per}"
                 )
-        if f"friction {joint.name}" not in logged:
+        if f"friction {joint.name}" not in acting:
             yield from _one(
                 "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,
                 "positive",
@@ -344,7 +346,7 @@ def _speeds(evaluator: Evaluator, places: _Places) -> Iterator[Candidate]:
             "rotor inertia", have, "kg·m²" if turning else "kg", "positive",
         )  # fmt: skip
         stiffness = getattr(spring[0], "stiffness", ()) if spring else ()
-        if spring is None and f"spring {joint.name}" not in logged:
+        if spring is None and f"spring {joint.name}" not in acting:
             yield from _one(
                 "missing-spring", entry.name, at("spring"), [1.0], "stiffness", 0.0,
                 f"{force}/{per}", "positive",

@@ -14,7 +14,8 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.equations import Evaluator, Sampled
-from deltac.diagnosis.explanation.causes import Candidate, candidates
+from deltac.diagnosis.explanation.candidates import Candidate
+from deltac.diagnosis.explanation.causes import candidates
 from deltac.diagnosis.explanation.columns import column_kernels, evaluate
 from deltac.diagnosis.explanation.equations import white_noise
 

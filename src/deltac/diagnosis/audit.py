@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -293,7 +294,9 @@ def _of_equations(
     simple: list[Finding] = []
     if terms.significant.any() and len(log.consecutive) >= LEAST_ROWS:
         least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-        simple = explanation(mechanism, log.consecutive, "samples", least, most=most).findings()
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            run = log.consecutive
+            simple = explanation(mechanism, run, "samples", least, most=most).findings()
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.explanation.causes import Candidate
+from deltac.diagnosis.explanation.candidates import Candidate
 from deltac.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[np.float64]

@@ -159,4 +159,6 @@ class Explanation:
 
 def percent(share: float) -> str:
     """A share near one, with as many nines as it has."""
+    if share == 1.0:
+        return "all but noise and rounding"
     return "all but 1e-6" if share > 1 - 1e-6 else f"{100 * share:.4g} %"

@@ -74,12 +74,19 @@ def search(regression: Regression, most: int = MOST) -> Found:
 
 
 def price(regression: Regression, fit: Fit) -> float:
-    """What a fit leaves (a logarithm) and what it costs: smaller is better."""
+    """What a fit leaves (a logarithm) and what it costs: smaller is better.
+
+    What is left beyond noise counts; of fits down to the noise, the one that leaves less is before.
+    """
     numbers = sum(regression.candidates[k].size for k in fit.chosen)
     noise = regression.noise(fit)
     left = max(fit.left - noise, 0.05 * noise) + regression.precision
+    within = min(fit.left / max(noise + regression.precision, 1e-300), 2.0)
     return (
-        math.log(left + 1e-300) + PRICE_OF_A_NUMBER * numbers + PRICE_OF_A_CAUSE * len(fit.chosen)
+        math.log(left + 1e-300)
+        + within
+        + PRICE_OF_A_NUMBER * numbers
+        + PRICE_OF_A_CAUSE * len(fit.chosen)
     )
 
 

@@ -15,7 +15,7 @@ DEV := $(VENV)/.deltac-dev
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-repair \
-	bench-correction docs clean
+	bench-correction bench-explain docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -45,6 +45,9 @@ layers: $(DEV)  ## the direction of imports
 	$(VENV)/bin/lint-imports
 
 check: lint types layers test-casadi test  ## all of the checks, as in continuous integration
+
+bench-explain: $(TEST)  ## how often a log's residual is explained rightly: planted faults
+	$(PY) benchmarks/explain.py $(ARGS)
 
 bench: $(TEST)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)

@@ -4,8 +4,10 @@ from deltac import problems as problems
 from deltac import testing as testing
 from deltac.diagnosis import Advice as Advice
 from deltac.diagnosis import Audit as Audit
+from deltac.diagnosis import Cause as Cause
 from deltac.diagnosis import Convergence as Convergence
 from deltac.diagnosis import EquationCheck as EquationCheck
+from deltac.diagnosis import Explanation as Explanation
 from deltac.diagnosis import Finding as Finding
 from deltac.diagnosis import Fix as Fix
 from deltac.diagnosis import Localisation as Localisation
@@ -16,6 +18,7 @@ from deltac.diagnosis import Study as Study
 from deltac.diagnosis import Verdict as Verdict
 from deltac.diagnosis import audit as audit
 from deltac.diagnosis import check_equations as check_equations
+from deltac.diagnosis import explain_residual as explain_residual
 from deltac.diagnosis import localise as localise
 from deltac.diagnosis import mutate_equations as mutate_equations
 from deltac.diagnosis import observed_order as observed_order

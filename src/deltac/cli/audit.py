@@ -17,7 +17,7 @@ from deltac.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import Audit
+    from deltac.diagnosis import Audit, Explanation
     from deltac.importers import ImportReport
 
 SHOWN = 6
@@ -44,6 +44,10 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    explain: Annotated[
+        bool,
+        typer.Option("--explain", help="Name the changes of the model that would fit the log."),
+    ] = False,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the energies over time (PNG).")
     ] = None,
@@ -56,7 +60,7 @@ def command(
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
-    from deltac.diagnosis import audit
+    from deltac.diagnosis import audit, explain_residual
 
     if figure is not None:
         from deltac.report import check_figure
@@ -65,10 +69,15 @@ def command(
     found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
+    explanation = explain_residual(model, log, mapping=mapping) if explain else None
     if as_json:
-        print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
+        told = {} if explanation is None else {"explanation": explanation.to_dict()}
+        shown = None if figure is None else str(figure)
+        print_json({**found.to_dict(), **told, "figure": shown})
     else:
         _print(found, figure)
+        if explanation is not None:
+            _print_explanation(explanation)
     raise typer.Exit(found.status)
 
 
@@ -89,6 +98,22 @@ def _print(found: Audit, figure: Path | None) -> None:
         _print_import(found.import_report)
     if figure is not None:
         typer.echo(f"figure: {figure}")
+
+
+def _print_explanation(found: Explanation) -> None:
+    """The outcome in words, then cause by cause."""
+    typer.echo("")
+    print_text(f"{found.sentence}.")
+    if found.causes:
+        table = new_table()
+        for column in ("cause", "of", "in the run", "±", "in the model", "unit", "explains"):
+            table.add_column(column)
+        for row in found.rows():
+            table.add_row(*row)
+        print_table(table)
+    if found.unseen:
+        shown = ", ".join(found.unseen[:SHOWN]) + (", …" if len(found.unseen) > SHOWN else "")
+        print_text(f"Not seen in this log: {shown}.")
 
 
 def _print_import(report: ImportReport) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from deltac.diagnosis.audit import Audit, audit
 from deltac.diagnosis.check import check_equations
 from deltac.diagnosis.check_result import EquationCheck
+from deltac.diagnosis.explanation import Cause, Explanation, explain_residual
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.localisation_run import Localisation, localise
 from deltac.diagnosis.models import load_callable, load_model
@@ -18,8 +19,10 @@ from deltac.diagnosis.verdict import Verdict
 __all__ = [
     "Advice",
     "Audit",
+    "Cause",
     "Convergence",
     "EquationCheck",
+    "Explanation",
     "Finding",
     "Fix",
     "Localisation",
@@ -30,6 +33,7 @@ __all__ = [
     "Verdict",
     "audit",
     "check_equations",
+    "explain_residual",
     "load_callable",
     "load_model",
     "localise",

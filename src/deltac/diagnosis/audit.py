@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from deltac.diagnosis import checks, motors
 from deltac.diagnosis.equalities import withheld_equalities
 from deltac.diagnosis.equations import EquationTerms, equation_terms
-from deltac.diagnosis.factors import EXPLAINS, explanations
+from deltac.diagnosis.explanation.equations import LEAST_ROWS
+from deltac.diagnosis.explanation.explain import EXPLAINS, explanation
+from deltac.diagnosis.explanation.search import MOST
 from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.judgement import Measures, judge
 from deltac.diagnosis.logs import Log, held_between_rows, read_log, stretches
@@ -288,7 +291,12 @@ def _of_equations(
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     # What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
-    simple = explanations(mechanism, terms, EXACT if now_and_then else EXPLAINS)
+    simple: list[Finding] = []
+    if terms.significant.any() and len(log.consecutive) >= LEAST_ROWS:
+        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            run = log.consecutive
+            simple = explanation(mechanism, run, "samples", least, most=most).findings()
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.resolution import resolution
 from deltac.dynamics.forces import channels
-from deltac.dynamics.recursions import accelerations, crba, gather, rnea, velocities
-from deltac.dynamics.spatial import SX, cross_force, rigid_inertia
+from deltac.dynamics.recursions import rnea
+from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -138,47 +138,6 @@ class Evaluator:
         columns = [samples.t[None, :], samples.q.T, samples.u.T, samples.udot.T, samples.logged.T]
         found = function.map(len(samples.t)).call([ca.DM(c) for c in columns])
         return [np.array(x).T for x in found]
-
-    def body_terms(self, samples: Sampled) -> dict[tuple[str, str], Array]:
-        """F*_r and gravity (T, n) that each body accounts for, ("all" | "mass", body) -> terms.
-
-        "all" belongs to its mass with its inertia, "mass" to its mass alone at an unchanged inertia.
-        """
-        s = self.symbols.system
-        weight = "gravity" in self.channels and "gravity" not in self.log.places
-        base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if weight else None
-        V = velocities(s, s.u_all)
-        A = accelerations(s, V, self.symbols.udot, base)
-        outputs: dict[tuple[str, str], SX] = {}
-        for k, link in enumerate(s.links):
-            if s.mechanism.body(link.joint.child).massless:
-                continue
-            point = rigid_inertia(link.mass, link.centre, ca.SX.zeros(3, 3))
-            for what, inertia in (("all", link.inertia), ("mass", point)):
-                F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
-                outputs[what, link.joint.child] = -gather(s, {k: F})[s.free_u]
-        named = {f"{what} {body}": x for (what, body), x in outputs.items()}
-        return dict(zip(outputs, self._evaluate(self._compiled(named), samples)))
-
-    def projected(self, samples: Sampled, terms: Sequence[Array]) -> list[Array]:
-        """What constraints leave of generalized forces (T, n): x − Gᵀλ(x), as they do of residuals."""
-        bound = self.symbols.constrained
-        if bound is None or self.symbols.with_measured is not None:
-            return list(terms)
-        s = self.symbols.system
-        M = crba(s)[s.free_u, s.free_u]
-        count, n = bound.rows.G.shape
-        matrices = self._evaluate(self._compiled({"M": M, "G": bound.rows.G}), samples)
-        # vec() stacks columns: the transpose, row by row.
-        mass = matrices[0].reshape(-1, n, n)
-        Gt = matrices[1].reshape(-1, n, count)
-        MinvGt = np.linalg.solve(mass, Gt)
-        inner = np.einsum("tni,tnj->tij", Gt, MinvGt)
-        made = []
-        for x in terms:
-            multipliers = np.linalg.solve(inner, np.einsum("tni,tn->ti", MinvGt, x)[..., None])
-            made.append(x - (Gt @ multipliers)[..., 0])
-        return made
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,12 +184,12 @@ def _own(
         raise InputError(
             f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
         )
-    takes_steps = find_solver(solver).takes_steps
-    if adaptive and takes_steps:
+    found = find_solver(solver)
+    if adaptive and found.takes_steps:
         raise InputError(
             f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
         )
-    if not adaptive and not takes_steps:
+    if not adaptive and not found.takes_steps:
         raise InputError(
             f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
         )

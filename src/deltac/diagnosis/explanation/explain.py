@@ -1,0 +1,202 @@
+"""`explain_residual`: which few changes of the model would make the motion of a log obey it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.diagnosis.explanation.equations import Form, Prepared, prepare
+from deltac.diagnosis.explanation.regression import Fit, Regression
+from deltac.diagnosis.explanation.result import Cause, Explanation, Kind
+from deltac.diagnosis.explanation.search import MOST, Found, search
+from deltac.diagnosis.explanation.separate import advice
+from deltac.diagnosis.explanation.words import sentence
+from deltac.diagnosis.names import in_model_order
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+Array: TypeAlias = NDArray[np.float64]
+
+EXPLAINS = 0.9
+"""Share of what is no noise that causes must explain of the squared residual to be named."""
+
+CLEAR = 4.0
+"""A residual whose squares are so many times those of noise and rounding is there."""
+
+NOISE = 1.2
+"""What is left counts as noise up to so many times its estimate."""
+
+PASSIVE = ("spring", "damper")
+"""Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
+
+UNSEEN = 0.3
+"""Standard error of a factor from which on a log is said not to show it."""
+
+
+def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
+    """Name the few changes of a model that explain what a log leaves of its equations of motion.
+
+    Springs and dampers are taken from the model, also where the log holds them, so that what model
+    and run have differently is found; all other logged forces are taken as they are. Without measured
+    accelerations the equations are integrated over short windows (the weak form).
+
+    Args:
+        model: as for `audit`.
+        log: a Trajectory, or the path of a log.
+        mapping: path of a mapping file, for logs whose columns have other names or units.
+
+    Returns:
+        The explanation; `str()` of it is the outcome in words, `table()` the numbers.
+
+    Raises:
+        InputError: model or log cannot be read, the log is not of this model, or it is too short.
+    """
+    from deltac.diagnosis.models import load_model
+    from deltac.trajectories import read_trajectory
+
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
+    if not isinstance(log, Trajectory):
+        log = read_trajectory(log, mapping, mechanism)
+    elif mapping is not None:
+        raise InputError("mapping= is for log files; this log is a Trajectory already")
+    run, _ = in_model_order(mechanism, log)
+    if not len(mechanism.free.u):
+        raise InputError(
+            "every joint of the model is prescribed: no equation of motion is left to explain"
+        )
+    told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
+    own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
+    run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
+    derived = "udot" in run.provenance.notes.get("derived", "").split(";")
+    return explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
+
+
+def explanation(
+    mechanism: Mechanism,
+    run: Trajectory,
+    form: Form,
+    least: float = EXPLAINS,
+    *,
+    most: int = MOST,
+    sliding: bool = False,
+) -> Explanation:
+    """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
+
+    `least` is the share of the squared residual that causes must explain, `most` their number.
+    `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
+    where nothing else fits.
+    """
+    prepared = prepare(mechanism, run, form, sliding=sliding)
+    regression = prepared.regression
+    relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
+    noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
+
+    def made(
+        kind: Kind, found: Found | None = None, explained: float = 0.0, told: str = ""
+    ) -> Explanation:
+        return Explanation(
+            kind,
+            _causes(mechanism, prepared, found.best) if found else (),
+            explained,
+            tuple(_causes(mechanism, prepared, f) for f in found.alternatives) if found else (),
+            told,
+            _unseen(prepared),
+            prepared.form,
+            relative,
+            noise,
+            prepared.samples,
+        )
+
+    if regression.total <= regression.precision:
+        return made("nothing")
+    found = search(regression, most)
+    explained = _explained(prepared, found.best)
+    floor = regression.floor(regression.nothing)
+    if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+        if not regression.stands_out(found.best):
+            return made("nothing")
+    if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
+        slid = explanation(mechanism, run, form, least, most=most, sliding=True)
+        if (
+            any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
+            and slid.explained > explained
+        ):
+            return slid
+    if explained < _enough(regression, found.best, least):  # then one cause, if it says nearly all
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+    if not found.best.chosen or explained < _enough(regression, found.best, least):
+        return made("unexplained", Found(found.best, ()), explained)
+    if not found.alternatives:
+        return made("explained", found, explained)
+    return made("ambiguous", found, explained, advice(mechanism, run, prepared, found))
+
+
+def _enough(regression: Regression, fit: Fit, least: float) -> float:
+    """The share that causes must explain: with each number more, what is left must be a tenth."""
+    numbers = sum(regression.candidates[k].size for k in fit.chosen)
+    return float(1.0 - (1.0 - least) * 10.0 ** -min(max(numbers - 1, 0), 5))
+
+
+def _explained(prepared: Prepared, fit: Fit) -> float:
+    """Share of the squared residual beyond noise that a fit explains."""
+    regression = prepared.regression
+    if fit.left <= NOISE * regression.floor(fit):
+        return 1.0
+    there = max(regression.total - regression.noise(regression.nothing), 1e-300)
+    left = max(fit.left - regression.noise(fit), 0.0)
+    return float(np.clip(1.0 - left / there, 0.0, 1.0))
+
+
+def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, ...]:
+    regression = prepared.regression
+    if not fit.chosen:
+        return ()
+    errors = np.sqrt(np.maximum(np.diag(regression.covariance(fit)), 0.0))
+    found, start = [], 0
+    for n, (k, theta) in enumerate(zip(fit.chosen, fit.theta)):
+        c = regression.candidates[k]
+        error = errors[start : start + c.size]
+        start += c.size
+        others = [j for m, j in enumerate(fit.chosen) if m != n]
+        without = regression.fit(others).left if others else regression.total
+        share = (without - fit.left) / regression.total
+        found.append(
+            Cause(
+                c.kind,
+                c.element,
+                tuple(float(x) for x in c.base + theta),
+                tuple(float(x) for x in error),
+                c.names,
+                c.units,
+                tuple(float(x) for x in c.base),
+                float(min(share, 1.0)),
+                sentence(mechanism, c, theta, error),
+            )
+        )
+    held = [c for c in found if c.kind == "actuator-delay" and abs(c.values[0]) <= prepared.spacing]
+    kept = [c for c in found if c not in held] or found  # a force held over a step is no fault
+    return tuple(sorted(kept, key=lambda cause: -cause.share))
+
+
+def _unseen(prepared: Prepared) -> tuple[str, ...]:
+    """Bodies and channels of which a change by a third would not stand out."""
+    regression = prepared.regression
+    sizes = regression.sizes
+    largest = float(sizes.max(initial=0.0))
+    deviation = float(np.sqrt(regression.floor(regression.nothing) / max(1, regression.rows)))
+    found = []
+    for c, size in zip(regression.candidates, sizes):
+        if c.kind in ("body-mass", "body-moments", "actuator-gear", "channel-factor") and (
+            size <= 1e-9 * largest or deviation > UNSEEN * size
+        ):
+            what = {"body-mass": "mass of ", "body-moments": "inertia of "}.get(c.kind, "")
+            found.append(f"{what}{c.element}")
+    return tuple(found)

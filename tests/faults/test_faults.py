@@ -1,0 +1,124 @@
+"""Published faults: each is found, and what is said of it is what docs/faults.md says.
+
+The same case without the fault is consistent: what is found is the fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+
+pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
+
+import fault_cases as cases  # noqa: E402
+
+LOGS = (
+    cases.missing_lever_arm,
+    cases.force_without_its_potential,
+    cases.damping_dropped_by_an_importer,
+    cases.inertia_made_from_a_shape,
+    cases.inertia_axes_lost,
+    cases.solver_residual_integrated,
+)
+EQUATIONS = (cases.wrong_velocity, cases.sign_in_the_thesis)
+
+
+@pytest.mark.parametrize("case", LOGS, ids=lambda case: case.__name__)
+def test_logs_with_a_fault_are_equation_errors(case: Callable[[], cases.LogCase]) -> None:
+    given = case()
+    assert dc.audit(given.model, given.right).verdict.kind == "consistent"
+    found = dc.audit(given.model, given.log)
+    assert (found.verdict.kind, found.status) == ("equation-error", 1), found.verdict.explain()
+
+
+@pytest.mark.parametrize("case", EQUATIONS, ids=lambda case: case.__name__)
+def test_equations_with_a_fault_fail_the_check(case: Callable[[], cases.EquationsCase]) -> None:
+    given = case()
+    for rhs, kind in ((given.right, "consistent"), (given.wrong, "equation-error")):
+        check = dc.check_equations(given.mechanism, rhs, coordinates=given.coordinates)
+        assert check.verdict.kind == kind
+
+
+def test_the_missing_lever_arm_does_no_work() -> None:
+    """Isotropic D: the power −ω·(D (ω × l)) vanishes, so the damper of the faulty run damps nothing."""
+    given = cases.missing_lever_arm()
+    bare = replace(given.model, forces=())
+    assert dc.balance(bare, given.log).work.keys() == {"gravity"}
+    energy = dc.balance(bare, given.log)
+    total = energy.kinetic + energy.potential_energy
+    assert np.ptp(total) < 1e-9 * energy.turnover  # order 5 at 2 ms
+    right = dc.balance(bare, given.right)
+    assert (right.kinetic + right.potential_energy)[-1] < total[-1] - 0.05 * right.turnover
+
+
+def test_an_anisotropic_drag_without_lever_arm_adds_energy() -> None:
+    given = cases.missing_lever_arm((0.4, 4.0, 0.4))
+    ledger = dc.balance(replace(given.model, forces=()), given.log)
+    total = ledger.kinetic + ledger.potential_energy
+    assert total.max() > total[0] + 0.01 * ledger.turnover
+    assert dc.audit(given.model, given.log).verdict.kind == "equation-error"
+
+
+def test_dropped_damping_is_named_joint_by_joint() -> None:
+    given = cases.damping_dropped_by_an_importer()
+    found = dc.explain_residual(given.model, given.log)
+    assert found.kind == "explained"
+    assert {(c.kind, c.element): c.model[0] for c in found.causes} == pytest.approx(
+        {("damping", "shoulder"): 0.2, ("damping", "elbow"): 0.131}
+    )
+    assert [c.values[0] for c in found.causes] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_an_inertia_made_from_a_shape_is_named() -> None:
+    given = cases.inertia_made_from_a_shape()
+    (cause,) = dc.explain_residual(given.model, given.log).causes
+    assert (cause.kind, cause.element) == ("body-moments", "forearm")
+    assert cause.values[0] == pytest.approx(1.4, rel=1e-6)
+
+
+def test_lost_axes_of_inertia_are_named_with_both_tensors() -> None:
+    given = cases.inertia_axes_lost()
+    (cause,) = dc.explain_residual(given.model, given.log).causes
+    assert cause.kind == "body-tensor"
+    assert cause.values == pytest.approx((0.1, 0.2, 0.25, 0, 0, 0), abs=1e-6)
+    assert cause.model == pytest.approx((0.2, 0.1, 0.25, 0, 0, 0), abs=1e-6)
+
+
+def test_what_no_cause_explains_is_not_explained_away() -> None:
+    for case in (cases.missing_lever_arm, cases.force_without_its_potential):
+        given = case()
+        assert dc.explain_residual(given.model, given.log).kind == "unexplained"
+    given = cases.solver_residual_integrated()  # white: the log's accelerations are noise
+    found = dc.explain_residual(given.model, given.log)
+    assert found.kind == "nothing" and found.noise > 0.1
+
+
+def test_the_wrong_velocity_is_a_factor_on_gravity() -> None:
+    given = cases.wrong_velocity()
+    check = dc.check_equations(given.mechanism, given.wrong)
+    # (m (R + r)² + I) / (m R² + I) with I = 3.125, R = 2, r = 0.5
+    assert "gravity enters with the factor 1.31579" in str(check.blame[0])
+    assert pytest.approx(1.31579, rel=1e-5) == (6.25 + 3.125) / (4.0 + 3.125)
+
+
+def test_the_thesis_mistake_is_named() -> None:
+    given = cases.sign_in_the_thesis()
+    check = dc.check_equations(given.mechanism, given.wrong, coordinates=given.coordinates)
+    assert "gravity enters with the wrong sign" in str(check.blame[0])
+    assert "equation 2" in str(check.blame[0])
+
+
+def test_stale_accelerations_are_named_and_stale_energies_do_no_harm() -> None:
+    """deltac reads no energies from logs: it computes them of each row's own state."""
+    model, log, energy = cases.stale_getters()
+    found = dc.audit(model, log)
+    assert found.verdict.kind == "unresolved"
+    assert "stale-stage" in {f.kind for f in found.findings}
+    ours = dc.balance(found.mechanism, log, "samples").kinetic
+    assert np.allclose(energy[1:], ours[:-1], rtol=1e-9)  # MuJoCo's are one row late
+    assert np.abs(energy - ours).max() > 1e-3 * ours.max()

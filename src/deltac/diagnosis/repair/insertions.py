@@ -108,7 +108,9 @@ class Vocabulary:
 
     def table(self, atoms: Atoms, degree: int, quotients: bool) -> Table:
         """`powers_of`, kept."""
-        key = (id(atoms), degree, quotients)
+        # Constants of the same texts have the same values; others may have been set again.
+        constant = atoms.values.shape[1] < len(self.program.samples.t)
+        key = (atoms.texts if constant else id(atoms), degree, quotients)
         if key not in self._tables:
             self._tables[key] = powers_of(atoms, degree, quotients)
         return self._tables[key]

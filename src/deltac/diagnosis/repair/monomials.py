@@ -73,43 +73,50 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Products of atoms: their powers, and values (K, B)."""
+    """Products of atoms: values (K, ·), and blocks of (indices of atoms (k, degree), their powers)."""
 
-    powers: tuple[Powers, ...]
     values: Array
+    blocks: tuple[tuple[NDArray[np.intp], tuple[int, ...]], ...]
+
+    def powers(self, k: int) -> Powers:
+        """Which atoms the product k is of."""
+        for indices, powers in self.blocks:
+            if k < len(indices):
+                return tuple((int(i), power) for i, power in zip(indices[k], powers))
+            k -= len(indices)
+        raise IndexError(k)
 
 
 def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
     """Products of at most `degree` atoms, with quotients of names if wanted."""
-    A, n = len(atoms), atoms.names
-    combinations: list[Powers] = [()]
-    blocks = [np.ones((1, atoms.values.shape[1]))]
-    V = atoms.values
+    A, n, V = len(atoms), atoms.names, atoms.values
+    blocks: list[tuple[NDArray[np.intp], tuple[int, ...]]] = [(np.empty((1, 0), dtype=np.intp), ())]
     if A:
-        combinations += [((i, 1),) for i in range(A)]
-        blocks.append(V)
+        blocks.append((np.arange(A)[:, None], (1,)))
         i, j = np.triu_indices(A)
-        if degree >= 2:
-            keep = (i < atoms.core) | (i == j)
-            i, j = i[keep], j[keep]
-            combinations += [((int(a), 1), (int(b), 1)) for a, b in zip(i, j)]
-            blocks.append(V[i] * V[j])
+        keep = (i < atoms.core) | (i == j)
+        blocks.append((np.stack([i[keep], j[keep]], axis=1), (1, 1)))
         if degree >= 3:
-            triples = list(itertools.combinations_with_replacement(range(atoms.triple), 3))
-            if triples:
-                index = np.array(triples)
-                combinations += [tuple((a, 1) for a in triple) for triple in triples]
-                blocks.append(V[index[:, 0]] * V[index[:, 1]] * V[index[:, 2]])
+            blocks.append((_triples(atoms.triple), (1, 1, 1)))
         if quotients:
-            with np.errstate(all="ignore"):
-                combinations += [((i, -1),) for i in range(A)]
-                blocks.append(1.0 / V)
-                pairs = [(a, b) for a in range(n) for b in range(n) if a != b]
-                if pairs:
-                    index = np.array(pairs)
-                    combinations += [((a, 1), (b, -1)) for a, b in pairs]
-                    blocks.append(V[index[:, 0]] / V[index[:, 1]])
-    return Table(tuple(combinations), np.concatenate(blocks))
+            blocks.append((np.arange(A)[:, None], (-1,)))
+            i, j = (x.ravel() for x in np.indices((n, n)))
+            blocks.append((np.stack([i, j], axis=1)[i != j], (1, -1)))
+    with np.errstate(all="ignore"):
+        made = []
+        for indices, powers in blocks:
+            product = np.ones((len(indices), V.shape[1]))
+            for column, power in zip(indices.T, powers):
+                product = product * V[column] if power > 0 else product / V[column]
+            made.append(product)
+    return Table(np.concatenate(made), tuple(blocks))
+
+
+@lru_cache(maxsize=64)
+def _triples(count: int) -> NDArray[np.intp]:
+    """Three of `count`, repetitions allowed, each once."""
+    triples = list(itertools.combinations_with_replacement(range(count), 3))
+    return np.array(triples, dtype=np.intp).reshape(-1, 3)
 
 
 def products(
@@ -131,7 +138,7 @@ def products(
     for k in np.flatnonzero(spread.all(axis=1)):
         coefficient = 0.5 * (low[k] + high[k])
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
-            powers = state[1].powers[k]
+            powers = state[1].powers(int(k))
             for number, others in _numbers(coefficient, constant[1]):
                 found.append(_product(number, powers, state[0], others, constant[0]))
     found.sort(key=lambda p: (p.cost, p.text))
@@ -153,7 +160,7 @@ def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:
         place = np.where(below < above, place - 1, place)
         near = np.abs(sizes[place] - np.abs(middle)) <= CONSTANT * sizes[place]
     return [
-        (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers[k])
+        (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
         for k in np.flatnonzero(same & near)
     ]
 

@@ -316,7 +316,7 @@ def _report(
         equations=tuple(name for name, off in zip(names, wrong) if off),
         fixes=fixes,
         certain=bool(fixes)
-        and (_all_varied(program) or not coincidence and _about_the_state(program, found))
+        and (_all_varied(program, found) or not coincidence and _about_the_state(program, found))
         and _one_formula(program, _first(program, found)),
         varied=tuple(program.samples.parameters),
         suspects=tuple(dict.fromkeys(suspects)),
@@ -399,9 +399,14 @@ def _nothing_new(source: Source, changed: Source) -> bool:
 STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
 
 
-def _all_varied(program: Program) -> bool:
-    """Whether every named constant that the function uses was varied with the model's parameters."""
-    used = {name for name, slot in program.trace.parameters.items() if program.matters(slot)}
+def _all_varied(program: Program, found: Found) -> bool:
+    """Whether every named constant that the function uses was varied, or is what the edit sets."""
+    edited = {e.place for e in found[0][0]}
+    used = {
+        name
+        for name, slot in program.trace.parameters.items()
+        if program.matters(slot) and program.tape.nodes[slot] not in edited
+    }
     return used <= program.samples.parameters.keys()
 
 

@@ -20,7 +20,7 @@ from deltac.diagnosis.repair.calls import flatten
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.pairs import pairs
-from deltac.diagnosis.repair.program import Program, read
+from deltac.diagnosis.repair.program import Program, named_parameters, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.search import Search, confirmed
 from deltac.diagnosis.repair.source import Source, read_source
@@ -240,7 +240,7 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     deadline = start + time_limit
     program = read(source, target)
     if program.wrong < RIGHT:
-        return _report(program, [], start, deadline)
+        return _report(program, target, [], start, deadline)
     found, suspects = _search(program, target, deadline)
     coincidence = False
     if not found and program.samples.parameters:
@@ -249,7 +249,7 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
         found, more = _search(plain, target, deadline)
         if found or not suspects:
             program, suspects, coincidence = plain, more, True
-    return _report(program, found, start, deadline, suspects, coincidence)
+    return _report(program, target, found, start, deadline, suspects, coincidence)
 
 
 def _search(
@@ -299,6 +299,7 @@ def _suspect(source: Source, place: int) -> str:
 
 def _report(
     program: Program,
+    target: Target,
     found: Sequence[tuple[tuple[Candidate, ...], Source]],
     start: float,
     deadline: float,
@@ -308,7 +309,8 @@ def _report(
     source = program.source
     names = program.samples.speeds
     wrong = np.abs(program.samples.residual(program.run())).max(axis=1) > RIGHT
-    fixes = _fixes(program, found)
+    formulas, varied = _formulas(program, target, [changed for _, changed in found])
+    fixes = _fixes(program, _groups(program, found, formulas))
     return Repair(
         file=source.name,
         function=source.qualified,
@@ -316,8 +318,9 @@ def _report(
         equations=tuple(name for name, off in zip(names, wrong) if off),
         fixes=fixes,
         certain=bool(fixes)
-        and (_all_varied(program, found) or not coincidence and _about_the_state(program, found))
-        and _one_formula(program, _first(program, found)),
+        and len(set(formulas)) == 1
+        and not coincidence
+        and (varied or _about_the_state(program, found)),
         varied=tuple(program.samples.parameters),
         suspects=tuple(dict.fromkeys(suspects)),
         complete=time.monotonic() <= deadline,
@@ -328,22 +331,18 @@ def _report(
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
 
-def _groups(program: Program, found: Found) -> Sequence[Found]:
-    """Edits of the same statements together."""
+def _groups(program: Program, found: Found, formulas: Sequence[int]) -> Sequence[Found]:
+    """Edits of the same statements that come to the same formula, together."""
     groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
-    for edits, changed in found:
-        key = tuple(program.source.statement(e.place).lineno for e in edits)
-        groups.setdefault(key, []).append((edits, changed))
+    for (edits, changed), formula in zip(found, formulas):
+        lines = tuple(program.source.statement(e.place).lineno for e in edits)
+        groups.setdefault((formula, *lines), []).append((edits, changed))
     return list(groups.values())[:GROUPS]
 
 
-def _first(program: Program, found: Found) -> list[Source]:
-    return [members[0][1] for members in _groups(program, found)]
-
-
-def _fixes(program: Program, found: Found) -> tuple[Fix, ...]:
-    """One fix for each statement (or pair of them), with what else could be written there."""
-    source, groups = program.source, _groups(program, found)
+def _fixes(program: Program, groups: Sequence[Found]) -> tuple[Fix, ...]:
+    """One fix for each group, with what else could be written there."""
+    source = program.source
     fixes = []
     for members in groups:
         edits, changed = members[0]
@@ -359,7 +358,7 @@ def _fixes(program: Program, found: Found) -> tuple[Fix, ...]:
                 others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
             )
         )
-    return _tried(program, fixes, _first(program, found))
+    return _tried(program, fixes, [members[0][1] for members in groups])
 
 
 def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) -> tuple[Fix, ...]:
@@ -399,17 +398,6 @@ def _nothing_new(source: Source, changed: Source) -> bool:
 STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
 
 
-def _all_varied(program: Program, found: Found) -> bool:
-    """Whether every named constant that the function uses was varied, or is what the edit sets."""
-    edited = {e.place for e in found[0][0]}
-    used = {
-        name
-        for name, slot in program.trace.parameters.items()
-        if program.matters(slot) and program.tape.nodes[slot] not in edited
-    }
-    return used <= program.samples.parameters.keys()
-
-
 def _about_the_state(program: Program, found: Found) -> bool:
     """Whether the least edit changes how the result depends on the state, not on constants alone.
 
@@ -426,21 +414,37 @@ def _about_the_state(program: Program, found: Found) -> bool:
     return all(e.kind in STATE_KINDS and varies(e.place) for e in edits)
 
 
-def _one_formula(program: Program, sources: Sequence[Source]) -> bool:
-    """Whether all repaired functions stay equal when their named constants are moved."""
+def _formulas(
+    program: Program, target: Target, sources: Sequence[Source]
+) -> tuple[list[int], bool]:
+    """Which repaired functions are one formula, and whether all their constants are the model's.
+
+    Functions are one formula if they stay equal when their named constants are moved.
+    """
+    if not sources:
+        return [], False
     at = program.samples.at(program.samples.group == 0)
-    results: list[Array] = []
     traces = [trace(source, at.t, at.q, at.u) for source in sources]
     names = set.intersection(*(set(found.parameters) for found in traces))
     rng = np.random.default_rng(0)
     factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
+    kinds: list[Array] = []
+    formulas = []
+    varied = True
     for found in traces:
         moved = {
             slot: found.tape.values[slot] * factors[name]
             for name, slot in found.parameters.items()
             if name in factors
         }
-        results.append(found.tape.run(found.outputs, values=moved))
-    first = results[0]
-    size = np.abs(first).max() + 1e-300
-    return all(np.abs(other - first).max() <= AGREE * size for other in results[1:])
+        result = found.tape.run(found.outputs, values=moved)
+        size = np.abs(result).max() + 1e-300
+        same = (k for k, other in enumerate(kinds) if np.abs(other - result).max() <= AGREE * size)
+        formulas.append(next(same, len(kinds)))
+        if formulas[-1] == len(kinds):
+            kinds.append(result)
+        matters = found.tape.before(found.outputs)
+        used = {name for name, slot in found.parameters.items() if slot in matters}
+        # Of the model's names and values, those that were not varied are what the edit sets right.
+        varied = varied and used <= set(named_parameters(found, target))
+    return formulas, varied

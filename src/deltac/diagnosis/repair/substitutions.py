@@ -59,6 +59,8 @@ def substitutions(program: Program, place: int) -> Iterator[Candidate]:
             yield from _names(program, place, node)
         case ast.Constant():
             yield from _constants(program, place, node)
+            if not isinstance(program.owner(place), ast.Module):
+                yield from _name_for_number(program, place, node)
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.BinOp):
         yield from _more(program, place, node)
 
@@ -225,6 +227,19 @@ def _constants(program: Program, place: int, node: ast.Constant) -> Iterator[Can
         exponent = isinstance(program.source.nodes[program.source.parent[place]], ast.BinOp)
         words = f"{own!r} should be {text}"
         yield Candidate(place, text, words, "number", 1.05 if exponent else 1.1, changes)
+
+
+def _name_for_number(program: Program, place: int, node: ast.Constant) -> Iterator[Candidate]:
+    """A name where a number stands, such as a forgotten entry of a matrix."""
+    instances = program.trace.instances[place]
+    scopes = [vocabulary(program, instance) for instance in instances]
+    for text in scopes[0]:
+        if all(text in scope for scope in scopes):
+            changes = instead(program, place, [scope[text] for scope in scopes])
+            if changes:
+                yield Candidate(
+                    place, text, f"{node.value!r} should be {text}", "name", 1.4, changes
+                )
 
 
 def _given(number: float) -> Any:

@@ -238,8 +238,6 @@ class Slot:
     def __len__(self) -> int:
         raise TypeError("a number has no length")
 
-    __array_priority__ = 1000.0
-
 
 def _binary(operation: Operation) -> tuple[Operation, Operation]:
     def forward(self: Slot, other: Any) -> Any:

@@ -302,9 +302,11 @@ def test_no_source_no_function(pendulum: dc.Mechanism, tmp_path: Path) -> None:
         "    M = np.zeros((2, 2))\n    for i in range(2):\n        M[i, i] = 1 + q[i] ** 2\n"
         "    return np.linalg.inv(M) @ u",
         "    return np.array([x * y for x, y in zip(q, u)]) / np.linalg.norm(q)",
-        "    f = lambda x: x**2 + 1\n    p = {'a': 2.0}\n    return [f(q[0]) * p['a'], math.atan2(q[1], u[0])]",
+        "    f = lambda x: x**2 + 1\n    p = {'a': 2.0}\n"
+        "    return [f(q[0]) * p['a'], math.atan2(q[1], u[0])]",
         "    x, *rest = q\n    s = sum(rest)\n    s -= x\n    return [s if len(q) == 2 else 0.0, max(x, s)]",
-        "    M = np.array([[2.0, q[0]], [q[0], 3.0]])\n    return np.linalg.solve(M, u) * np.where(q > 0, 1, -1)",
+        "    M = np.array([[2.0, q[0]], [q[0], 3.0]])\n"
+        "    return np.linalg.solve(M, u) * np.where(q > 0, 1, -1)",
         "    return np.linalg.det([[q[0], u[0]], [q[1], u[1]]]) * np.hypot(*q) * np.ones(2)",
     ],
 )

@@ -134,6 +134,11 @@ def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = Fal
     if not vary:
         return Program(first, samples)
     varied = named_parameters(first, target)
+    if varied:
+        try:
+            target.samples(varied, fresh)
+        except InputError:  # the mechanism allows no other values, or no states at them
+            varied = ()
     if not varied:
         return Program(first, samples)
     return at(source, target, varied, fresh)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from deltac.diagnosis.equation_test import LEAST as FLOOR
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.states import random_states
+from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
@@ -18,6 +19,9 @@ Array = NDArray[np.float64]
 
 NOMINAL, VARIED, SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""
+
+SPREADS = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99, 1.01))
+"""Ranges of factors for other sets of values, tried in turn."""
 
 LEAST = 1e-3
 
@@ -104,10 +108,26 @@ class Target:
         return self._tests[key]
 
     def values(self, group: int, varied: tuple[str, ...]) -> dict[str, float]:
-        """The parameters' values in a set: other sets scale each by a factor of its own, 0.6 to 1.6."""
-        factors = np.random.default_rng([self.seed, group]).uniform(0.6, 1.6, len(varied))
-        factors = np.where(group == 0, 1.0, factors)
-        return {n: self.mechanism.parameters[n] * float(f) for n, f in zip(varied, factors)}
+        """The parameters' values in a set: other sets scale each by a factor of its own.
+
+        The factors are as far from 1 as the mechanism allows (moments of inertia, for instance, must satisfy
+        the triangle inequality). Raises InputError if it allows none.
+        """
+        own = self.mechanism.parameters
+        if group == 0:
+            return {name: own[name] for name in varied}
+        for attempt, (low, high) in enumerate(SPREADS):
+            draw = np.random.default_rng([self.seed, group, attempt])
+            factors = draw.uniform(low, high, len(varied))
+            values = {name: own[name] * float(f) for name, f in zip(varied, factors)}
+            try:
+                self.mechanism.with_parameters(**values)
+            except InputError:
+                if attempt + 1 == len(SPREADS):
+                    raise
+            else:
+                return values
+        raise AssertionError
 
     def _draw(self, varied: tuple[str, ...], fresh: bool) -> Samples:
         groups = range(SETS + 1 if varied else 1)

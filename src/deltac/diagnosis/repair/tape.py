@@ -63,9 +63,9 @@ class Row:
         return solution[self.k]
 
 
-def stacked(values: Sequence[Any]) -> Array:
-    """Numbers and arrays (B,) as one array (n, B)."""
-    width = max((np.size(value) for value in values), default=1)
+def stacked(values: Sequence[Any], width: int = 1) -> Array:
+    """Numbers and arrays (B,) as one array (n, B), B being at least `width`."""
+    width = max(width, *(np.size(value) for value in values)) if len(values) else width
     full = np.empty((len(values), width))
     for row, value in zip(full, values):
         row[:] = value
@@ -86,6 +86,7 @@ class Tape:
     values              (B,) arrays or numbers, at the states it was made for
     exact               the Python number where a slot depends on literals alone, else None
     varying             whether a slot depends on the state
+    width               B, the number of states
     """
 
     operations: list[Operation | None] = field(default_factory=list)
@@ -95,6 +96,7 @@ class Tape:
     exact: list[Any] = field(default_factory=list)
     varying: list[bool] = field(default_factory=list)
     node: int | None = None
+    width: int = 1
     _after: dict[int, tuple[int, ...]] = field(default_factory=dict)
     _before: dict[tuple[int, ...], frozenset[int]] = field(default_factory=dict)
 
@@ -103,6 +105,7 @@ class Tape:
 
     def given(self, value: Any, *, exact: Any = None, varying: bool = True) -> Slot:
         """A slot whose value is given: an input or a constant."""
+        self.width = max(self.width, np.size(value))
         return self._append(None, (), value, exact, varying)
 
     def record(self, operation: Operation, *inputs: Any) -> Slot:
@@ -198,7 +201,7 @@ class Tape:
                     new[k] = old[k]
                     continue
                 new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
-        return stacked([new[k] if k in new else old[k] for k in outputs])
+        return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
 
 
 @dataclass(frozen=True, eq=False)

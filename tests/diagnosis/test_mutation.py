@@ -1,0 +1,132 @@
+"""Mutants, and which tests see them."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import deltac as dc
+from deltac.cli import main
+from deltac.diagnosis.mutation import KINDS, mutants
+
+EULER = """\
+import numpy as np
+
+A, B, C = 2.1, 3.3, 4.7
+
+
+def rhs(t, q, u):
+    # torque-free: Euler's equations
+    x, y, z = u
+    a = (B - C) * y * z
+    b = (C - A) * z * x
+    c = (A - B) * x * y
+    return np.array([a / A, b / B, c / C])
+"""
+
+
+@pytest.fixture(scope="module")
+def body() -> dc.Mechanism:
+    """A body on a ball joint at its mass centre, without gravity."""
+    return dc.Mechanism(
+        bodies=[dc.body("top", 1.0, ("A", "B", "C"))],
+        joints=[dc.spherical("ball", "ground", "top")],
+        parameters={"A": 2.1, "B": 3.3, "C": 4.7},
+    )
+
+
+def test_each_mutant_is_one_change_of_its_kind() -> None:
+    made = mutants(EULER, "rhs")
+    original = ast.dump(ast.parse(EULER))
+    assert len({m.text for m in made}) == len(made) > 100
+    for m in made:
+        assert m.kind in KINDS and m.before != m.after
+        assert ast.dump(ast.parse(m.text)) != original
+        differing = [
+            k
+            for k, (x, y) in enumerate(
+                zip(EULER.splitlines(), m.text.splitlines(), strict=True), start=1
+            )
+            if x != y
+        ]
+        assert differing == [m.line]
+
+
+def test_the_operators_are_those_of_the_literature() -> None:
+    """Counted by hand for one statement: a = b * c, with names b, c known before."""
+    text = "b, c = 2.0, 3.0\n\n\ndef rhs(t, q, u):\n    a = b * c\n    return [a]\n"
+    counts = Counter(m.kind for m in mutants(text, "rhs", names=1) if m.line == 5)
+    assert counts == {
+        "operator": 3,  # + - /
+        "dropped factor": 2,
+        "sign": 2,
+        "name": 1 + 1,  # one other name for each use
+        "power": 2,  # a square at each use
+    }
+
+
+def test_a_workless_mistake_is_seen_by_the_residual_alone(
+    body: dc.Mechanism, tmp_path: Path
+) -> None:
+    """Gyroscopic torques do no work: (B − C), (C − A), (A − B) must add up to zero, no more."""
+    path = tmp_path / "euler.py"
+    path.write_text(EULER, "utf-8")
+    found = dc.mutate_equations(body, f"{path}:rhs", names=1)
+    assert found.residual < 1e-12 and found.varied == ("A", "B", "C")
+    table = found.table()["all"]
+    wrong = table["mutants"] - table["equivalent"]
+    assert table["coordinate residual"] == wrong > 80 and found.status == 0
+    assert any(t.reason == "workless" for t in found.trials)
+    assert table["wang"] < wrong
+    for t in found.trials:
+        if t.reason == "workless":
+            assert t.detected("coordinate residual") and not t.detected("liu-huston")
+    assert "workless" in found.explain()
+
+
+def test_wrong_equations_are_said_to_be_wrong_first(body: dc.Mechanism, tmp_path: Path) -> None:
+    path = tmp_path / "euler.py"
+    path.write_text(EULER.replace("(B - C) * y", "(B + C) * y"), "utf-8")
+    found = dc.mutate_equations(body, f"{path}:rhs", names=0)
+    assert found.status == 1 and "repair it first" in found.explain()
+
+
+def test_the_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wrong = "from math import sin\n\ng, l = 9.81, 2.0\n\n\ndef rhs(t, q, u):\n    return [g * sin(q[0]) / l]\n"
+    Path("eom.py").write_text(wrong, "utf-8")
+    Path("model.py").write_text(
+        "import deltac as dc\n\n\ndef pendulum():\n"
+        "    return dc.Mechanism(\n"
+        "        bodies=[dc.point_mass('bob', 1.0, at=(0.0, '-l', 0.0))],\n"
+        "        joints=[dc.revolute('pin', 'ground', 'bob')],\n"
+        "        gravity=(0.0, '-g', 0.0),\n"
+        "        parameters={'g': 9.81, 'l': 2.0},\n    )\n",
+        "utf-8",
+    )
+    with pytest.raises(SystemExit) as left:
+        main(["check", "model.py:pendulum", "eom.py:rhs", "--repair", "--write", "fix.patch"])
+    assert left.value.code == 1
+    printed = capsys.readouterr().out
+    assert "eom.py:7: " in printed and "should be −" in printed
+    assert "+    return [" in Path("fix.patch").read_text("utf-8")
+    assert Path("eom.py").read_text("utf-8") == wrong
+    with pytest.raises(SystemExit):
+        main(["check", "model.py:pendulum", "eom.py:rhs", "--repair", "--json"])
+    repair = json.loads(capsys.readouterr().out)["repair"]
+    assert repair["certain"] and repair["fixes"][0]["lines"] == [7]
+    Path("eom.py").write_text(wrong.replace("[g", "[-g"), "utf-8")
+    with pytest.raises(SystemExit) as left:
+        main(["mutate", "model.py:pendulum", "eom.py:rhs", "--json"])
+    outcome = json.loads(capsys.readouterr().out)
+    assert left.value.code == 0
+    assert outcome["table"]["all"]["mutants"] == len(outcome["mutants"])
+    with pytest.raises(SystemExit) as left:
+        main(["mutate", "model.py:pendulum", "eom.py:other"])
+    assert left.value.code == 2

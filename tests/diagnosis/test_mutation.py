@@ -99,7 +99,10 @@ def test_the_commands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    wrong = "from math import sin\n\ng, l = 9.81, 2.0\n\n\ndef rhs(t, q, u):\n    return [g * sin(q[0]) / l]\n"
+    wrong = (
+        "from math import sin\n\ng, l = 9.81, 2.0\n\n\n"
+        "def rhs(t, q, u):\n    return [g * sin(q[0]) / l]\n"
+    )
     Path("eom.py").write_text(wrong, "utf-8")
     Path("model.py").write_text(
         "import deltac as dc\n\n\ndef pendulum():\n"

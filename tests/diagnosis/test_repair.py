@@ -13,7 +13,8 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.mutation import KINDS, mutants
 from deltac.diagnosis.repair.interpreter import trace
-from deltac.diagnosis.repair.repair import Repair, repair_source
+from deltac.diagnosis.repair.outcome import Repair
+from deltac.diagnosis.repair.repair import repair_source
 from deltac.diagnosis.repair.samples import Target
 from deltac.diagnosis.repair.source import Source, read_source
 

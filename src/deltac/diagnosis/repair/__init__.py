@@ -3,11 +3,12 @@
 `source` finds the function, `interpreter` reads it onto a `tape`, `samples` has what it must give;
 `required` finds what each expression must be, `substitutions` and `insertions` (`monomials`) the edits that
 make it so, `pairs` two of them; `search` puts these together, `texts` applies them, `runner` runs the
-outcome, `repair` reports.
+result in `child`, `repair` puts it into an `outcome`.
 """
 
 from __future__ import annotations
 
-from deltac.diagnosis.repair.repair import Fix, Repair, repair_equations
+from deltac.diagnosis.repair.outcome import Fix, Repair
+from deltac.diagnosis.repair.repair import repair_equations
 
 __all__ = ["Fix", "Repair", "repair_equations"]

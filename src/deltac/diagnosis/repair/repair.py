@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import ast
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,6 +18,7 @@ from deltac.diagnosis.repair import runner
 from deltac.diagnosis.repair.calls import flatten
 from deltac.diagnosis.repair.candidates import Candidate, short
 from deltac.diagnosis.repair.interpreter import trace
+from deltac.diagnosis.repair.outcome import Fix, Repair
 from deltac.diagnosis.repair.pairs import pairs
 from deltac.diagnosis.repair.program import Program, named_parameters, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
@@ -51,150 +51,6 @@ AGREE = 1e-7
 
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
-
-
-@dataclass(frozen=True)
-class Fix:
-    """An edit, or two, that make the function right.
-
-    lines     of the source, one for each edit
-    words     what is wrong and what it should be, one for each edit
-    kinds     sign, operator, name, index, function, power, number, factor, term, order
-    cost      how much is changed: about 1 for one sign or name, more for what is put in
-    diff      a unified diff of the file
-    text      the whole file as it should be
-    others    other ways to write the same in the same statements
-    ran       whether Python itself, run on the edited function, gave the model's accelerations; None where
-              the function cannot be run by itself (a method, a closure)
-    """
-
-    file: str
-    lines: tuple[int, ...]
-    words: tuple[str, ...]
-    kinds: tuple[str, ...]
-    cost: float
-    diff: str
-    text: str = field(repr=False)
-    others: tuple[str, ...] = ()
-    ran: bool | None = None
-
-    def __str__(self) -> str:
-        return "; ".join(
-            f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words)
-        )
-
-
-@dataclass(frozen=True)
-class Repair:
-    """What a search for a mistake in equations of motion came to.
-
-    file, function   what was searched
-    residual         size of the residual, 1 being the size of an equation's terms; rounding when right
-    equations        speeds whose equations are wrong
-    fixes            edits that make it right, least first; empty if none was found, or none is needed
-    certain          all fixes found are one and the same formula, right at every state and, where the
-                     function names them, at other parameters too
-    varied           parameters of the model that were varied with the function's
-    suspects         expressions any one of which could be wrong by itself, "file:line: expression"
-    complete         whether the search came to its end within its time
-    seconds          it took
-    """
-
-    file: str
-    function: str
-    residual: float
-    equations: tuple[str, ...]
-    fixes: tuple[Fix, ...]
-    certain: bool
-    varied: tuple[str, ...]
-    suspects: tuple[str, ...]
-    complete: bool
-    seconds: float
-
-    @property
-    def right(self) -> bool:
-        """Whether there is nothing to repair."""
-        return self.residual < RIGHT
-
-    @property
-    def status(self) -> int:
-        """Exit status of the command line: 0 right, 1 wrong (repaired or not)."""
-        return 0 if self.right else 1
-
-    def explain(self, width: int = 96) -> str:
-        """What was found, in words, with the diff of the first fix."""
-        name = f"{self.file}:{self.function}"
-        if self.right:
-            return (
-                f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
-            )
-        where = ", ".join(self.equations)
-        lines = [
-            f"{name} is wrong: residual {self.residual:.2g} of the terms, in the equation of {where}."
-        ]
-        if self.fixes:
-            lines += self._fixes()
-        elif self.suspects:
-            lines.append("No edit was found. By itself, any one of these could be what is wrong:")
-            lines += [f"  {suspect}" for suspect in self.suspects]
-        elif self.residual > 0.3 and self.complete:
-            lines.append(
-                "No expression can be the only one that is wrong, and no two edits were found. Is it the "
-                "function of this model, in these coordinates and units (radians)?"
-            )
-        else:
-            lines.append("No edit was found, and no expression can be the only one that is wrong.")
-        if not self.complete:
-            lines.append("The search ran out of time: there may be other edits.")
-        wrapped = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
-        if self.fixes:
-            wrapped += ["", self.fixes[0].diff.rstrip()]
-        return "\n".join(wrapped)
-
-    def _fixes(self) -> list[str]:
-        lines = [str(fix) for fix in self.fixes]
-        if len(lines) > 1:
-            lines.insert(0, "Each of these makes it right:")
-        tested = "random states"
-        if self.varied:
-            tested += f", and at other values of {', '.join(self.varied)}"
-        if self.certain:
-            lines.append(f"Tested at {tested}; no other formula was found.")
-        else:
-            lines.append(
-                f"Tested at {tested}. Other formulas may agree at these numbers too: choose, or "
-                "name the constants as the model does, so that they can be varied."
-            )
-        return lines
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, for JSON."""
-        fixes = [
-            {
-                "file": f.file,
-                "lines": list(f.lines),
-                "words": list(f.words),
-                "kinds": list(f.kinds),
-                "cost": f.cost,
-                "diff": f.diff,
-                "others": list(f.others),
-                "ran": f.ran,
-            }
-            for f in self.fixes
-        ]
-        return {
-            "file": self.file,
-            "function": self.function,
-            "residual": self.residual if np.isfinite(self.residual) else None,
-            "right": self.right,
-            "equations": list(self.equations),
-            "fixes": fixes,
-            "certain": self.certain,
-            "varied": list(self.varied),
-            "suspects": list(self.suspects),
-            "complete": self.complete,
-            "seconds": self.seconds,
-        }
 
 
 def repair_equations(

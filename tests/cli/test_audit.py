@@ -140,3 +140,16 @@ def test_what_the_import_left_to_the_log_is_told(
     told = " ".join(out.split())
     assert status == 0
     assert "2 left to the log, 0 assumed" in told and "Left to the log: m1 (actuator)" in told
+
+
+def test_explain_names_the_causes(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = str(logs / "damped.parquet")
+    status, out, err = run(MODEL, log, "--explain", capsys=capsys)
+    assert (status, err) == (1, ""), out
+    assert "a viscous damping of 0.01" in " ".join(out.split()).lower()
+    assert "missing-damper" in out  # the table
+    _, out, _ = run(MODEL, log, "--explain", "--json", capsys=capsys)
+    causes = json.loads(out)["explanation"]["causes"]
+    assert {c["element"]: c["values"][0] for c in causes} == pytest.approx(
+        {"joint1": 0.01, "joint2": 0.01, "joint3": 0.01}, rel=1e-6
+    )

@@ -41,3 +41,22 @@ def test_there_are_faults_enough() -> None:
     names = [(f.model, f.name, f.element) for f in faults()]
     assert len(names) == len(set(names)) >= 60
     assert len({name for _, name, _ in names}) == 9
+
+
+@pytest.mark.slow
+def test_a_humanoid_without_dampers_and_with_another_shin() -> None:
+    """Twenty-two causes at once, each to a millionth: 27 degrees of freedom tell them apart."""
+    import humanoid
+    import mujoco
+
+    right, wrong = (mujoco.MjModel.from_xml_string(humanoid.mjcf()) for _ in range(2))
+    wrong.dof_damping[:] = 0.0
+    wrong.body("shin_r").mass *= 1.05
+    data = mujoco.MjData(right)
+    data.qvel[:] = 0.3
+    run = dc.run_mujoco(right, 0.5, data=data, integrator="rk4")
+    found = dc.explain_residual(wrong, run)
+    values = {(c.kind, c.element): c.values[0] for c in found.causes}
+    assert values.pop(("body-mass", "shin_r")) == pytest.approx(1.0 / 1.05, rel=1e-6)
+    assert len(values) == 21 and {kind for kind, _ in values} == {"missing-damper"}
+    assert list(values.values()) == pytest.approx([2.0] * 21, rel=1e-6)

@@ -32,7 +32,7 @@ Array: TypeAlias = NDArray[np.float64]
 Form = Literal["samples", "weak"]
 
 MOST_ROWS = 3000
-MOST_NUMBERS = 20_000_000
+MOST_NUMBERS = 8_000_000
 """Samples that are looked at, in stretches over the log; fewer where the mechanism is large."""
 
 NOISY = 1e-4

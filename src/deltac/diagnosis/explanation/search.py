@@ -57,11 +57,13 @@ def search(regression: Regression, most: int = MOST) -> Found:
             (fit for fit in paths if plausible(regression, fit)),
             key=lambda fit: price(regression, fit),
         )
+        if possible and _closed(regression, possible[0]):
+            possible.insert(0, _pruned(regression, possible[0]))
         sure = (fit for fit in possible if count == 1 or regression.stands_out(fit))
         here = next(sure, None)
         if here is not None and (best is None or price(regression, here) < price(regression, best)):
             best = here
-            if best.left <= max(CLOSED * regression.floor(best), SLIGHT * regression.total):
+            if _closed(regression, best):
                 break
         # What is implausible may close by annulling masses and motors alike: that is no progress.
         now = min((fit.left for fit in possible), default=left)
@@ -71,6 +73,24 @@ def search(regression: Regression, most: int = MOST) -> Found:
     if best is None:
         return Found(regression.nothing, ())
     return _with_equals(regression, best, [f for f in every if plausible(regression, f)])
+
+
+def _closed(regression: Regression, fit: Fit) -> bool:
+    """Whether a fit leaves no more than noise and rounding, or next to nothing."""
+    return fit.left <= max(CLOSED * regression.floor(fit), SLIGHT * regression.total)
+
+
+def _pruned(regression: Regression, fit: Fit) -> Fit:
+    """The fit without the causes that it can spare: what was chosen early may have become idle."""
+    while len(fit.chosen) > 1:
+        fewer = [
+            regression.fit((*fit.chosen[:k], *fit.chosen[k + 1 :])) for k in range(len(fit.chosen))
+        ]
+        least = min(fewer, key=lambda other: price(regression, other))
+        if price(regression, least) >= price(regression, fit) or not plausible(regression, least):
+            break
+        fit = least
+    return fit
 
 
 def price(regression: Regression, fit: Fit) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,3 +163,79 @@ def test_distance_is_by_unit_and_at_common_times() -> None:
     assert 0.0 < distance(problem.mechanism, run, finer) < 1e-4
     shifted = dc.simulate(problem.mechanism, problem.state, 0.9, 0.3)
     assert distance(problem.mechanism, run, shifted) < 1.0
+
+
+ARM = """
+<mujoco model="arm">
+ <worldbody>
+  <body pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping="0.05"/>
+   <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
+   <body pos="0.3 0 0"><joint name="elbow" axis="0 1 0" damping="0.02"/>
+    <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></body>
+ </worldbody>
+ <actuator><motor name="motor" joint="shoulder" gear="3"/></actuator>
+</mujoco>"""
+
+SLIDER = """
+<mujoco model="slider">
+ <worldbody>
+  <body pos="0 0 0"><joint name="slide" type="slide" axis="1 0 0" stiffness="2e4" damping="40"/>
+   <geom type="sphere" size="0.05" mass="1"/>
+   <body pos="0 0 0"><joint name="swing" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02"/></body></body>
+ </worldbody>
+ <actuator><motor name="push" joint="slide" gear="30"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "solvers"),
+    [
+        pytest.param(ARM, ("mujoco:rk4", "mujoco:euler", "mujoco:implicitfast"), id="arm"),
+        pytest.param(SLIDER, ("mujoco:rk4", "mujoco:implicitfast"), id="stiff slider"),
+    ],
+)
+def test_mujoco_integrators_on_a_signal_of_the_users(text: str, solvers: tuple[str, ...]) -> None:
+    """The advice, run again, against MuJoCo's own RK4 at a step 32 times as small."""
+    mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
+    model = mujoco.MjModel.from_xml_string(text)
+
+    def control(model: object, data: Any) -> None:
+        data.ctrl[0] = 0.4
+
+    advice = dc.recommend(model, duration=0.5, tolerance=1e-3, solvers=solvers, control=control)
+    assert advice.verified
+    assert advice.best is not None
+    mechanism, _ = dc.read_mechanism(model)
+
+    def run(solver: str, step: float) -> dc.Trajectory:
+        integrator = solver.removeprefix("mujoco:")
+        return dc.run_mujoco(model, 0.5, control=control, step=step, integrator=integrator)
+
+    exact = run("mujoco:rk4", advice.best.setting / 32)
+    assert distance(mechanism, run(advice.best.solver, advice.best.setting), exact) <= 1.1e-3
+    assert advice.coarser is not None
+    coarser = run(advice.best.solver, advice.coarser.setting)
+    ledger = dc.balance(mechanism, coarser, testing=("wang",))
+    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.turnover
+    exact = run("mujoco:rk4", advice.coarser.setting / 32)
+    # What fails is one of the two, or the run itself; the energy counts corrections too.
+    assert max(energy, distance(mechanism, coarser, exact)) > 0.5e-3
+
+
+@pytest.mark.slow
+def test_the_stiff_governor() -> None:
+    """The advice keeps 1e-4 against Radau at its tightest, and no explicit step beyond stability is given."""
+    problem = dc.problems.load("stiff-governor")
+    advice = dc.recommend(problem, duration=1.0, tolerance=1e-4)
+    assert advice.verified
+    best = advice.best
+    assert best is not None
+    knob = (
+        {"step": best.setting} if best.knob == "step" else {"step": 0.01, "tolerance": best.setting}
+    )
+    run = dc.simulate(problem.mechanism, problem.state, 1.0, solver=best.solver, **knob)
+    exact = dc.simulate(
+        problem.mechanism, problem.state, 1.0, float(run.t[1]), "Radau", tolerance=1e-11
+    )
+    assert distance(problem.mechanism, run, exact) <= 1.2e-4

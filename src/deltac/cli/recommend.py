@@ -18,7 +18,7 @@ from deltac.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.recommendation import Advice
+    from deltac.diagnosis.advice import Advice
 
 
 def command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.diagnosis.advice import Advice
 from deltac.diagnosis.audit import Audit, audit
 from deltac.diagnosis.check import check_equations
 from deltac.diagnosis.check_result import EquationCheck
@@ -10,7 +11,7 @@ from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.localisation_run import Localisation, localise
 from deltac.diagnosis.models import load_callable, load_model
 from deltac.diagnosis.mutation_report import Mutation, mutate_equations
-from deltac.diagnosis.recommendation import Advice, recommend
+from deltac.diagnosis.recommendation import recommend
 from deltac.diagnosis.repair import Fix, Repair, repair_equations
 from deltac.diagnosis.states import States, random_states
 from deltac.diagnosis.study import Convergence, Study, observed_order, study

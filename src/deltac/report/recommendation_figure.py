@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from deltac.diagnosis.recommendation import Advice
+    from deltac.diagnosis.advice import Advice
     from deltac.diagnosis.work_precision import Trial
 
 MARKS = "osD^vPX*<>ph"

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.repair.calls import flatten
-from deltac.diagnosis.repair.interpreter import Instance
 from deltac.diagnosis.repair.program import Program
 from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.tape import Array, Change, Operation, Slot, identity
+from deltac.diagnosis.repair.trace import Instance
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.interpreter import Instance, Trace, trace
+from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.samples import RIGHT, Samples, Target
 from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.tape import Array, Change, Row, Slot, Solve, Tape, identity
+from deltac.diagnosis.repair.trace import Instance, Trace
 from deltac.errors import InputError
 
 SAME = 1e-9

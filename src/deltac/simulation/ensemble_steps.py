@@ -39,7 +39,7 @@ FUSED_INSTRUCTIONS = 4000
 LANES = 8
 """Members come in multiples of this: no kernel has a wider SIMD vector."""
 
-CHUNK_BYTES = 2**19
+CHUNK_BYTES = 2**20
 """The arrays of a chunk of members together: they stay in the cache of one core."""
 
 CHUNKS = (8 * 11, 8 * 127)
@@ -102,8 +102,8 @@ class Advance:
     def __call__(self, x: Array, taken: Array, p: Array, span: Span) -> tuple[Array, Array]:
         """The states (rows, B) after the span, and the number of steps (B,) that members have taken.
 
-        A member whose state ceases to be finite is frozen where it was last seen finite, and takes no
-        more steps. `p` (np, B) are the values of the parameters.
+        A member whose state ceases to be finite is frozen at one that it had before, and takes no more
+        steps. `p` (np, B) are the values of the parameters.
         """
         with np.errstate(all="ignore"):
             after, worst, count = (self._whole if self.fused else self._staged)(x, taken, p, span)
@@ -129,12 +129,13 @@ class Advance:
         rate, settle = rate_kernel(flow), settle_kernel(flow)
         given = np.empty((rate.n_in, B))
         given[1 + n :] = p
-        y, worst = given[1 : 1 + n], np.ones(B)
-        taken = taken.copy()
+        y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
         tableau = TABLEAUS.get(self.solver.name)
-        stages = np.empty(((tableau and len(tableau.b) or 0) + 1, n, B))
-        settled = np.empty((n + 1, B))
-        x = x.copy()
+        # x, then the rates of the stages; behind x the settling kernel has a row for its pivot.
+        arrays = np.empty(((len(tableau.b) if tableau is not None else 1) + 1, n, B))
+        now = arrays.reshape(-1, B)[:n]
+        settled = arrays.reshape(-1, B)[: n + 1]
+        now[...] = x
 
         def evaluate(t: float, state: Array) -> Array:
             given[0], y[...] = t, state
@@ -143,27 +144,26 @@ class Advance:
         for k in range(span.first, span.first + span.count):
             t = span.t0 + k * span.h
             if tableau is not None:
-                stages[0] = x
                 for i, row in enumerate(tableau.a):
                     given[0] = t + tableau.c[i] * span.h
-                    _combine(stages, tuple(span.h * a for a in row), y)
-                    rate.flat(given, out=stages[i + 1])
-                _combine(stages, tuple(span.h * b for b in tableau.b), y)
+                    _combine(arrays, tuple(span.h * a for a in row), y)
+                    rate.flat(given, out=arrays[i + 1])
+                _combine(arrays, tuple(span.h * b for b in tableau.b), y)
             else:
                 assert self.solver.step is not None
-                y[...] = self.solver.step(evaluate, t, x, span.h, _parts(flow))
-            after = y
+                y[...] = self.solver.step(evaluate, t, now, span.h, _parts(flow))
             if settle is not None:
                 given[0] = span.t0 + (k + 1) * span.h
-                after = settle.flat(given, out=settled)[:n]
+                settle.flat(given, out=settled)
                 np.minimum(worst, settled[n], out=worst)
-            alive = np.isfinite(after).all(axis=0) & (taken == k)
-            taken += alive
-            if alive.all():
-                x[...] = after
             else:
-                np.copyto(x, after, where=alive)
-        return x, worst, taken
+                now[...] = y
+            # Adding up is faster than looking at every entry, and no sum hides what is not finite.
+            alive = np.isfinite(np.add.reduce(now, axis=0)) & (taken == k)
+            taken += alive
+            if not alive.all():
+                np.copyto(now, x, where=~alive)
+        return now.copy(), worst, taken
 
     def _carefully(self, x: Array, p: Array, span: Span) -> tuple[Array, float]:
         """A member whose constraints became dependent on the way, by least squares.
@@ -261,12 +261,11 @@ def _combination(weights: tuple[float, ...]) -> Kernel:
 
 def _combine(stages: Array, weights: tuple[float, ...], out: Array) -> None:
     """Write x + Σ w_i k_i to `out` (n, B), where `stages` (s + 1, n, B) holds x and the rates."""
-    used = len(weights)
     if not any(weights):
         out[...] = stages[0]
         return
-    flat = stages.reshape(len(stages), -1)[: used + 1]
-    _combination(weights).flat(flat, out=out.reshape(1, -1))
+    used = stages.reshape(len(stages), -1)[: len(weights) + 1]
+    _combination(weights).flat(used, out=out.reshape(1, -1))
 
 
 @lru_cache(maxsize=16)

@@ -60,18 +60,19 @@ def hermite_kernel(
 
 
 @lru_cache(maxsize=32)
-def lagrange_kernel(window: int, columns: int) -> Kernel:
-    """∫ over an interval of the polynomials through values `f` (columns) of each sample in a window."""
+def lagrange_kernel(window: int) -> Kernel:
+    """Weights (window) with which values in a window make ∫ over an interval of the polynomial through them.
+
+    Inputs: times `z` (window) and the interval's `width` (s).
+    """
     z, width = ca.SX.sym("z", window), ca.SX.sym("width")
-    f = ca.SX.sym("f", columns * window)
     points, gauss = np.polynomial.legendre.leggauss((window + 1) // 2)
     x = ca.SX.sym("x")
     l, _ = _lagrange(z, x)
     weights = sum(
         0.5 * g * ca.substitute(l, x, ca.SX(0.5 * (1 + point))) for point, g in zip(points, gauss)
     )
-    integral = ca.mtimes(ca.reshape(f, columns, window), weights) * width
-    return Kernel({"z": z, "width": width, "f": f}, {"integral": integral}, name="quadrature")
+    return Kernel({"z": z, "width": width}, {"weights": weights * width}, name="quadrature")
 
 
 def _lagrange(z: SX, x: SX) -> tuple[SX, SX]:

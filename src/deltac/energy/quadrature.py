@@ -24,10 +24,10 @@ from deltac.energy.interpolation import (
     window_times,
     windows_of,
 )
+from deltac.energy.sampled import Between, Powers, Samples, at_samples
+from deltac.kernels.parallel import cores, spread
 
 Array: TypeAlias = NDArray[np.float64]
-Powers: TypeAlias = Callable[[Array, "Between"], Array]
-"""(times, between) -> (rows, m)."""
 
 _INNER = float(np.sqrt(3.0 / 7.0))
 INNER = (0.5 - 0.5 * _INNER, 0.5, 0.5 + 0.5 * _INNER)
@@ -42,12 +42,13 @@ SAMPLED = 8
 """Samples in a window of `lagrange`, and its order."""
 
 ROWS_AT_ONCE = 520
-"""Intervals in a batch: they stay in cache, and their columns are not a power of two apart."""
+"""Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
 
 
+<<<<<<< HEAD
 @dataclass(frozen=True)
 class Between:
     """Quantities interpolated at one node of every interval: values and rates by name, (T−1, n)."""
@@ -107,12 +108,15 @@ def spline_rate(t: Array, y: Array) -> Array:
     return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))
 
 
+=======
+>>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
     """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
     known = at_samples(samples, powers)
     return hermite(samples, powers, known, window, samples.smooth).T
 
 
+<<<<<<< HEAD
 def row_blocks(count: int) -> list[slice]:
     """Rows in blocks that stay in cache; kernels spread each over the cores."""
     starts = range(0, count, ROWS_AT_ONCE)
@@ -142,18 +146,35 @@ def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
     return t, Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
 
 
+=======
+>>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
-    t, window = samples.t, min(SAMPLED, len(samples.t))
-    kernel = lagrange_kernel(window, len(known))
-    total = np.zeros_like(known)
+    total = np.empty_like(known)
+    parts = np.array_split(np.arange(len(known)), min(cores(), len(known)) or 1)
+    spread(lambda rows: _lagrange(samples.t, known, rows, total), parts)
+    return total
+
+
+def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> None:
+    """`lagrange` of some rows, which lie side by side, from start to end."""
+    window = min(SAMPLED, len(t))
+    kernel = lagrange_kernel(window)
+    powers, sums = known[rows[0] : rows[-1] + 1], total[rows[0] : rows[-1] + 1]
+    sums[:, 0] = 0.0
+    parts = np.empty((2, len(rows), ROWS_AT_ONCE))
     for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
-        x = np.empty((kernel.n_in, stop - start))
-        z, width, f = (x[where] for where in kernel.input_slices.values())
-        window_times(t, start, first, z, width)
-        windows_of([known.T], first, window, f)
-        total[:, start + 1 : stop + 1] = kernel.flat(x)
-    return np.cumsum(total, axis=1, out=total)
+        size = stop - start
+        x = np.empty((kernel.n_in, size))
+        window_times(t, start, first, x[:window], x[window:])
+        weights = kernel.flat(x)
+        part, product = parts[:, :, :size]
+        np.multiply(powers[:, first : first + size], weights[0], out=part)
+        for j in range(1, window):
+            np.multiply(powers[:, first + j : first + j + size], weights[j], out=product)
+            part += product
+        part[:, 0] += sums[:, start]
+        np.cumsum(part, axis=1, out=sums[:, start + 1 : stop + 1])
 
 
 def hermite(
@@ -184,7 +205,8 @@ def hermite_parts(
     """
     t, window = samples.t, min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
-    values, slopes = ([samples.smooth[name][k] for name in names] for k in (0, 1))
+    values = [samples.smooth[name].values for name in names]
+    slopes = [samples.smooth[name].rates for name in names]
     plain = list(samples.plain.values())
     sizes = {name: y.shape[1] for name, y in zip([*names, *samples.plain], [*values, *plain])}
     rated = {f"rate {name}": sizes[name] for name in names if name in rates}
@@ -208,7 +230,7 @@ def hermite_parts(
         here, after = slice(start, stop), slice(start + 1, stop + 1)
         end = known[columns, after]
         if samples.held:  # what acts at the end is still that of the start
-            end = powers(*_known(samples, after, here)).T[columns]
+            end = powers(*samples.at(after, here, rates)).T[columns]
         part = OUTER_WEIGHT * (known[columns, here] + end)
         for node, weight, where in zip(INNER, INNER_WEIGHTS, kernel.output_slices.values()):
             at = {name: found[where][place].T for name, place in places.items()}
@@ -276,13 +298,13 @@ def integrate(
         rates: names of what the powers need rates of; by default all that is smooth.
         barred: the columns whose bars are wanted; the choice goes by them.
     """
-    known = at_samples(samples, powers) if known is None else known
+    rated = samples.smooth.keys() if rates is None else rates
+    known = at_samples(samples, powers, rated) if known is None else known
     thinned = {1: (samples, known)}
     for n in (2, 4):
         thin = samples.every(n)
         # Derived rates are others when samples are left out.
-        thinned[n] = thin, at_samples(thin, powers) if samples.derived else known[:, ::n]
-    rated = samples.smooth.keys() if rates is None else rates
+        thinned[n] = thin, at_samples(thin, powers, rated) if samples.derived else known[:, ::n]
 
     def interpolated(window: int) -> _Rule:
         return _Rule(
@@ -295,11 +317,11 @@ def integrate(
     first = None
     if len(samples.t) > 4 * SAMPLED and not samples.held:
         sampled = _Rule(
-            "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, at[columns])
+            "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, np.ascontiguousarray(at[columns]))
         )
         first = _estimated(sampled, thinned, barred)
-        flow = np.trapezoid(np.abs(known[barred]), samples.t)
-        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
+        flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[barred])
+        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow:
             return first
     high, low = (_estimated(interpolated(window), thinned, barred) for window in (4, 2))
     best = high if high.bar[-1].sum() <= low.bar[-1].sum() else low
@@ -342,8 +364,9 @@ def _estimated(
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
     seen = np.arange(count) + max(rule.window, 4) // 2
     index = np.minimum((seen + 1) // 2, bar_even.shape[1] - 1)
-    return Integral(fine.T, bar_even[:, index].T, rule.name, order)
+    bar = np.stack([row.take(index) for row in bar_even])
+    return Integral(fine.T, bar.T, rule.name, order)
 
 
 def _variation(error: Array) -> Array:
-    return np.asarray(np.abs(np.diff(error, axis=1)).sum(axis=1))
+    return np.array([np.abs(np.diff(row)).sum() for row in error])

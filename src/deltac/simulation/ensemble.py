@@ -7,9 +7,7 @@ itself alone, to the last bit, whatever the chunks and threads. Memory is that o
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from threading import Lock
@@ -22,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
+from deltac.kernels.parallel import spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.ensemble_steps import LANES, Advance, Span
@@ -173,8 +172,7 @@ def simulate_ensemble(
         lost = taken < records * per_record
         result.stopped[own] = np.where(lost, t0 + taken * size, math.nan)[: len(own)]
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        list(pool.map(work, jobs))
+    spread(work, jobs, threads)
     return result.ensemble(mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity)
 
 

@@ -105,6 +105,36 @@ def blocks(samples: int, window: int, size: int) -> Iterator[Block]:
         yield row, row + 1, samples - window
 
 
+def band_matrices(count: int, size: int, window: int) -> Array:
+    """`count` matrices (size + window − 1, size) of zeros, whose bands `weighted_windows` fills."""
+    return np.zeros((count, size + window - 1, size))
+
+
+def weighted_windows(values: Array, weights: Array, bands: Array, out: Array) -> None:
+    """Σ_j weights[j, k] values[:, k + j], to `out` (m, n); `values` (m, ≥ n + window − 1), `weights` (window, n).
+
+    As products with band matrices: most of what they multiply is zero, and still they are several times
+    faster than window many passes over the values.
+    """
+    window, n = weights.shape
+    count, size = n // bands.shape[2], bands.shape[2]
+    if not count:
+        return
+    each = bands.itemsize
+    diagonals = np.lib.stride_tricks.as_strided(
+        bands,
+        (window, count, size),
+        (size * each, bands.strides[0], (size + 1) * each),
+    )
+    diagonals[...] = weights.reshape(window, count, size)
+    row = values.strides[0]
+    cut = np.lib.stride_tricks.as_strided(
+        values, (count, len(values), size + window - 1), (size * each, row, each)
+    )
+    product = np.matmul(cut, bands[:count])
+    out.reshape(len(out), count, size)[...] = product.transpose(1, 0, 2)
+
+
 def window_times(t: Array, start: int, first: int, z: Array, width: Array) -> None:
     """Write the times of the windows (window, B), in units of their intervals, and the widths (1, B)."""
     window, size = z.shape

@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.energy.interpolation import (
+    band_matrices,
     blocks,
     hermite_kernel,
     lagrange_kernel,
+    weighted_windows,
     window_times,
     windows_of,
 )
@@ -43,6 +45,11 @@ SAMPLED = 8
 
 ROWS_AT_ONCE = 520
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
+
+BAND, BANDS = 24, 32
+"""Intervals that share a band matrix of weights (small enough that its zeros are cheap), and such matrices
+in a batch.
+"""
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
@@ -162,19 +169,21 @@ def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> N
     kernel = lagrange_kernel(window)
     powers, sums = known[rows[0] : rows[-1] + 1], total[rows[0] : rows[-1] + 1]
     sums[:, 0] = 0.0
-    parts = np.empty((2, len(rows), ROWS_AT_ONCE))
-    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
+    part = np.empty((len(rows), BAND * BANDS))
+    bands = band_matrices(BANDS, BAND, window)
+    for start, stop, first in blocks(len(t), window, BAND * BANDS):
         size = stop - start
         x = np.empty((kernel.n_in, size))
         window_times(t, start, first, x[:window], x[window:])
         weights = kernel.flat(x)
-        part, product = parts[:, :, :size]
-        np.multiply(powers[:, first : first + size], weights[0], out=part)
-        for j in range(1, window):
-            np.multiply(powers[:, first + j : first + j + size], weights[j], out=product)
-            part += product
-        part[:, 0] += sums[:, start]
-        np.cumsum(part, axis=1, out=sums[:, start + 1 : stop + 1])
+        whole = size - size % BAND
+        here = part[:, :size]
+        weighted_windows(powers[:, first:], weights[:, :whole], bands, here[:, :whole])
+        if size > whole:
+            rest = band_matrices(1, size - whole, window)
+            weighted_windows(powers[:, first + whole :], weights[:, whole:], rest, here[:, whole:])
+        here[:, 0] += sums[:, start]
+        np.cumsum(here, axis=1, out=sums[:, start + 1 : stop + 1])
 
 
 def hermite(
@@ -346,27 +355,32 @@ def _estimated(
     rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], barred: slice
 ) -> Integral:
     fine = rule.sums(*thinned[1], slice(None))
-    count = fine.shape[1]
+    count, compared = fine.shape[1], fine[barred]
+    bar = np.empty(compared.shape)
     if count < 5:  # nothing can be left out: as much error as integral
-        bar = np.maximum.accumulate(np.abs(fine[barred]), axis=1)
+        np.maximum.accumulate(np.abs(compared), axis=1, out=bar)
         return Integral(fine.T, bar.T, rule.name, 0.0)
     half = rule.sums(*thinned[2], barred)
-    error = fine[barred, ::2] - half
-    bar_even = np.maximum.accumulate(np.abs(error), axis=1)
-    order = 0.0
-    if count >= 9 and not thinned[1][0].derived:
-        # Sums over intervals: in a cumulated error contributions may cancel by chance.
-        finer = _variation(error)
-        coarser = _variation(half[:, ::2] - rule.sums(*thinned[4], barred))
-        ratio = coarser / np.where(finer > 0.0, finer, 1.0)
-        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
-        bar_even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))[:, None]
+    observed = count >= 9 and not thinned[1][0].derived
+    quarter = rule.sums(*thinned[4], barred) if observed else None
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
     seen = np.arange(count) + max(rule.window, 4) // 2
-    index = np.minimum((seen + 1) // 2, bar_even.shape[1] - 1)
-    bar = np.stack([row.take(index) for row in bar_even])
+    index = np.minimum((seen + 1) // 2, half.shape[1] - 1)
+    finer, coarser = np.zeros((2, len(compared)))
+
+    def estimate(k: int) -> None:
+        error = compared[k, ::2] - half[k]
+        even = np.maximum.accumulate(np.abs(error))
+        if quarter is not None:
+            # Sums over intervals: in a cumulated error contributions may cancel by chance.
+            finer[k] = np.abs(np.diff(error)).sum()
+            coarser[k] = np.abs(np.diff(half[k, ::2] - quarter[k])).sum()
+            ratio = coarser[k] / finer[k] if finer[k] > 0.0 else coarser[k]
+            even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))
+        even.take(index, out=bar[k])
+
+    spread(estimate, range(len(compared)))
+    order = 0.0
+    if quarter is not None:
+        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
     return Integral(fine.T, bar.T, rule.name, order)
-
-
-def _variation(error: Array) -> Array:
-    return np.array([np.abs(np.diff(row)).sum() for row in error])

@@ -31,7 +31,7 @@ class DiscreteWork:
     bias: Array
     potential: frozenset[str]
 
-    def at(self, rows: NDArray[np.intp]) -> DiscreteWork:
+    def at(self, rows: NDArray[np.intp] | slice) -> DiscreteWork:
         """Some of the rows."""
         work = {name: values[rows] for name, values in self.work.items()}
         return DiscreteWork(work, self.explicit[rows], self.bias[rows], self.potential)

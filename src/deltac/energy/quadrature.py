@@ -55,106 +55,12 @@ EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
 
 
-<<<<<<< HEAD
-@dataclass(frozen=True)
-class Between:
-    """Quantities interpolated at one node of every interval: values and rates by name, (T−1, n)."""
-
-    values: dict[str, Array]
-    rates: dict[str, Array]
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What is known at sample times `t` (T,).
-
-    `smooth` maps a name to (values, rates), (T, n) each; `plain` to values alone, interpolated by
-    polynomials through the same window; `held` to values that are constant until the next sample.
-    The rates of what is named in `derived` are those of a spline, since nobody measured them.
-    Samples at events are evaluated `inward` (T,; s) from there, within their smooth piece.
-    """
-
-    t: Array
-    smooth: dict[str, tuple[Array, Array]]
-    plain: dict[str, Array]
-    held: dict[str, Array]
-    derived: frozenset[str] = frozenset()
-    inward: Array | None = None
-
-    def rows(self, rows: slice) -> Samples:
-        """Neighbouring samples of a smooth piece."""
-        return Samples(
-            self.t[rows],
-            {name: (y[rows], dy[rows]) for name, (y, dy) in self.smooth.items()},
-            {name: y[rows] for name, y in self.plain.items()},
-            {name: y[rows] for name, y in self.held.items()},
-            self.derived,
-        )
-
-    def every(self, n: int) -> Samples:
-        """Every n-th sample; what was derived is derived from these alone."""
-        t = self.t[::n]
-        return Samples(
-            t,
-            {
-                name: (y[::n], spline_rate(t, y[::n]) if name in self.derived else dy[::n])
-                for name, (y, dy) in self.smooth.items()
-            },
-            {name: y[::n] for name, y in self.plain.items()},
-            {name: y[::n] for name, y in self.held.items()},
-            self.derived,
-        )
-
-
-def spline_rate(t: Array, y: Array) -> Array:
-    """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
-    from scipy.interpolate import make_interp_spline
-
-    degree = min(5, len(t) - 1)
-    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
-    return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))
-
-
-=======
->>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
     """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
     known = at_samples(samples, powers)
     return hermite(samples, powers, known, window, samples.smooth).T
 
 
-<<<<<<< HEAD
-def row_blocks(count: int) -> list[slice]:
-    """Rows in blocks that stay in cache; kernels spread each over the cores."""
-    starts = range(0, count, ROWS_AT_ONCE)
-    return [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
-
-
-def at_samples(samples: Samples, powers: Powers) -> Array:
-    """The powers at the samples themselves, (m, T)."""
-    first, *others = row_blocks(len(samples.t))
-    start = powers(*_known(samples, first, first)).T
-    found = np.empty((len(start), len(samples.t)))
-    found[:, first] = start
-    for rows in others:
-        found[:, rows] = powers(*_known(samples, rows, rows)).T
-    return found
-
-
-def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
-    """Times and quantities at samples; what is held is that of other rows."""
-    t, values = samples.t[rows], {name: y[rows] for name, (y, _) in samples.smooth.items()}
-    if samples.inward is not None:
-        aside = samples.inward[rows]
-        t = t + aside
-        values = {n: y + aside[:, None] * samples.smooth[n][1][rows] for n, y in values.items()}
-    values |= {name: y[rows] for name, y in samples.plain.items()}
-    values |= {name: y[held] for name, y in samples.held.items()}
-    return t, Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
-
-
-=======
->>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     total = np.empty_like(known)

@@ -47,7 +47,8 @@ class Samples:
 
     `smooth` maps a name to values and rates; `plain` to values (T, n) alone, interpolated by polynomials
     through the same window; `held` to values that are constant until the next sample. The rates of what
-    is named in `derived` are those of a spline, since nobody measured them.
+    is named in `derived` are those of a spline, since nobody measured them. Samples at events are
+    evaluated `inward` (T,; s) from there, within their smooth piece.
     """
 
     t: Array
@@ -55,6 +56,21 @@ class Samples:
     plain: dict[str, Array]
     held: dict[str, Array]
     derived: frozenset[str] = frozenset()
+    inward: Array | None = None
+
+    def rows(self, rows: slice) -> Samples:
+        """Neighbouring samples of a smooth piece."""
+
+        def cut(column: Smooth) -> Smooth:
+            return Smooth(column.values[rows], lambda: column.rates[rows])
+
+        return Samples(
+            self.t[rows],
+            {name: cut(column) for name, column in self.smooth.items()},
+            {name: y[rows] for name, y in self.plain.items()},
+            {name: y[rows] for name, y in self.held.items()},
+            self.derived,
+        )
 
     def every(self, n: int) -> Samples:
         """Every n-th sample; what was derived is derived from these alone."""
@@ -76,11 +92,17 @@ class Samples:
 
     def at(self, rows: slice, held: slice, rated: Collection[str]) -> tuple[Array, Between]:
         """Times and quantities at `rows`; what is held is that of other rows."""
+        t = self.t[rows]
         values = {name: column.values[rows] for name, column in self.smooth.items()}
+        if self.inward is not None:
+            aside = self.inward[rows]
+            t = t + aside
+            for name, column in self.smooth.items():
+                values[name] = values[name] + aside[:, None] * column.rates[rows]
         values |= {name: y[rows] for name, y in self.plain.items()}
         values |= {name: y[held] for name, y in self.held.items()}
         rates = {name: self.smooth[name].rates[rows] for name in rated}
-        return self.t[rows], Between(values, rates)
+        return t, Between(values, rates)
 
 
 def spline_rate(t: Array, y: Array) -> Array:
@@ -101,6 +123,8 @@ def row_blocks(count: int) -> list[slice]:
 def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None = None) -> Array:
     """The powers at the samples themselves, (m, T); `rated` names what they need rates of (default: all)."""
     rated = samples.smooth.keys() if rated is None else rated
+    if samples.inward is not None:  # found before threads ask for them
+        _ = [column.rates for column in samples.smooth.values()]
     first, *others = row_blocks(len(samples.t))
     start = powers(*samples.at(first, first, rated)).T
     found = np.empty((len(start), len(samples.t)))

@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
-<<<<<<< HEAD
 from deltac.energy.pieces import Rows
-from deltac.energy.quadrature import Samples, row_blocks, spline_rate
-=======
 from deltac.energy.sampled import Samples, Smooth, row_blocks, spline_rate
->>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
 from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
@@ -49,13 +45,7 @@ def checked_samples(
         speeds = Smooth(u, lambda: measured)
     else:
         basis["u̇"] = "derived"
-<<<<<<< HEAD
-        pieces = pairwise((0, *run.starts, len(run)))
-        udot = np.concatenate([_rate(run.t[a:b], u[a:b]) for a, b in pieces])
-    qdot = _coordinate_rates(mechanism, run.t, q, u)
-=======
-        speeds = Smooth(u, lambda: spline_rate(run.t, u))
->>>>>>> 688b215 (Ledgers: weights of the quadrature once for all columns, blocks on all cores, rates only where needed)
+        speeds = Smooth(u, lambda: _rates(run, u))
     held = _held(run)
     forces = {f"force {name}": values for name, values in log.values(run).items()}
     return Samples(
@@ -69,6 +59,12 @@ def checked_samples(
         derived=frozenset({"u"} if run.udot is None else ()),
         inward=run.inward,
     ), basis
+
+
+def _rates(run: Rows, y: Array) -> Array:
+    """Rates within every smooth piece."""
+    pieces = pairwise((0, *run.starts, len(run)))
+    return np.concatenate([_rate(run.t[a:b], y[a:b]) for a, b in pieces])
 
 
 def _rate(t: Array, y: Array) -> Array:

@@ -44,9 +44,7 @@ def run(rounds: int) -> dict[str, Any]:
         return kernel.single(given, out)
 
     def theirs() -> Any:
-        return solve_ivp(
-            rhs, (0.0, DURATION), start, "DOP853", times, rtol=TIGHTEST, atol=TIGHTEST
-        )
+        return solve_ivp(rhs, (0.0, DURATION), start, "DOP853", times, rtol=TIGHTEST, atol=TIGHTEST)
 
     def ours() -> dc.Trajectory:
         return dc.simulate(

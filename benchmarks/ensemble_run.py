@@ -52,7 +52,7 @@ def run(rounds: int) -> list[dict[str, Any]]:
 def told(found: dict[str, Any]) -> str:
     """What is particular to this contest, in words."""
     return (
-        f"per step and member {found['ours_ns_per_step']:.1f} ns, MuJoCo {found['their_ns_per_step']:.0f} ns, "
+        f"a step of a member {found['ours_ns_per_step']:.1f} ns, MuJoCo's {found['their_ns_per_step']:.0f} ns, "
         f"{found['threads']} threads; ends agree to {found['off']:.0e}"
     )
 
@@ -87,7 +87,9 @@ def _timed(race: Race, rounds: int) -> dict[str, Any]:
     for row, q, u in zip(states, race.Q, race.U):
         datas[0].qpos[:], datas[0].qvel[:] = q, u
         mujoco.mj_getState(model, datas[0], row, spec)
-    their_steps = max(10, race.steps // 10)  # their time per step does not depend on it, their memory does
+    their_steps = max(
+        10, race.steps // 10
+    )  # their time per step does not depend on it, their memory does
 
     def ours(steps: int = race.steps) -> dc.Ensemble:
         return dc.simulate_ensemble(

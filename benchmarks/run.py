@@ -101,7 +101,16 @@ def _told(found: dict[str, Any], more: Callable[[dict[str, Any]], str]) -> str:
 
 def _table(kernels: list[dict[str, Any]]) -> str:
     """The numbers that all sizes have, a line each."""
-    heads = ("dof", "instructions", "per dof", "trace s", "compile s", "ns/state", "ns/dof", "of peak")
+    heads = (
+        "dof",
+        "instructions",
+        "per dof",
+        "trace s",
+        "compile s",
+        "ns/state",
+        "ns/dof",
+        "of peak",
+    )
     lines = ["\nrandom serial chains: accelerations by articulated bodies, a batch on all cores"]
     lines.append("  " + "".join(f"{head:>13}" for head in heads))
     for k in kernels:
@@ -112,7 +121,9 @@ def _table(kernels: list[dict[str, Any]]) -> str:
             f"{k['udot_ns_per_state_and_dof']:13.2f}{peak:13.0%}"
         )
         if "pinocchio_ns" in k:
-            lines.append(f"{'':15}a call of Pinocchio's aba from Python: {k['pinocchio_ns']:.0f} ns")
+            lines.append(
+                f"{'':15}a call of Pinocchio's aba from Python: {k['pinocchio_ns']:.0f} ns"
+            )
     return "\n".join(lines)
 
 

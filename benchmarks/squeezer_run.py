@@ -89,5 +89,3 @@ def told(found: dict[str, Any]) -> str:
 
 def _off(found: Array, exact: Array) -> float:
     return float(np.abs(found - exact).max())
-
-

@@ -24,7 +24,9 @@ def analytic(t: Array, derived: bool = False) -> Samples:
     if derived:
         dy = spline_rate(t, y)
     z = np.cos(2 * t)[:, None]
-    return Samples(t, {"y": Smooth(y, lambda: dy)}, {"z": z}, {}, frozenset({"y"} if derived else ()))
+    return Samples(
+        t, {"y": Smooth(y, lambda: dy)}, {"z": z}, {}, frozenset({"y"} if derived else ())
+    )
 
 
 def integrand(t: Array, between: Between) -> Array:

@@ -189,9 +189,7 @@ def test_threads_and_heyokas_own_are_as_before() -> None:
     hy = pytest.importorskip("heyoka")
     before = hy.get_nthreads()
     mechanism, (Q, U) = double_pendulum(), starts(20)
-    found = [
-        dc.simulate_ensemble(mechanism, (Q, U), 0.1, 0.01, threads=n).q[-1] for n in (1, 2, 5)
-    ]
+    found = [dc.simulate_ensemble(mechanism, (Q, U), 0.1, 0.01, threads=n).q[-1] for n in (1, 2, 5)]
     assert hy.get_nthreads() == before
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Set
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,15 +60,19 @@ def _axes(mechanism: Mechanism, joint: Joint, oblique: Set[str]) -> Array:
 
 
 def _turned(joint: Joint, axes: Array) -> Joint:
-    rotation, child_rotation = (
-        tuple(map(tuple, (np.array(R) @ axes).tolist()))
-        for R in (joint.rotation, joint.child_rotation)
+    def turned(R: Any) -> Any:
+        return tuple(map(tuple, (np.array(R) @ axes).tolist()))
+
+    return replace(
+        joint,
+        axes=(Z_AXIS,),
+        rotation=turned(joint.rotation),
+        child_rotation=turned(joint.child_rotation),
     )
-    return replace(joint, axes=(Z_AXIS,), rotation=rotation, child_rotation=child_rotation)
 
 
 def _is_oblique(joint: Joint) -> bool:
-    return joint.kind in ALIGNABLE and np.count_nonzero(joint.axes[0]) > 1
+    return joint.kind in ALIGNABLE and sum(entry != 0.0 for entry in joint.axes[0]) > 1
 
 
 def constant_turns(E: Array) -> tuple[Turn, ...]:

@@ -69,7 +69,7 @@ def quaternion_rates(q: SX) -> SX:
 
 @dataclass(frozen=True)
 class Turn:
-    """Components in axes turned about one of their own: `axis` 0, 1 or 2, cosine `c` and sine `s` of the angle.
+    """Components in axes turned about one of their own (`axis` 0, 1, 2); `c`, `s`: cosine and sine.
 
     A rotation written as turns costs half of what its matrix does: 6 instead of 15 operations for a
     vector, 10 to 25 instead of 75 to 90 for a matrix (Featherstone 2008, appendix A.4).
@@ -110,7 +110,10 @@ class Turn:
         i, j, k = self.places
         rows = [v[n, :] for n in range(3)]
         turned = [rows[n] for n in range(3)]
-        turned[i], turned[j] = self.c * rows[i] + self.s * rows[j], self.c * rows[j] - self.s * rows[i]
+        turned[i], turned[j] = (
+            self.c * rows[i] + self.s * rows[j],
+            self.c * rows[j] - self.s * rows[i],
+        )
         return ca.vertcat(*turned)
 
     def matrix_back(self, A: SX, symmetric: bool) -> SX:

@@ -305,8 +305,9 @@ def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str
 
 
 def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, ...]]:
-    """A kernel as a function of times and quantities there, outputs as columns (rows, m); and what it needs
-    rates of. A result is to be used before the next call in the same thread, which overwrites it.
+    """A kernel as a function of times and quantities there, (rows, m), and what it needs rates of.
+
+    A result is to be used before the next call in the same thread, which overwrites it.
     """
     rated = ("u",) if "udot" in kernel.input_names else ()
     buffers = threading.local()

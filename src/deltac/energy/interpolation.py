@@ -111,10 +111,10 @@ def band_matrices(count: int, size: int, window: int) -> Array:
 
 
 def weighted_windows(values: Array, weights: Array, bands: Array, out: Array) -> None:
-    """Σ_j weights[j, k] values[:, k + j], to `out` (m, n); `values` (m, ≥ n + window − 1), `weights` (window, n).
+    """Σ_j weights[j, k] values[:, k + j], to `out` (m, n).
 
-    As products with band matrices: most of what they multiply is zero, and still they are several times
-    faster than window many passes over the values.
+    `weights` are (window, n), `values` (m, n + window − 1) or longer. Done as products with band matrices:
+    most of what they multiply is zero, and still they are several times faster than passes over the values.
     """
     window, n = weights.shape
     count, size = n // bands.shape[2], bands.shape[2]

@@ -81,7 +81,7 @@ def rows_of(run: Trajectory) -> Rows:
     def both(before: str, after: str) -> list[Array]:
         return [getattr(event, name) for event in events for name in (before, after)]
 
-    t = inserted(run.t, [time for event in events for time in (event.t, event.t)])
+    t = np.insert(run.t, at, [time for event in events for time in (event.t, event.t)])
     forces = {}
     for name, force in run.forces.items():
         nothing = np.zeros(force.shape[1])

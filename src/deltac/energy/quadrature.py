@@ -232,7 +232,10 @@ def integrate(
     first = None
     if len(samples.t) > 4 * SAMPLED and not samples.held:
         sampled = _Rule(
-            "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, np.ascontiguousarray(at[columns]))
+            "samples",
+            SAMPLED,
+            SAMPLED,
+            lambda s, at, columns: lagrange(s, np.ascontiguousarray(at[columns])),
         )
         first = _estimated(sampled, thinned, barred)
         flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[barred])

@@ -44,7 +44,7 @@ _before = 0
 
 @contextmanager
 def one_thread_a_call() -> Iterator[None]:
-    """heyoka's own threads off: beside ours they would only get in each other's way."""
+    """Without threads of heyoka's own: beside ours they would only get in each other's way."""
     global _inside, _before
     hy = sys.modules.get("heyoka")
     if hy is None:  # nothing compiled by it can be running

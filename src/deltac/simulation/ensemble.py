@@ -75,9 +75,7 @@ class Ensemble:
             integrals={name: values[:rows, k] for name, values in self.integrals.items()},
             coordinates=self.coordinates,
             speeds=self.speeds,
-            provenance=replace(
-                self.provenance, solver=self.solvers[k], step=float(self.steps[k])
-            ),
+            provenance=replace(self.provenance, solver=self.solvers[k], step=float(self.steps[k])),
         )
 
     def __repr__(self) -> str:
@@ -173,7 +171,9 @@ def simulate_ensemble(
         result.stopped[own] = np.where(lost, t0 + taken * size, math.nan)[: len(own)]
 
     spread(work, jobs, threads)
-    return result.ensemble(mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity)
+    return result.ensemble(
+        mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity
+    )
 
 
 _FLOWS: Kept[Flow] = Kept(16)
@@ -228,9 +228,7 @@ class _Result:
         sizes = {"integral": count, "E": count, "moved": 2 * count * along}
         sums = {name: np.empty((size, K, N)) for name, size in sizes.items()}
         observe = _observation(flow, along).compile()
-        return _Result(
-            flow, observe, np.empty((K, N, nq)), np.empty((K, N, nu)), sums, np.empty(N)
-        )
+        return _Result(flow, observe, np.empty((K, N, nq)), np.empty((K, N, nu)), sums, np.empty(N))
 
     def keep(
         self, k: int, own: NDArray[np.intp], t: float, x: Array, p: Array, alive: NDArray[np.bool_]

@@ -94,7 +94,7 @@ class Advance:
     def chunk(self) -> int:
         """How many members go together."""
         arrays = 2 if self.fused else self.solver.stages + 3
-        most = CHUNK_BYTES // (8 * (self.rows + 2) * arrays)
+        most = CHUNK_BYTES // (8 * (int(self.rows) + 2) * arrays)
         most = min(max(most, CHUNKS[0]), CHUNKS[1])
         # An odd number of vectors: rows a power of two apart would share few places in the cache.
         return max(1, (most // LANES - 1) | 1) * LANES

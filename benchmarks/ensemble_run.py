@@ -52,7 +52,7 @@ def run(rounds: int) -> list[dict[str, Any]]:
 def told(found: dict[str, Any]) -> str:
     """What is particular to this contest, in words."""
     return (
-        f"a step of a member {found['ours_ns_per_step']:.1f} ns, MuJoCo's {found['their_ns_per_step']:.0f} ns, "
+        f"a step takes {found['ours_ns_per_step']:.1f} ns, MuJoCo's {found['their_ns_per_step']:.0f} ns, "
         f"{found['threads']} threads; ends agree to {found['off']:.0e}"
     )
 

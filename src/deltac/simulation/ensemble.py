@@ -140,26 +140,26 @@ def simulate_ensemble(
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))
     q_part, u_part, _ = flow.parts
 
-    jobs: list[tuple[Advance, Solver, int, NDArray[np.intp]]] = []
-    for one in kinds:
-        group = np.flatnonzero((h == one[1]) & np.array([s is one[0] for s in solvers]))
-        per_record = round(interval / one[1])
-        advance = Advance(flow, one[0], per_record, along)
+    jobs: list[tuple[Advance, int, NDArray[np.intp]]] = []
+    for one, size in kinds:
+        group = np.flatnonzero((h == size) & np.array([other is one for other in solvers]))
+        per_record = round(interval / size)
+        advance = Advance(flow, one, per_record, along)
         starts = range(0, len(group), advance.chunk)
-        jobs += [(advance, *(one[0], per_record), group[i : i + advance.chunk]) for i in starts]
+        jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
     done, lock = [0], Lock()
 
-    def work(job: tuple[Advance, Solver, int, NDArray[np.intp]]) -> None:
-        advance, _, per_record, own = job
+    def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:
+        advance, per_record, own = job
         # Whole vectors: the last member fills up the lanes that are left.
         padded = own[np.minimum(np.arange(-(-len(own) // LANES) * LANES), len(own) - 1)]
         x = np.zeros((advance.rows, len(padded)))
         x[q_part], x[u_part] = Q[padded][:, mechanism.free.q].T, U[padded][:, mechanism.free.u].T
-        values, size = np.ascontiguousarray(p[:, padded]), interval / per_record
+        values, own_step = np.ascontiguousarray(p[:, padded]), interval / per_record
         taken = np.zeros(len(padded))
         result.keep(0, own, t0, x, values, np.ones(len(padded), dtype=bool))
         for k in range(records):
-            span = Span(t0, size, k * per_record, per_record)
+            span = Span(t0, own_step, k * per_record, per_record)
             x, taken = advance(x, taken, values, span)
             alive = taken == (k + 1) * per_record
             result.keep(k + 1, own, t0 + (k + 1) * interval, x, values, alive)
@@ -168,7 +168,7 @@ def simulate_ensemble(
                     done[0] += 1
                     progress(done[0] / (len(jobs) * records))
         lost = taken < records * per_record
-        result.stopped[own] = np.where(lost, t0 + taken * size, math.nan)[: len(own)]
+        result.stopped[own] = np.where(lost, t0 + taken * own_step, math.nan)[: len(own)]
 
     spread(work, jobs, threads)
     return result.ensemble(

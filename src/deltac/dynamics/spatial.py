@@ -177,7 +177,7 @@ class Transform:
         turns = None
         if self.turns is not None and after.turns is not None:
             turns = _joined(self.turns, after.turns)
-        return Transform(ca.mtimes(after.E, self.E), self.r + self.rotate_back(after.r), turns)
+        return Transform(ca.mtimes(after.E, self.E), self.r + ca.mtimes(self.E.T, after.r), turns)
 
     def force_back(self, F: SX) -> SX:
         """A force vector from B back to A: Xᵀ F."""

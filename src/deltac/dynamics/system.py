@@ -77,7 +77,8 @@ class System:
         """From the world to each link frame."""
         found: list[Transform] = []
         for link in self.links:
-            found.append(link.X if link.parent < 0 else found[link.parent].then(link.X))
+            X = Transform(link.X.E, link.X.r)  # along a chain, turns would add up: matrices do not
+            found.append(X if link.parent < 0 else found[link.parent].then(X))
         return tuple(found)
 
     @cached_property

@@ -123,6 +123,11 @@ def simulate_ensemble(
     Raises:
         InputError: as `simulate`, and for sizes that do not fit, naming the array.
     """
+    if mechanism.events:
+        raise InputError(
+            f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
+            "ensemble does not stop at; simulate its members one by one, or leave the events out"
+        )
     names, p = _parameters(mechanism, vary or {}, sensitivity)
     t0, Q, U = _states(mechanism, states)
     h, solvers = _steps(step, duration), _solvers(solver)

@@ -16,9 +16,23 @@ from deltac.kernels import Kernel
 BATCH = 4096
 
 
-def run(sizes: tuple[int, ...], rounds: int) -> list[dict[str, Any]]:
-    """For random chains in space: accelerations by the articulated-body recursion, and kinetic energy."""
-    return [_measured(dof, rounds) for dof in sizes]
+def run(sizes: tuple[int, ...], rounds: int, gflops: float) -> list[dict[str, Any]]:
+    """For random chains in space: accelerations by the articulated-body recursion, and kinetic energy.
+
+    `gflops` is what all cores can do; instructions count as one operation each.
+    """
+    return [_measured(dof, rounds, gflops) for dof in sizes]
+
+
+def growth(found: list[dict[str, Any]]) -> str:
+    """How cost per degree of freedom changes from size to size, in words."""
+    pairs = zip(found, found[1:])
+    return "; ".join(
+        f"{a['dof']} → {b['dof']} dof: instructions per dof × "
+        f"{b['udot_instructions_per_dof'] / a['udot_instructions_per_dof']:.2f}, time per dof × "
+        f"{b['udot_ns_per_state_and_dof'] / a['udot_ns_per_state_and_dof']:.2f}"
+        for a, b in pairs
+    )
 
 
 def chain(dof: int, seed: int = 1) -> dc.Mechanism:
@@ -43,13 +57,20 @@ def chain(dof: int, seed: int = 1) -> dc.Mechanism:
     return dc.Mechanism(bodies, joints, gravity=(0.0, 0.0, -9.81), name=f"chain of {dof}")
 
 
-def _measured(dof: int, rounds: int) -> dict[str, Any]:
-    system = trace(chain(dof))
-    parts = channels(system)
-    columns = {"q": system.q, "u": system.u}
-    motion = Kernel(columns, {"udot": forward(system, parts).udot}, name="accelerations")
-    known = terms(system, system.udot_all, parts)
-    kinetic = Kernel(columns, {"K": known.K}, name="kinetic energy")
+def _measured(dof: int, rounds: int, gflops: float) -> dict[str, Any]:
+    mechanism = chain(dof)
+    kernels: dict[str, Kernel] = {}
+
+    def write_out() -> None:
+        system = trace(mechanism)
+        parts = channels(system)
+        columns = {"q": system.q, "u": system.u}
+        kernels["motion"] = Kernel(columns, {"udot": forward(system, parts).udot})
+        known = terms(system, system.udot_all, parts)
+        kernels["kinetic"] = Kernel(columns, {"K": known.K}, name="kinetic energy")
+
+    traced_in = seconds(write_out)
+    motion = kernels["motion"]
     compiled_in = seconds(motion.compile)
     x = np.random.default_rng(2).standard_normal((motion.n_in, BATCH))
     out = np.empty((motion.n_out, BATCH))
@@ -58,8 +79,44 @@ def _measured(dof: int, rounds: int) -> dict[str, Any]:
         "dof": dof,
         "udot_instructions": motion.instructions,
         "udot_instructions_per_dof": round(motion.instructions / dof, 1),
-        "kinetic_instructions": kinetic.instructions,
+        "kinetic_instructions": kernels["kinetic"].instructions,
+        "trace_s": traced_in,
         "compile_s": compiled_in,
         "udot_ns_per_state": 1e9 * per_state,
         "udot_ns_per_state_and_dof": 1e9 * per_state / dof,
+        "of_peak": 1e-9 * motion.instructions / per_state / gflops,
+        **_pinocchio(mechanism, x[:, 0], out[:, 0], rounds),
     }
+
+
+def _pinocchio(
+    mechanism: dc.Mechanism, x: np.ndarray, udot: np.ndarray, rounds: int
+) -> dict[str, float]:
+    """Time of a call of Pinocchio's aba, whose accelerations must be ours; nothing without it."""
+    try:
+        import pinocchio as pin
+    except ImportError:
+        return {}
+    model, places = pin.Model(), {"ground": 0}
+    for joint in mechanism.joints:
+        body = mechanism.body(joint.child)
+        kind = pin.JointModelRevoluteUnaligned(np.array(joint.axes[0]))
+        place = pin.SE3(np.array(joint.rotation), np.array(joint.position, dtype=float))
+        places[joint.child] = model.addJoint(places[joint.parent], kind, place, joint.name)
+        inertia = pin.Inertia(
+            float(body.mass), np.array(body.mass_centre, float), np.array(body.inertia, float)
+        )
+        model.appendBodyToJoint(places[joint.child], inertia, pin.SE3.Identity())
+    model.gravity.linear = np.array(mechanism.gravity, dtype=float)
+    data, (q, u) = model.createData(), np.split(x.copy(), 2)
+    tau = np.zeros(len(q))
+    found = pin.aba(model, data, q, u, tau)
+    off = np.abs(found - udot).max() / np.abs(udot).max()
+    assert off < 1e-6, f"{mechanism.name}: deltac and Pinocchio differ by {off:.1e}"
+    calls = 200
+
+    def repeat() -> None:
+        for _ in range(calls):
+            pin.aba(model, data, q, u, tau)
+
+    return {"pinocchio_ns": 1e9 * median_seconds(repeat, rounds) / calls, "pinocchio_off": off}

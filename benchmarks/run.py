@@ -13,15 +13,20 @@ from typing import Any
 # Times of compilation mean something only when nothing was compiled before.
 os.environ.setdefault("DELTAC_CACHE", "off")
 
+import accuracy_run
+import ensemble_run
+import hardware
 import kernel_sizes
 import ledger_run
 import single_run
+import squeezer_run
+from counts import counts
 from measure import machine
 
 from deltac.kernels import evaluator_name
 
 LONG_ROUNDS = 3  # of what takes half a minute
-PACKAGES = ("deltac", "numpy", "casadi", "heyoka", "mujoco")
+PACKAGES = ("deltac", "numpy", "scipy", "casadi", "heyoka", "mujoco", "pin")
 
 
 def main() -> None:
@@ -32,23 +37,41 @@ def main() -> None:
     load = about["load_average"]
     if load is not None and load > 0.5:
         print(f"the machine is busy (load average {load}): take the numbers as provisional")
-    contests = []
+    allowed = hardware.run(min(options.rounds, LONG_ROUNDS))
+    print(
+        f"peak {allowed['gflops']:.0f} Gflop/s ({allowed['gflops_one_core']:.0f} on one core), "
+        f"{allowed['gbytes_per_s']:.1f} GB/s copying"
+    )
+    rounds, few = options.rounds, min(options.rounds, LONG_ROUNDS)
+    contests: list[dict[str, Any]] = []
     for module, found in (
-        (single_run, lambda: single_run.run(options.rounds)),
-        (ledger_run, lambda: ledger_run.run(options.samples, min(options.rounds, LONG_ROUNDS))),
+        (single_run, lambda: [single_run.run(rounds)]),
+        (ensemble_run, lambda: ensemble_run.run(few)),
+        (accuracy_run, lambda: [accuracy_run.run(rounds)]),
+        (squeezer_run, lambda: [squeezer_run.run(rounds)]),
+        (ledger_run, lambda: [ledger_run.run(options.samples, few)]),
     ):
-        contests.append(found())
-        print(_told(contests[-1], module.told))
-    kernels = kernel_sizes.run(tuple(options.dof), options.rounds)
+        for one in found():
+            contests.append(one)
+            print(_told(one, module.told), flush=True)
+    kernels = kernel_sizes.run(tuple(options.dof), few, allowed["gflops"])
     print(_table(kernels))
-    _write(options.out, {"machine": about, "contests": contests, "kernels": kernels})
+    print(f"  {kernel_sizes.growth(kernels)}")
+    content = {
+        "machine": about,
+        "hardware": allowed,
+        "contests": contests,
+        "kernels": kernels,
+        "instructions": counts(),
+    }
+    _write(options.out, content)
     print(f"written to {options.out}")
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=9, help="repeats of each measurement")
-    parser.add_argument("--dof", type=int, nargs="*", default=[3, 10, 30], help="sizes of chains")
+    parser.add_argument("--dof", type=int, nargs="*", default=[10, 30, 100], help="sizes of chains")
     parser.add_argument("--samples", type=int, default=1_000_000, help="rows of the ledger's log")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks.json"))
     options = parser.parse_args()
@@ -68,7 +91,7 @@ def _told(found: dict[str, Any], more: Callable[[dict[str, Any]], str]) -> str:
     met = "met" if found["ratio"] >= found["target"] else "MISSED"
     return (
         f"\n{found['name']}\n"
-        f"  deltac {found['ours_s']:.3f} s, MuJoCo {found['theirs_s']:.3f} s "
+        f"  deltac {found['ours_s']:.4g} s, the other {found['theirs_s']:.4g} s "
         f"(medians of {found['rounds']} alternating rounds)\n"
         f"  {found['ratio']:.1f} times faster ({low:.1f} to {high:.1f}); "
         f"at least {found['target']:g} wanted: {met}\n"
@@ -77,14 +100,30 @@ def _told(found: dict[str, Any], more: Callable[[dict[str, Any]], str]) -> str:
 
 
 def _table(kernels: list[dict[str, Any]]) -> str:
-    heads = ("dof", "instructions", "per dof", "kinetic", "compile s", "ns/state", "ns/dof")
-    lines = ["\nrandom serial chains: accelerations (and instructions of the kinetic energy)"]
+    """The numbers that all sizes have, a line each."""
+    heads = (
+        "dof",
+        "instructions",
+        "per dof",
+        "trace s",
+        "compile s",
+        "ns/state",
+        "ns/dof",
+        "of peak",
+    )
+    lines = ["\nrandom serial chains: accelerations by articulated bodies, a batch on all cores"]
     lines.append("  " + "".join(f"{head:>13}" for head in heads))
     for k in kernels:
-        dof, n, each, kinetic, compiled, ns, ns_each = k.values()
+        ns, peak = k["udot_ns_per_state"], k["of_peak"]
         lines.append(
-            f"  {dof:13d}{n:13d}{each:13.0f}{kinetic:13d}{compiled:13.2f}{ns:13.1f}{ns_each:13.2f}"
+            f"  {k['dof']:13d}{k['udot_instructions']:13d}{k['udot_instructions_per_dof']:13.0f}"
+            f"{k['trace_s']:13.2f}{k['compile_s']:13.2f}{ns:13.1f}"
+            f"{k['udot_ns_per_state_and_dof']:13.2f}{peak:13.0%}"
         )
+        if "pinocchio_ns" in k:
+            lines.append(
+                f"{'':15}a call of Pinocchio's aba from Python: {k['pinocchio_ns']:.0f} ns"
+            )
     return "\n".join(lines)
 
 

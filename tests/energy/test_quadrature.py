@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.energy import quadrature
-from deltac.energy.quadrature import (
-    Between,
-    Samples,
-    at_samples,
-    cumulated,
-    integrate,
-    lagrange,
-)
+from deltac.energy.quadrature import cumulated, integrate, lagrange
+from deltac.energy.sampled import Between, Samples, Smooth, at_samples, spline_rate
 from machines import robot, workshop
 
 Array = NDArray[np.float64]
@@ -28,9 +22,11 @@ def analytic(t: Array, derived: bool = False) -> Samples:
     """y = sin 3t with its rate; z = cos 2t as values alone."""
     y, dy = np.sin(3 * t)[:, None], 3 * np.cos(3 * t)[:, None]
     if derived:
-        dy = quadrature.spline_rate(t, y)
+        dy = spline_rate(t, y)
     z = np.cos(2 * t)[:, None]
-    return Samples(t, {"y": (y, dy)}, {"z": z}, {}, frozenset({"y"} if derived else ()))
+    return Samples(
+        t, {"y": Smooth(y, lambda: dy)}, {"z": z}, {}, frozenset({"y"} if derived else ())
+    )
 
 
 def integrand(t: Array, between: Between) -> Array:
@@ -64,7 +60,7 @@ def test_windows_reproduce_the_polynomials_they_should() -> None:
     """A cubic's values and rates are exact in both windows, on uneven times too."""
     t = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.7])
     y, dy = (t**3 - t)[:, None], (3 * t**2 - 1)[:, None]
-    samples = Samples(t, {"y": (y, dy)}, {}, {})
+    samples = Samples(t, {"y": Smooth(y, lambda: dy)}, {}, {})
     for window in quadrature.ORDERS:
         found = cumulated(samples, lambda t, b: b.values["y"] * b.rates["y"], window)[:, 0]
         np.testing.assert_allclose(found, y[:, 0] ** 2 / 2, atol=1e-14)

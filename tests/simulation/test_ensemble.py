@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.simulation import ensemble
+from deltac.simulation import ensemble_steps
 
 
 def double_pendulum(**options: object) -> dc.Mechanism:
@@ -33,7 +33,7 @@ def test_members_equal_single_runs(
     fused: int, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whole steps compiled, and stage by stage; to rounding, since code of other shape rounds otherwise."""
-    monkeypatch.setattr(ensemble, "FUSED_INSTRUCTIONS", fused)
+    monkeypatch.setattr(ensemble_steps, "FUSED_INSTRUCTIONS", fused)
     mechanism, (Q, U) = double_pendulum(), starts(5)
     runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record_every=10)
     for k in range(5):
@@ -52,12 +52,12 @@ def test_members_equal_single_runs(
 @pytest.mark.parametrize("fused", [4000, 0])
 def test_a_member_depends_on_itself_alone(fused: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bit for bit: other members, chunks and threads leave no trace."""
-    monkeypatch.setattr(ensemble, "FUSED_INSTRUCTIONS", fused)
+    monkeypatch.setattr(ensemble_steps, "FUSED_INSTRUCTIONS", fused)
     mechanism, (Q, U) = double_pendulum(), starts(70)
     whole = dc.simulate_ensemble(mechanism, (Q, U), 0.2, 0.01)
     part = dc.simulate_ensemble(mechanism, (Q[11:24], U[11:24]), 0.2, 0.01, threads=1)
     np.testing.assert_array_equal(part.q[-1], whole.q[-1, 11:24])
-    monkeypatch.setattr(ensemble, "CHUNK", 8)
+    monkeypatch.setattr(ensemble_steps, "CHUNKS", (8, 8))
     small = dc.simulate_ensemble(mechanism, (Q, U), 0.2, 0.01, threads=2)
     np.testing.assert_array_equal(small.q, whole.q)
 
@@ -104,11 +104,57 @@ def test_a_member_that_blows_up_leaves_the_others_alone() -> None:
     runs = dc.simulate_ensemble(
         mechanism, (np.array([[5.0], [0.0]]), np.array([[50.0], [0.0]])), 4.0, 0.01, record_every=50
     )
-    assert 0.0 < runs.stopped[0] <= 4.0
+    # From x = 5, ẋ = 50, the time to infinity is ∫dx/√(v² + (x⁴ − 5⁴)/2) = 0.217 s (by quadrature).
+    assert 0.1 <= runs.stopped[0] <= 0.3  # known to five steps, and the last steps are rough
     assert np.isnan(runs.stopped[1])
     assert np.isnan(runs.q[-1, 0]).all() and runs.q[-1, 1] == 0.0
     kept = runs.member(0)
-    assert kept.t[-1] < runs.stopped[0] and np.isfinite(kept.q).all()
+    assert kept.t[-1] <= runs.stopped[0] and np.isfinite(kept.q).all()
+
+
+def test_steps_and_solvers_vary_between_members() -> None:
+    """A study of orders in one call; members equal runs of their own."""
+    mechanism = double_pendulum()
+    state = mechanism.state({"shoulder": 1.0, "elbow": 0.5})
+    steps, solvers = [0.02, 0.01, 0.005, 0.02], ["ode4", "ode4", "ode4", "ode2"]
+    runs = dc.simulate_ensemble(mechanism, state, 1.0, steps, solvers, record_every=10)
+    assert len(runs) == 4 and len(runs.t) == 6
+    for k in range(4):
+        one = dc.simulate(mechanism, state, 1.0, steps[k], solvers[k], record_every=1)
+        np.testing.assert_allclose(runs.q[-1, k], one.q[-1], rtol=0, atol=1e-12)
+        member = runs.member(k)
+        assert member.provenance.step == steps[k] and member.provenance.solver == solvers[k]
+    wang = np.abs(runs.delta_c["wang"][-1])
+    assert (np.log2(wang[:2] / wang[1:3]) > 3.5).all()  # order 4, at least
+    assert wang[3] > 10 * wang[0]
+
+
+@pytest.mark.parametrize("solver", ["ode4", "semi-implicit-euler"])
+def test_sensitivity_is_the_derivative_of_delta_c(solver: str) -> None:
+    """Against central differences of other members: error of order δ², and rounding over δ."""
+    mechanism = double_pendulum()
+    state = mechanism.state({"shoulder": 1.0}, speeds={"elbow": 2.0})
+    masses, delta = np.array([0.7, 1.0, 1.6]), 1e-4
+    found = dc.simulate_ensemble(
+        mechanism, state, 1.0, 0.02, solver, vary={"m": masses}, sensitivity=("m",), record_every=25
+    )
+    up, down = (
+        dc.simulate_ensemble(mechanism, state, 1.0, 0.02, solver, vary={"m": m}, record_every=25)
+        for m in (masses + delta, masses - delta)
+    )
+    for name, slopes in found.sensitivity.items():
+        difference = (up.delta_c[name] - down.delta_c[name]) / (2 * delta)
+        scale = np.abs(difference).max()
+        assert scale > 1e-7
+        np.testing.assert_allclose(slopes["m"], difference, rtol=0, atol=1e-5 * scale + 1e-10)
+
+
+def test_sensitivity_needs_no_vary() -> None:
+    mechanism = double_pendulum()
+    state = mechanism.state({"shoulder": 1.0})
+    runs = dc.simulate_ensemble(mechanism, state, 0.1, 0.01, sensitivity=("m",))
+    assert runs.sensitivity["wang"]["m"].shape == (2, 1)
+    assert runs.sensitivity["wang"]["m"][0, 0] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -116,10 +162,16 @@ def test_a_member_that_blows_up_leaves_the_others_alone() -> None:
     [
         ({"solver": "DOP853"}, "fixed steps"),
         ({"step": 0.3}, "does not divide"),
+        ({"step": [0.1, 0.05]}, "Q has 3, step has 2"),
+        ({"step": [0.1, 0.05, 0.04], "record_every": 1}, "time between records"),
+        ({"step": -0.1}, "positive number"),
+        ({"solver": ["ode4", "ode1"]}, "Q has 3, solver has 2"),
+        ({"sensitivity": ("k",)}, "sensitivity: unknown parameter 'k'"),
+        ({"sensitivity": "m"}, "names of parameters"),
         ({"record_every": 7}, "does not divide the number of steps"),
         ({"vary": {"n": [1.0]}}, "unknown parameter 'n'"),
         ({"vary": {"m": [1.0, np.inf, 2.0]}}, "finite"),
-        ({"vary": {"m": [1.0, 2.0]}}, "vary has 2 members, the states have 3"),
+        ({"vary": {"m": [1.0, 2.0]}}, "Q has 3, vary has 2"),
         ({"states": (np.zeros((3, 1)), np.zeros((3, 2)))}, r"Q has shape \(3, 1\)"),
         ({"states": (np.zeros((3, 2)), np.full((3, 2), np.nan))}, "U: member 0, 'shoulder'"),
         ({"states": (np.zeros((3, 2)), np.zeros((2, 2)))}, "Q has 3 members, U has 2"),
@@ -129,3 +181,15 @@ def test_bad_input_is_named(change: dict, message: str) -> None:
     given = {"states": starts(3), "duration": 1.0, "step": 0.1, **change}
     with pytest.raises(dc.InputError, match=message):
         dc.simulate_ensemble(double_pendulum(), **given)
+
+
+@pytest.mark.heyoka
+def test_threads_and_heyokas_own_are_as_before() -> None:
+    """Ensembles switch heyoka's threads off while they run, and on again."""
+    hy = pytest.importorskip("heyoka")
+    before = hy.get_nthreads()
+    mechanism, (Q, U) = double_pendulum(), starts(20)
+    found = [dc.simulate_ensemble(mechanism, (Q, U), 0.1, 0.01, threads=n).q[-1] for n in (1, 2, 5)]
+    assert hy.get_nthreads() == before
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])

@@ -11,6 +11,7 @@ import casadi as ca
 from deltac.dynamics.spatial import (
     SX,
     Transform,
+    Turn,
     axis_rotation,
     quaternion_rates,
     quaternion_rotation,
@@ -36,8 +37,21 @@ def joint_motion(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     return _MOTIONS[joint.kind](joint, q, pitch)
 
 
-def _placed(R: SX, r: SX, S: SX, W: SX | None = None) -> JointMotion:
-    return JointMotion(Transform(R.T, r), S, ca.SX.eye(S.shape[1]) if W is None else W)
+def _placed(
+    R: SX, r: SX, S: SX, W: SX | None = None, turns: tuple[Turn, ...] | None = None
+) -> JointMotion:
+    return JointMotion(Transform(R.T, r, turns), S, ca.SX.eye(S.shape[1]) if W is None else W)
+
+
+def _turns(joint: Joint, *angles: SX) -> tuple[Turn, ...] | None:
+    """Rotations about the joint's axes, one after the other; None unless all are coordinate axes."""
+    turns = []
+    for axis, angle in zip(joint.axes, angles):
+        k = max(range(3), key=lambda n: abs(axis[n]))
+        if abs(axis[k]) != 1.0:
+            return None
+        turns.append(Turn(k, ca.cos(angle), axis[k] * ca.sin(angle)))
+    return tuple(turns)
 
 
 def _axis(joint: Joint, which: int = 0) -> SX:
@@ -48,33 +62,37 @@ _ORIGIN = ca.SX.zeros(3)
 
 
 def _fixed(joint: Joint, q: SX, pitch: SX) -> JointMotion:
-    return _placed(ca.SX.eye(3), _ORIGIN, ca.SX(6, 0), ca.SX(0, 0))
+    return _placed(ca.SX.eye(3), _ORIGIN, ca.SX(6, 0), ca.SX(0, 0), turns=())
 
 
 def _revolute(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     a = _axis(joint)
-    return _placed(axis_rotation(joint.axes[0], q), _ORIGIN, ca.vertcat(a, _ORIGIN))
+    R, S = axis_rotation(joint.axes[0], q), ca.vertcat(a, _ORIGIN)
+    return _placed(R, _ORIGIN, S, turns=_turns(joint, q))
 
 
 def _prismatic(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     a = _axis(joint)
-    return _placed(ca.SX.eye(3), a * q, ca.vertcat(_ORIGIN, a))
+    return _placed(ca.SX.eye(3), a * q, ca.vertcat(_ORIGIN, a), turns=())
 
 
 def _screw(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     a, lead = _axis(joint), pitch / (2 * math.pi)
-    return _placed(axis_rotation(joint.axes[0], q), a * lead * q, ca.vertcat(a, lead * a))
+    R, S = axis_rotation(joint.axes[0], q), ca.vertcat(a, lead * a)
+    return _placed(R, a * lead * q, S, turns=_turns(joint, q))
 
 
 def _cylindrical(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     a = _axis(joint)
-    return _placed(axis_rotation(joint.axes[0], q[0]), a * q[1], ca.diagcat(a, a))
+    R = axis_rotation(joint.axes[0], q[0])
+    return _placed(R, a * q[1], ca.diagcat(a, a), turns=_turns(joint, q[0]))
 
 
 def _universal(joint: Joint, q: SX, pitch: SX) -> JointMotion:
     first, second = (axis_rotation(axis, q[k]) for k, axis in enumerate(joint.axes))
     partial = ca.horzcat(ca.mtimes(second.T, _axis(joint)), _axis(joint, 1))
-    return _placed(ca.mtimes(first, second), _ORIGIN, ca.vertcat(partial, ca.SX.zeros(3, 2)))
+    S = ca.vertcat(partial, ca.SX.zeros(3, 2))
+    return _placed(ca.mtimes(first, second), _ORIGIN, S, turns=_turns(joint, q[0], q[1]))
 
 
 def _planar(joint: Joint, q: SX, pitch: SX) -> JointMotion:
@@ -84,7 +102,8 @@ def _planar(joint: Joint, q: SX, pitch: SX) -> JointMotion:
         ca.vertcat(ca.SX.zeros(3, 2), R.T[:, :2]),
         ca.vertcat(z, _ORIGIN),
     )
-    return _placed(R, ca.vertcat(q[0], q[1], 0), S)
+    turn = Turn(2, ca.cos(q[2]), ca.sin(q[2]))
+    return _placed(R, ca.vertcat(q[0], q[1], 0), S, turns=(turn,))
 
 
 def _spherical(joint: Joint, q: SX, pitch: SX) -> JointMotion:

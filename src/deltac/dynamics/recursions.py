@@ -76,6 +76,14 @@ def gather(system: System, forces: Mapping[int, SX] | Sequence[SX]) -> SX:
     return result
 
 
+def _single_place(S: SX) -> int | None:
+    """Where the only entry of a constant single column is (0 to 5), a coordinate axis; else None."""
+    if S.shape[1] != 1 or not S.is_constant():
+        return None
+    places = [k for k in range(6) if not S[k].is_zero()]
+    return places[0] if len(places) == 1 else None
+
+
 def armature(system: System) -> SX:
     """Rotor inertias of all speeds (nu,)."""
     return ca.vertcat(*(link.armature for link in system.links), ca.SX(0, 1))
@@ -146,6 +154,9 @@ def aba(system: System, tau: SX, base: SX | None = None) -> tuple[SX, SX]:
             solved = spd_solve(D, ca.horzcat(U[k].T, tau[link.u] - ca.mtimes(link.S.T, p[k])))
             D_inverse_U[k], D_inverse_y[k] = solved[:, :6], solved[:, 6]
             I_a = I_a.minus_outer(U[k], D_inverse_U[k].T)
+            place = _single_place(link.S)
+            if place is not None and link.armature.is_zero():
+                I_a = I_a.without(place)  # I_a S = 0: nothing resists motion along a free joint
         if link.parent >= 0:
             p_a = p[k] + I_a @ bias_motion[k]
             if U[k] is not None:

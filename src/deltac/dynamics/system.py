@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
+from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.spatial import SX, Inertia, Transform, rigid_inertia
+from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
 from deltac.errors import InputError, closest
 from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import KINDS, Joint
@@ -20,6 +22,8 @@ from deltac.mechanism.mechanism import Mechanism
 @dataclass(frozen=True)
 class Link:
     """A body with the joint that carries it, in the *link frame*: the joint's frame on the child.
+
+    Of a joint with a single oblique axis that frame is turned, z along the axis (`frames`).
 
     `parent` is the parent's place in `System.links` (−1: ground); `X` leads from the parent's link
     frame to this one; `S` (6 by n) is the motion subspace, `S_dot` its rate in the link frame and
@@ -73,7 +77,8 @@ class System:
         """From the world to each link frame."""
         found: list[Transform] = []
         for link in self.links:
-            found.append(link.X if link.parent < 0 else found[link.parent].then(link.X))
+            X = Transform(link.X.E, link.X.r)  # along a chain, turns would add up: matrices do not
+            found.append(X if link.parent < 0 else found[link.parent].then(X))
         return tuple(found)
 
     @cached_property
@@ -236,28 +241,38 @@ def _links(
 
     place = {GROUND: -1}
     links: list[Link] = []
+    aligned = aligned_joints(mechanism)
     for joint in mechanism.joints:
+        framed = aligned.get(joint.name, joint)
         q, u = mechanism.coordinates.of(joint.name), mechanism.speeds.of(joint.name)
         # Differentiate along own symbols: a prescribed joint's q is an expression, not a symbol.
         own_q = ca.SX.sym("q", len(KINDS[joint.kind].coordinates))
         own_u = ca.SX.sym("u", len(KINDS[joint.kind].speeds))
-        motion = joint_motion(joint, own_q, to_casadi(joint.pitch, values))
+        motion = joint_motion(framed, own_q, to_casadi(joint.pitch, values))
         bias = ca.jtimes(ca.mtimes(motion.S, own_u), own_q, ca.mtimes(motion.W, own_u))
         S_dot = ca.reshape(
             ca.jtimes(ca.vec(ca.densify(motion.S)), own_q, ca.mtimes(motion.W, own_u)),
             motion.S.shape,
         )
+        turns = motion.X.turns or ()
+        cosines = [ca.SX(turn.c) for turn in turns]
+        sines = [ca.SX(turn.s) for turn in turns]
         # [slice, :] is a column even where a fixed joint's slice of a scalar is empty.
-        E, r, S, S_dot, W, c = ca.substitute(
-            [motion.X.E, motion.X.r, motion.S, S_dot, motion.W, bias],
+        E, r, S, S_dot, W, c, *found = ca.substitute(
+            [motion.X.E, motion.X.r, motion.S, S_dot, motion.W, bias, *cosines, *sines],
             [own_q, own_u],
             [q_all[q, :], u_all[u, :]],
         )
+        X = Transform(E, r)
+        if motion.X.turns is not None:
+            placed = zip(turns, found[: len(turns)], found[len(turns) :])
+            X = Transform(E, r, tuple(Turn(turn.axis, c, s) for turn, c, s in placed))
         parent = place[joint.parent]
-        before = Transform(_turn(joint.rotation).T, vector(joint.position))
+        before = Transform(_turn(framed.rotation).T, vector(joint.position))
         if parent >= 0:
             before = links[parent].to_body.then(before)
-        to_body = _to_link(Transform(_turn(joint.child_rotation).T, vector(joint.child_position)))
+        before = replace(before, turns=constant_turns(np.array(ca.DM(before.E))))
+        to_body = _to_link(Transform(_turn(framed.child_rotation).T, vector(joint.child_position)))
         body = mechanism.body(joint.child)
         mass = to_casadi(body.mass, values)
         centre = to_body.r + ca.mtimes(to_body.E.T, vector(body.mass_centre))
@@ -269,7 +284,7 @@ def _links(
             Link(
                 joint,
                 parent,
-                before.then(Transform(E, r)),
+                before.then(X),
                 S,
                 S_dot,
                 c,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -19,14 +20,8 @@ from deltac.dynamics.testing_functions import (
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
 from deltac.energy.pieces import integrate_pieces, jumps, rows_of
-from deltac.energy.quadrature import (
-    Between,
-    Integral,
-    Powers,
-    Samples,
-    at_samples,
-    row_blocks,
-)
+from deltac.energy.quadrature import Integral
+from deltac.energy.sampled import Between, Powers, Samples, at_samples
 from deltac.energy.samples import checked_samples, violations
 from deltac.energy.terms import (
     LedgerSymbols,
@@ -85,22 +80,24 @@ def balance(
     samples, basis = checked_samples(mechanism, rows, log)
     compiled = _compiled(mechanism, log, functions, speeds, _start(samples))
     symbols, kernel, names = compiled.symbols, compiled.between, compiled.powers
-    sampled = at_samples(samples, _evaluation(compiled.at_samples, log))
+    sampled = at_samples(samples, *_evaluation(compiled.at_samples, log))
     energy_at = {n: e[rows.own] for n, e in zip(compiled.energies, sampled)}
     known = sampled[len(compiled.energies) :]
     channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
     channel_powers = {n: p[rows.own] for n, p in zip(channel_names, known)}
-    rates = ("u",) if "udot" in kernel.input_names else ()
     barred = slice(len(channel_names), None)
-    every = integrate_pieces(samples, rows.starts, _evaluation(kernel, log), known, rates, barred)
+    evaluate, rated = _evaluation(kernel, log)
+    every = integrate_pieces(samples, rows.starts, evaluate, known, rated, barred)
     integral = replace(every, value=every.value[rows.own], bar=every.bar[rows.own])
     jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, speeds)
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     potential = {n.removeprefix("V "): e for n, e in energy_at.items() if n.startswith("V ")}
-    V = sum(potential.values(), start=np.zeros(len(run)))
-    parts = Energies(energy_at["K2"], energy_at["K1"], energy_at["K0"], V)
-    turnover = _turnover(rows.t, parts, known[: len(channel_names)]) + jumped.turnover
+    parts = Energies(*(energy_at[name] for name in ("K2", "K1", "K0", "V")))
+    V = parts.V
+    # Trapezoids: the turnover is a scale, not a balance.
+    flow = np.trapezoid(sampled[compiled.energies.index("flow")], rows.t)
+    turnover = float(flow + np.ptp(parts.K) + np.ptp(V)) + jumped.turnover
     scale = sum(float(np.abs(e).max()) for e in (parts.K2, parts.K1, parts.K0, V)) + turnover
     rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
     discrete = None
@@ -283,7 +280,8 @@ def _compiled(
 
     def make() -> _Compiled:
         symbols = ledger_symbols(mechanism, log, speeds, start)
-        energy, power = energies(symbols), powers(symbols, functions)
+        power = powers(symbols, functions)
+        energy = energies(symbols, power)
         both = ledger_kernel(symbols, energy | power)
         return _Compiled(symbols, list(energy), list(power), both, ledger_kernel(symbols, power))
 
@@ -296,46 +294,48 @@ def _compiled(
 
 def _start(samples: Samples) -> tuple[float, Array]:
     """Time and free coordinates of the first sample."""
-    return float(samples.t[0]), samples.smooth["q"][0][0]
+    return float(samples.t[0]), samples.smooth["q"].values[0]
 
 
 def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str, Array]:
     """The outputs of a kernel at the samples, (T,) for each scalar and (T, n) for a column."""
-    found = at_samples(samples, _evaluation(kernel, log))
+    found = at_samples(samples, *_evaluation(kernel, log))
     places = kernel.output_slices.items()
     return {name: found[p][0] if p.stop - p.start == 1 else found[p].T for name, p in places}
 
 
-def _evaluation(kernel: Kernel, log: LoggedForces) -> Powers:
-    """A kernel as a function of times and quantities there; its outputs as columns (rows, m)."""
+def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, ...]]:
+    """A kernel as a function of times and quantities there, (rows, m), and what it needs rates of.
+
+    A result is to be used before the next call in the same thread, which overwrites it.
+    """
+    rated = ("u",) if "udot" in kernel.input_names else ()
+    buffers = threading.local()
 
     def evaluate(t: Array, between: Between) -> Array:
-        given = {"t": t[:, None], **between.values}
-        if "udot" in kernel.input_names:
-            given["udot"] = between.rates["u"]
-        x = np.empty((kernel.n_in, len(t)))
+        if getattr(buffers, "size", None) != len(t):
+            buffers.size = len(t)
+            buffers.x, buffers.y = (np.empty((n, len(t))) for n in (kernel.n_in, kernel.n_out))
+        x = buffers.x
         for name, where in kernel.input_slices.items():
-            if name != "logged":
-                x[where] = given[name].T
-                continue
-            for channel, place in log.columns.items():
-                x[where][place] = given[f"force {channel}"].T
-        return kernel.flat(x).T
+            if name == "t":
+                x[where] = t
+            elif name == "udot":
+                x[where] = between.rates["u"].T
+            elif name == "logged":
+                for channel, place in log.columns.items():
+                    x[where][place] = between.values[f"force {channel}"].T
+            else:
+                x[where] = between.values[name].T
+        return kernel.flat(x, out=buffers.y).T
 
-    return evaluate
+    kernel.compile()
+    return evaluate, rated
 
 
 def _bar(integral: Integral, names: Sequence[str], name: str) -> Array:
     """Bars are there for the last columns only."""
     return integral.bar[:, names.index(name) - len(names)]
-
-
-def _turnover(t: Array, parts: Energies, powers: Array) -> float:
-    """∫Σ|P| dt (trapezoids: a scale, not a balance) + range(K) + range(V), of powers (m, T)."""
-    flow = np.empty(len(t))
-    for rows in row_blocks(len(t)):
-        np.abs(powers[:, rows]).sum(axis=0, out=flow[rows])
-    return float(np.trapezoid(flow, t) + np.ptp(parts.K) + np.ptp(parts.V))
 
 
 def _momenta(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.recursions import rnea
 from deltac.energy.pieces import Rows
-from deltac.energy.quadrature import Samples
+from deltac.energy.sampled import Samples
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
 
@@ -31,7 +31,7 @@ class DiscreteWork:
     bias: Array
     potential: frozenset[str]
 
-    def at(self, rows: NDArray[np.intp]) -> DiscreteWork:
+    def at(self, rows: NDArray[np.intp] | slice) -> DiscreteWork:
         """Some of the rows."""
         work = {name: values[rows] for name, values in self.work.items()}
         return DiscreteWork(work, self.explicit[rows], self.bias[rows], self.potential)
@@ -74,8 +74,8 @@ def discrete_work(
     outputs["bias"] = ca.densify(-rnea(s, ca.SX.zeros(len(s.mechanism.speeds))))
     kernel = Kernel(symbols.inputs, outputs, name="forces")
     given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
-    given["q"], given["u"] = samples.smooth["q"][0], samples.smooth["u"][0]
-    given["udot"] = samples.smooth["u"][1]
+    given["q"], given["u"] = samples.smooth["q"].values, samples.smooth["u"].values
+    given["udot"] = samples.smooth["u"].rates
     arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
     if "logged" in kernel.input_names:
         arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)

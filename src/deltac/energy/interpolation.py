@@ -60,18 +60,19 @@ def hermite_kernel(
 
 
 @lru_cache(maxsize=32)
-def lagrange_kernel(window: int, columns: int) -> Kernel:
-    """∫ over an interval of the polynomials through values `f` (columns) of each sample in a window."""
+def lagrange_kernel(window: int) -> Kernel:
+    """Weights (window) with which values in a window make ∫ over an interval of the polynomial through them.
+
+    Inputs: times `z` (window) and the interval's `width` (s).
+    """
     z, width = ca.SX.sym("z", window), ca.SX.sym("width")
-    f = ca.SX.sym("f", columns * window)
     points, gauss = np.polynomial.legendre.leggauss((window + 1) // 2)
     x = ca.SX.sym("x")
     l, _ = _lagrange(z, x)
     weights = sum(
         0.5 * g * ca.substitute(l, x, ca.SX(0.5 * (1 + point))) for point, g in zip(points, gauss)
     )
-    integral = ca.mtimes(ca.reshape(f, columns, window), weights) * width
-    return Kernel({"z": z, "width": width, "f": f}, {"integral": integral}, name="quadrature")
+    return Kernel({"z": z, "width": width}, {"weights": weights * width}, name="quadrature")
 
 
 def _lagrange(z: SX, x: SX) -> tuple[SX, SX]:
@@ -102,6 +103,36 @@ def blocks(samples: int, window: int, size: int) -> Iterator[Block]:
         yield start, min(start + size, last + 1), start - reach
     for row in range(last + 1, samples - 1):
         yield row, row + 1, samples - window
+
+
+def band_matrices(count: int, size: int, window: int) -> Array:
+    """`count` matrices (size + window − 1, size) of zeros, whose bands `weighted_windows` fills."""
+    return np.zeros((count, size + window - 1, size))
+
+
+def weighted_windows(values: Array, weights: Array, bands: Array, out: Array) -> None:
+    """Σ_j weights[j, k] values[:, k + j], to `out` (m, n).
+
+    `weights` are (window, n), `values` (m, n + window − 1) or longer. Done as products with band matrices:
+    most of what they multiply is zero, and still they are several times faster than passes over the values.
+    """
+    window, n = weights.shape
+    count, size = n // bands.shape[2], bands.shape[2]
+    if not count:
+        return
+    each = bands.itemsize
+    diagonals = np.lib.stride_tricks.as_strided(
+        bands,
+        (window, count, size),
+        (size * each, bands.strides[0], (size + 1) * each),
+    )
+    diagonals[...] = weights.reshape(window, count, size)
+    row = values.strides[0]
+    cut = np.lib.stride_tricks.as_strided(
+        values, (count, len(values), size + window - 1), (size * each, row, each)
+    )
+    product = np.matmul(cut, bands[:count])
+    out.reshape(len(out), count, size)[...] = product.transpose(1, 0, 2)
 
 
 def window_times(t: Array, start: int, first: int, z: Array, width: Array) -> None:

@@ -21,7 +21,8 @@ from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
-from deltac.energy.quadrature import Integral, Powers, Samples, hermite_parts, integrate
+from deltac.energy.quadrature import Integral, hermite_parts, integrate
+from deltac.energy.sampled import Powers, Samples
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
@@ -54,7 +55,7 @@ class Rows:
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     provenance: Provenance
-    own: NDArray[np.intp]
+    own: NDArray[np.intp] | slice
     starts: tuple[int, ...]
     inward: Array | None
     events: tuple[Occurrence, ...]
@@ -68,7 +69,7 @@ def rows_of(run: Trajectory) -> Rows:
     events = tuple(event for event in run.events if event.t > run.t[0])
     shared = (run.coordinates, run.speeds, run.provenance)
     if not events:
-        every = np.arange(len(run))
+        every = slice(None)  # a view of long columns, not a copy
         return Rows(run.t, run.q, run.u, run.udot, run.forces, *shared, every, (), None, ())
     # An event's rows come before the first row that is not earlier: such a row has the state after.
     at = np.repeat(np.searchsorted(run.t, [event.t for event in events], "left"), 2)
@@ -80,7 +81,7 @@ def rows_of(run: Trajectory) -> Rows:
     def both(before: str, after: str) -> list[Array]:
         return [getattr(event, name) for event in events for name in (before, after)]
 
-    t = inserted(run.t, [time for event in events for time in (event.t, event.t)])
+    t = np.insert(run.t, at, [time for event in events for time in (event.t, event.t)])
     forces = {}
     for name, force in run.forces.items():
         nothing = np.zeros(force.shape[1])

@@ -18,16 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.energy.interpolation import (
+    band_matrices,
     blocks,
     hermite_kernel,
     lagrange_kernel,
+    weighted_windows,
     window_times,
     windows_of,
 )
+from deltac.energy.sampled import Between, Powers, Samples, at_samples
+from deltac.kernels.parallel import cores, spread
 
 Array: TypeAlias = NDArray[np.float64]
-Powers: TypeAlias = Callable[[Array, "Between"], Array]
-"""(times, between) -> (rows, m)."""
 
 _INNER = float(np.sqrt(3.0 / 7.0))
 INNER = (0.5 - 0.5 * _INNER, 0.5, 0.5 + 0.5 * _INNER)
@@ -42,69 +44,15 @@ SAMPLED = 8
 """Samples in a window of `lagrange`, and its order."""
 
 ROWS_AT_ONCE = 520
-"""Intervals in a batch: they stay in cache, and their columns are not a power of two apart."""
+"""Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
+
+BAND, BANDS = 24, 32
+"""Intervals that share a band matrix of weights (small enough that its zeros are cheap), and such matrices
+in a batch.
+"""
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
-
-
-@dataclass(frozen=True)
-class Between:
-    """Quantities interpolated at one node of every interval: values and rates by name, (T−1, n)."""
-
-    values: dict[str, Array]
-    rates: dict[str, Array]
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What is known at sample times `t` (T,).
-
-    `smooth` maps a name to (values, rates), (T, n) each; `plain` to values alone, interpolated by
-    polynomials through the same window; `held` to values that are constant until the next sample.
-    The rates of what is named in `derived` are those of a spline, since nobody measured them.
-    Samples at events are evaluated `inward` (T,; s) from there, within their smooth piece.
-    """
-
-    t: Array
-    smooth: dict[str, tuple[Array, Array]]
-    plain: dict[str, Array]
-    held: dict[str, Array]
-    derived: frozenset[str] = frozenset()
-    inward: Array | None = None
-
-    def rows(self, rows: slice) -> Samples:
-        """Neighbouring samples of a smooth piece."""
-        return Samples(
-            self.t[rows],
-            {name: (y[rows], dy[rows]) for name, (y, dy) in self.smooth.items()},
-            {name: y[rows] for name, y in self.plain.items()},
-            {name: y[rows] for name, y in self.held.items()},
-            self.derived,
-        )
-
-    def every(self, n: int) -> Samples:
-        """Every n-th sample; what was derived is derived from these alone."""
-        t = self.t[::n]
-        return Samples(
-            t,
-            {
-                name: (y[::n], spline_rate(t, y[::n]) if name in self.derived else dy[::n])
-                for name, (y, dy) in self.smooth.items()
-            },
-            {name: y[::n] for name, y in self.plain.items()},
-            {name: y[::n] for name, y in self.held.items()},
-            self.derived,
-        )
-
-
-def spline_rate(t: Array, y: Array) -> Array:
-    """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
-    from scipy.interpolate import make_interp_spline
-
-    degree = min(5, len(t) - 1)
-    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
-    return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))
 
 
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
@@ -113,47 +61,35 @@ def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
     return hermite(samples, powers, known, window, samples.smooth).T
 
 
-def row_blocks(count: int) -> list[slice]:
-    """Rows in blocks that stay in cache; kernels spread each over the cores."""
-    starts = range(0, count, ROWS_AT_ONCE)
-    return [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
-
-
-def at_samples(samples: Samples, powers: Powers) -> Array:
-    """The powers at the samples themselves, (m, T)."""
-    first, *others = row_blocks(len(samples.t))
-    start = powers(*_known(samples, first, first)).T
-    found = np.empty((len(start), len(samples.t)))
-    found[:, first] = start
-    for rows in others:
-        found[:, rows] = powers(*_known(samples, rows, rows)).T
-    return found
-
-
-def _known(samples: Samples, rows: slice, held: slice) -> tuple[Array, Between]:
-    """Times and quantities at samples; what is held is that of other rows."""
-    t, values = samples.t[rows], {name: y[rows] for name, (y, _) in samples.smooth.items()}
-    if samples.inward is not None:
-        aside = samples.inward[rows]
-        t = t + aside
-        values = {n: y + aside[:, None] * samples.smooth[n][1][rows] for n, y in values.items()}
-    values |= {name: y[rows] for name, y in samples.plain.items()}
-    values |= {name: y[held] for name, y in samples.held.items()}
-    return t, Between(values, {n: dy[rows] for n, (_, dy) in samples.smooth.items()})
-
-
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
-    t, window = samples.t, min(SAMPLED, len(samples.t))
-    kernel = lagrange_kernel(window, len(known))
-    total = np.zeros_like(known)
-    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
-        x = np.empty((kernel.n_in, stop - start))
-        z, width, f = (x[where] for where in kernel.input_slices.values())
-        window_times(t, start, first, z, width)
-        windows_of([known.T], first, window, f)
-        total[:, start + 1 : stop + 1] = kernel.flat(x)
-    return np.cumsum(total, axis=1, out=total)
+    total = np.empty_like(known)
+    parts = np.array_split(np.arange(len(known)), min(cores(), len(known)) or 1)
+    spread(lambda rows: _lagrange(samples.t, known, rows, total), parts)
+    return total
+
+
+def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> None:
+    """`lagrange` of some rows, which lie side by side, from start to end."""
+    window = min(SAMPLED, len(t))
+    kernel = lagrange_kernel(window)
+    powers, sums = known[rows[0] : rows[-1] + 1], total[rows[0] : rows[-1] + 1]
+    sums[:, 0] = 0.0
+    part = np.empty((len(rows), BAND * BANDS))
+    bands = band_matrices(BANDS, BAND, window)
+    for start, stop, first in blocks(len(t), window, BAND * BANDS):
+        size = stop - start
+        x = np.empty((kernel.n_in, size))
+        window_times(t, start, first, x[:window], x[window:])
+        weights = kernel.flat(x)
+        whole = size - size % BAND
+        here = part[:, :size]
+        weighted_windows(powers[:, first:], weights[:, :whole], bands, here[:, :whole])
+        if size > whole:
+            rest = band_matrices(1, size - whole, window)
+            weighted_windows(powers[:, first + whole :], weights[:, whole:], rest, here[:, whole:])
+        here[:, 0] += sums[:, start]
+        np.cumsum(here, axis=1, out=sums[:, start + 1 : stop + 1])
 
 
 def hermite(
@@ -184,7 +120,8 @@ def hermite_parts(
     """
     t, window = samples.t, min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
-    values, slopes = ([samples.smooth[name][k] for name in names] for k in (0, 1))
+    values = [samples.smooth[name].values for name in names]
+    slopes = [samples.smooth[name].rates for name in names]
     plain = list(samples.plain.values())
     sizes = {name: y.shape[1] for name, y in zip([*names, *samples.plain], [*values, *plain])}
     rated = {f"rate {name}": sizes[name] for name in names if name in rates}
@@ -208,7 +145,7 @@ def hermite_parts(
         here, after = slice(start, stop), slice(start + 1, stop + 1)
         end = known[columns, after]
         if samples.held:  # what acts at the end is still that of the start
-            end = powers(*_known(samples, after, here)).T[columns]
+            end = powers(*samples.at(after, here, rates)).T[columns]
         part = OUTER_WEIGHT * (known[columns, here] + end)
         for node, weight, where in zip(INNER, INNER_WEIGHTS, kernel.output_slices.values()):
             at = {name: found[where][place].T for name, place in places.items()}
@@ -276,13 +213,13 @@ def integrate(
         rates: names of what the powers need rates of; by default all that is smooth.
         barred: the columns whose bars are wanted; the choice goes by them.
     """
-    known = at_samples(samples, powers) if known is None else known
+    rated = samples.smooth.keys() if rates is None else rates
+    known = at_samples(samples, powers, rated) if known is None else known
     thinned = {1: (samples, known)}
     for n in (2, 4):
         thin = samples.every(n)
         # Derived rates are others when samples are left out.
-        thinned[n] = thin, at_samples(thin, powers) if samples.derived else known[:, ::n]
-    rated = samples.smooth.keys() if rates is None else rates
+        thinned[n] = thin, at_samples(thin, powers, rated) if samples.derived else known[:, ::n]
 
     def interpolated(window: int) -> _Rule:
         return _Rule(
@@ -295,11 +232,14 @@ def integrate(
     first = None
     if len(samples.t) > 4 * SAMPLED and not samples.held:
         sampled = _Rule(
-            "samples", SAMPLED, SAMPLED, lambda s, at, columns: lagrange(s, at[columns])
+            "samples",
+            SAMPLED,
+            SAMPLED,
+            lambda s, at, columns: lagrange(s, np.ascontiguousarray(at[columns])),
         )
         first = _estimated(sampled, thinned, barred)
-        flow = np.trapezoid(np.abs(known[barred]), samples.t)
-        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow.max():
+        flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[barred])
+        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow:
             return first
     high, low = (_estimated(interpolated(window), thinned, barred) for window in (4, 2))
     best = high if high.bar[-1].sum() <= low.bar[-1].sum() else low
@@ -324,26 +264,32 @@ def _estimated(
     rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], barred: slice
 ) -> Integral:
     fine = rule.sums(*thinned[1], slice(None))
-    count = fine.shape[1]
+    count, compared = fine.shape[1], fine[barred]
+    bar = np.empty(compared.shape)
     if count < 5:  # nothing can be left out: as much error as integral
-        bar = np.maximum.accumulate(np.abs(fine[barred]), axis=1)
+        np.maximum.accumulate(np.abs(compared), axis=1, out=bar)
         return Integral(fine.T, bar.T, rule.name, 0.0)
     half = rule.sums(*thinned[2], barred)
-    error = fine[barred, ::2] - half
-    bar_even = np.maximum.accumulate(np.abs(error), axis=1)
-    order = 0.0
-    if count >= 9 and not thinned[1][0].derived:
-        # Sums over intervals: in a cumulated error contributions may cancel by chance.
-        finer = _variation(error)
-        coarser = _variation(half[:, ::2] - rule.sums(*thinned[4], barred))
-        ratio = coarser / np.where(finer > 0.0, finer, 1.0)
-        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
-        bar_even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))[:, None]
+    observed = count >= 9 and not thinned[1][0].derived
+    quarter = rule.sums(*thinned[4], barred) if observed else None
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
     seen = np.arange(count) + max(rule.window, 4) // 2
-    index = np.minimum((seen + 1) // 2, bar_even.shape[1] - 1)
-    return Integral(fine.T, bar_even[:, index].T, rule.name, order)
+    index = np.minimum((seen + 1) // 2, half.shape[1] - 1)
+    finer, coarser = np.zeros((2, len(compared)))
 
+    def estimate(k: int) -> None:
+        error = compared[k, ::2] - half[k]
+        even = np.maximum.accumulate(np.abs(error))
+        if quarter is not None:
+            # Sums over intervals: in a cumulated error contributions may cancel by chance.
+            finer[k] = np.abs(np.diff(error)).sum()
+            coarser[k] = np.abs(np.diff(half[k, ::2] - quarter[k])).sum()
+            ratio = coarser[k] / finer[k] if finer[k] > 0.0 else coarser[k]
+            even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))
+        even.take(index, out=bar[k])
 
-def _variation(error: Array) -> Array:
-    return np.asarray(np.abs(np.diff(error, axis=1)).sum(axis=1))
+    spread(estimate, range(len(compared)))
+    order = 0.0
+    if quarter is not None:
+        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
+    return Integral(fine.T, bar.T, rule.name, order)

@@ -14,10 +14,11 @@ from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
 from deltac.energy.pieces import Rows
-from deltac.energy.quadrature import Samples, row_blocks, spline_rate
+from deltac.energy.sampled import Samples, Smooth, row_blocks, spline_rate
 from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
+from deltac.kernels.parallel import spread
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -40,22 +41,30 @@ def checked_samples(
     q, u = columns(run.q, free.q), columns(run.u, free.u)
     basis = {"u̇": "measured"}
     if run.udot is not None:
-        udot = columns(run.udot, free.u)
+        measured = columns(run.udot, free.u)
+        speeds = Smooth(u, lambda: measured)
     else:
         basis["u̇"] = "derived"
-        pieces = pairwise((0, *run.starts, len(run)))
-        udot = np.concatenate([_rate(run.t[a:b], u[a:b]) for a, b in pieces])
-    qdot = _coordinate_rates(mechanism, run.t, q, u)
+        speeds = Smooth(u, lambda: _rates(run, u))
     held = _held(run)
     forces = {f"force {name}": values for name, values in log.values(run).items()}
     return Samples(
         t=run.t,
-        smooth={"q": (q, qdot), "u": (u, udot)},
+        smooth={
+            "q": Smooth(q, lambda: _coordinate_rates(mechanism, run.t, q, u)),
+            "u": speeds,
+        },
         plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
         held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
         derived=frozenset({"u"} if run.udot is None else ()),
         inward=run.inward,
     ), basis
+
+
+def _rates(run: Rows, y: Array) -> Array:
+    """Rates within every smooth piece."""
+    pieces = pairwise((0, *run.starts, len(run)))
+    return np.concatenate([_rate(run.t[a:b], y[a:b]) for a, b in pieces])
 
 
 def _rate(t: Array, y: Array) -> Array:
@@ -103,8 +112,12 @@ def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Arr
         {"t": system.t, "q": system.q, "u": system.u}, {"qdot": system.qdot}, name="rates"
     )
     rates = np.empty(q.shape)
-    for rows in row_blocks(len(t)):
+
+    def evaluate(rows: slice) -> None:
         rates[rows] = kernel(t=t[rows], q=q[rows], u=u[rows])["qdot"].reshape(-1, q.shape[1])
+
+    kernel.compile()
+    spread(evaluate, row_blocks(len(t)))
     return rates
 
 

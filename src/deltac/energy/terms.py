@@ -179,10 +179,12 @@ def _measured(
     return Reactions(driving, multipliers)
 
 
-def energies(symbols: LedgerSymbols) -> dict[str, SX]:
-    """K2, K1, K0, the potential of every source, and every momentum."""
+def energies(symbols: LedgerSymbols, powers: Mapping[str, SX]) -> dict[str, SX]:
+    """K2, K1, K0, V and the potential of every source, every momentum; and `flow`, Σ|P| of all channels."""
     k = symbols.computed
-    outputs = {"K2": k.K2, "K1": k.K1, "K0": k.K0}
+    outputs = {"K2": k.K2, "K1": k.K1, "K0": k.K0, "V": k.V}
+    channels = (power for name, power in powers.items() if name.startswith("power "))
+    outputs["flow"] = sum((ca.fabs(power) for power in channels), start=ca.SX(0))
     for part in symbols.parts:
         if part.potential is not None:
             outputs[f"V {part.name}"] = part.potential

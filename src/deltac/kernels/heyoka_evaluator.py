@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.kernels.cache import prepare_cache
 from deltac.kernels.lowering import to_heyoka
+from deltac.kernels.simd import simd_width
 
 Array = NDArray[np.float64]
 
@@ -27,9 +28,13 @@ class HeyokaEvaluator:
         variables = [hy.expression(f"x{i}") for i in range(function.nnz_in(0))]
         parameters = [hy.par[i] for i in range(function.nnz_in(1))]
         (outputs,) = to_heyoka(function, [variables, parameters])
-        self.width: int = hy.recommended_simd_size()
+        self.width = simd_width()
         self._compiled: Any = hy.cfunc(
-            outputs, vars=variables, compact_mode=compact, batch_size=self.width
+            outputs,
+            vars=variables,
+            compact_mode=compact,
+            batch_size=self.width,
+            force_avx512=self.width > hy.recommended_simd_size(),
         )
         # heyoka counts parameters up to the last one that occurs, and takes no more than that.
         self._n_parameters: int = self._compiled.nparams

@@ -7,6 +7,7 @@ that do what the constraints can ask for.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TypeAlias
 
 import casadi as ca
@@ -100,10 +101,14 @@ class CarefulStep:
     """One step of a solver with multipliers by least squares, and a projection to match."""
 
     def __init__(self, flow: Flow, solver: Solver, parts: Parts, p: Array) -> None:
-        """Prepare the motion by least squares; `parts` are the solver's masks."""
+        """Of a flow and its parameters `p`; `parts` are the solver's masks."""
         assert solver.step is not None
-        self._flow, self._step, self._parts = flow, solver.step, parts
-        self._motion = LeastSquares(flow, p)
+        self._flow, self._step, self._parts, self._p = flow, solver.step, parts, p
+
+    @cached_property
+    def _motion(self) -> LeastSquares:
+        """Written out when a run first needs it, which most never do."""
+        return LeastSquares(self._flow, self._p)
 
     def __call__(self, t: float, x: Array, h: float) -> Array:
         """The state one step later, on the constraints if the run is projected; NaN if it blows up."""

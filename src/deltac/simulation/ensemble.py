@@ -1,18 +1,16 @@
 """Ensembles: many runs of one mechanism, side by side in SIMD lanes and on all cores.
 
-Small mechanisms go by whole steps, compiled as one expression and several to a call; larger ones stage by
-stage, with array combinations between. Members are handled in chunks that stay in the cache; each member's
-numbers depend on itself alone, to the last bit, whatever the chunks and threads.
+Members go in chunks that stay in a core's cache (`ensemble_steps`); each member's numbers depend on
+itself alone, to the last bit, whatever the chunks and threads. Memory is that of the result.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from threading import Lock
 from typing import TypeAlias
 
 import casadi as ca
@@ -22,24 +20,17 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.errors import InputError, closest
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
+from deltac.kernels.parallel import spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.careful import CarefulStep
+from deltac.simulation.ensemble_steps import LANES, Advance, Span
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import FixedStepper, numeric_masks, settle_kernel
 from deltac.simulation.flow import Flow, build_flow
-from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver, find_solver
-from deltac.simulation.solvers.solver import Parts
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
-CHUNK = 512
-"""Members that go together: their states and stages fit a core's cache."""
-
-FUSED_INSTRUCTIONS = 4000
-"""Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +42,10 @@ class Ensemble:
         q, u: coordinates (K, N, nq) and speeds (K, N, nu) of all joints.
         integrals: ∫P of each testing function (K, N), J.
         delta_c: ΔC of each testing function (K, N), J.
-        stopped: time at which a member's state ceased to be finite, NaN for those that completed (N,);
-            from then on its values are NaN.
+        stopped: time up to which the state of a member that blew up was seen finite (to a few steps), NaN
+            for those that completed (N,); after it its values are NaN.
+        steps, solvers: of each member, (N,).
+        sensitivity: ∂ΔC/∂p (K, N) of each testing function by each parameter asked for, J per its unit.
     """
 
     t: Array
@@ -61,9 +54,12 @@ class Ensemble:
     integrals: Mapping[str, Array]
     delta_c: Mapping[str, Array]
     stopped: Array
+    steps: Array
+    solvers: tuple[str, ...]
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     provenance: Provenance
+    sensitivity: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return int(self.q.shape[1])
@@ -71,7 +67,7 @@ class Ensemble:
     def member(self, k: int) -> Trajectory:
         """One run as a trajectory, up to where it stopped."""
         completed = math.isnan(self.stopped[k])
-        rows = len(self.t) if completed else int(np.searchsorted(self.t, self.stopped[k]))
+        rows = len(self.t) if completed else int(np.searchsorted(self.t, self.stopped[k], "right"))
         return Trajectory(
             t=self.t[:rows],
             q=self.q[:rows, k],
@@ -79,7 +75,7 @@ class Ensemble:
             integrals={name: values[:rows, k] for name, values in self.integrals.items()},
             coordinates=self.coordinates,
             speeds=self.speeds,
-            provenance=self.provenance,
+            provenance=replace(self.provenance, solver=self.solvers[k], step=float(self.steps[k])),
         )
 
     def __repr__(self) -> str:
@@ -94,82 +90,95 @@ def simulate_ensemble(
     mechanism: Mechanism,
     states: State | tuple[ArrayLike, ArrayLike],
     duration: float,
-    step: float,
-    solver: str = "ode4",
+    step: ArrayLike,
+    solver: str | Sequence[str] = "ode4",
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
     vary: Mapping[str, ArrayLike] | None = None,
     record_every: int | None = None,
+    sensitivity: Sequence[str] = (),
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Ensemble:
-    """Simulate many members of a mechanism with a fixed-step solver.
+    """Simulate many members of a mechanism with fixed-step solvers.
+
+    What differs between members has N entries, what they share one: states, steps, solvers, parameters.
 
     Args:
         mechanism: what moves.
         states: one state for all members, or (Q, U) of shapes (N, nq) and (N, nu), all joints.
         duration: how long, s.
-        step: of the solver, s; it must divide the duration.
-        solver: a fixed-step one, see `simulate`.
+        step: of the solver, s, or (N,); it must divide the duration.
+        solver: a fixed-step one, see `simulate`, or N of them.
         testing: names of the testing functions integrated in the loop.
         vary: values (N,) of parameters by name, other ones in each member; no compilation is repeated for
             other values.
-        record_every: keep every so many steps; by default the start and the end alone.
+        record_every: keep every so many steps, the longest ones where steps differ; by default the start
+            and the end alone.
+        sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
+            from a start that does not depend on them. Each adds about two steps' work to every step.
         threads: how many cores; all by default.
         progress: called with the fraction done.
 
     Raises:
         InputError: as `simulate`, and for sizes that do not fit, naming the array.
     """
-    found = find_solver(solver)
-    if found.family != "fixed":
-        raise InputError(
-            f"ensembles take explicit fixed steps, {solver!r} does not; use 'ode4' or 'ode8'"
-        )
     if mechanism.events:
         raise InputError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )
-    steps = round(duration / step)
-    if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
-        raise InputError(f"step {step:g} does not divide the duration {duration:g}")
-    every = steps if record_every is None else record_every
-    if every < 1 or steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
-    names, p = _parameters(mechanism, vary or {})
-    t0, Q, U = _states(mechanism, states, p.shape[1] if names else None)
-    members = len(Q)
-    if names and p.shape[1] != members:
-        p = np.repeat(p, members, axis=1)
-    p = p if names else np.empty((0, members))
+    names, p = _parameters(mechanism, vary or {}, sensitivity)
+    t0, Q, U = _states(mechanism, states)
+    h, solvers = _steps(step, duration), _solvers(solver)
+    members = _members(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
+    Q, U, p, h = (_repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
+    solvers = solvers * (members // len(solvers))
+    interval, records = _recorded(h, duration, record_every)
     first = mechanism.state(Q[0], U[0], t0)
-    check_start(mechanism, first, found, step)
-    rows = constraint_start(mechanism, first, found, None, "projection")
+    kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
+    for one, size in kinds:
+        check_start(mechanism, first, one, size)
+    rows = constraint_start(mechanism, first, solvers[0], None, "projection")
     flow = _flow(mechanism, tuple(testing), tuple(names), rows)
-    h = duration / steps
-    x = np.empty((flow.x.shape[0], members))
-    q_part, u_part, z_part = flow.parts
-    x[q_part], x[u_part], x[z_part] = Q[:, mechanism.free.q].T, U[:, mechanism.free.u].T, 0.0
-    kept = np.empty((steps // every + 1, *x.shape))
-    kept[0] = x
-    advance = _Advance(flow, found, h, t0, every)
-    pieces = [slice(i, min(i + CHUNK, members)) for i in range(0, members, CHUNK)]
-    done = [0]
+    along = tuple(names.index(name) for name in sensitivity)
+    result = _Result.empty(mechanism, flow, records + 1, members, len(along))
+    q_part, u_part, _ = flow.parts
 
-    def work(piece: slice) -> None:
-        state, parameters = x[:, piece].copy(), np.ascontiguousarray(p[:, piece])
-        for k in range(steps // every):
-            state = advance(state, parameters, k * every)
-            kept[k + 1][:, piece] = state
-        done[0] += 1
-        if progress is not None:
-            progress(done[0] / len(pieces))
+    jobs: list[tuple[Advance, int, NDArray[np.intp]]] = []
+    for one, size in kinds:
+        group = np.flatnonzero((h == size) & np.array([other is one for other in solvers]))
+        per_record = round(interval / size)
+        advance = Advance(flow, one, per_record, along)
+        starts = range(0, len(group), advance.chunk)
+        jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
+    done, lock = [0], Lock()
 
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        list(pool.map(work, pieces))
-    times: Array = t0 + h * every * np.arange(steps // every + 1, dtype=np.float64)
-    return _ensemble(mechanism, flow, found, step, times, kept, p)
+    def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:
+        advance, per_record, own = job
+        # Whole vectors: the last member fills up the lanes that are left.
+        padded = own[np.minimum(np.arange(-(-len(own) // LANES) * LANES), len(own) - 1)]
+        x = np.zeros((advance.rows, len(padded)))
+        x[q_part], x[u_part] = Q[padded][:, mechanism.free.q].T, U[padded][:, mechanism.free.u].T
+        values, own_step = np.ascontiguousarray(p[:, padded]), interval / per_record
+        taken = np.zeros(len(padded))
+        result.keep(0, own, t0, x, values, np.ones(len(padded), dtype=bool))
+        for k in range(records):
+            span = Span(t0, own_step, k * per_record, per_record)
+            x, taken = advance(x, taken, values, span)
+            alive = taken == (k + 1) * per_record
+            result.keep(k + 1, own, t0 + (k + 1) * interval, x, values, alive)
+            if progress is not None:
+                with lock:
+                    done[0] += 1
+                    progress(done[0] / (len(jobs) * records))
+        lost = taken < records * per_record
+        result.stopped[own] = np.where(lost, t0 + taken * own_step, math.nan)[: len(own)]
+
+    spread(work, jobs, threads)
+    return result.ensemble(
+        mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity
+    )
 
 
 _FLOWS: Kept[Flow] = Kept(16)
@@ -185,114 +194,168 @@ def _flow(
     )
 
 
-class _Advance:
-    """`every` steps of a chunk of members."""
-
-    def __init__(self, flow: Flow, solver: Solver, h: float, t0: float, every: int) -> None:
-        self.flow, self.solver, self.h, self.t0, self.every = flow, solver, h, t0, every
-        size = int(_stepper(flow, solver)._single_step.n_instructions())
-        self.fused = 0
-        if size <= FUSED_INSTRUCTIONS:
-            room = max(1, FUSED_INSTRUCTIONS // size)
-            self.fused = max(m for m in range(1, room + 1) if every % m == 0)
-            self.kernel = _steps_kernel(flow, solver, self.fused)
-        else:
-            self.kernel = _rate_kernel(flow)
-            masks = numeric_masks(flow)
-            self.parts = Parts(*(mask[:, None] for mask in (masks.q, masks.u, masks.z)))
-        self.settle = settle_kernel(flow)
-
-    def __call__(self, x: Array, p: Array, start: int) -> Array:
-        """The states (nx, B) after `every` steps from step number `start` on."""
-        begin = x
-        with np.errstate(all="ignore"):
-            x, worst = (self._whole if self.fused else self._staged)(x, p, start)
-        flagged = np.flatnonzero(~(worst > SMALLEST_PIVOT)) if self.flow.bound is not None else ()
-        for k in flagged:
-            x[:, k] = self._carefully(begin[:, k], p[:, k], start)
-        return x
-
-    def _whole(self, x: Array, p: Array, start: int) -> tuple[Array, Array]:
-        n, B = x.shape
-        given = np.empty((self.kernel.n_in, B))
-        given[:n], given[n + 1 : n + 1 + len(p)] = x, p
-        given[-2], given[-1] = self.t0, self.h
-        out = np.empty((n + 1, B))
-        worst = np.ones(B)
-        for k in range(start, start + self.every, self.fused):
-            given[n] = k
-            self.kernel.flat(given, out=out)
-            given[:n] = out[:n]
-            np.minimum(worst, out[n], out=worst)
-        return given[:n].copy(), worst
-
-    def _staged(self, x: Array, p: Array, start: int) -> tuple[Array, Array]:
-        n, B = x.shape
-        given, out = np.empty((self.kernel.n_in, B)), np.empty((n, B))
-        given[1 + n :] = p
-        worst = np.ones(B)
-
-        def rate(t: float, state: Array) -> Array:
-            given[0], given[1 : 1 + n] = t, state
-            return self.kernel.flat(given, out=out).copy()
-
-        step = self.solver.step
-        assert step is not None
-        for k in range(start, start + self.every):
-            t = self.t0 + k * self.h
-            x = step(rate, t, x, self.h, self.parts)
-            if self.settle is not None:
-                given[0], given[1 : 1 + n] = t + self.h, x
-                settled = self.settle.flat(given)
-                x = settled[:n]
-                np.minimum(worst, settled[n], out=worst)
-        return x, worst
-
-    def _carefully(self, x: Array, p: Array, start: int) -> Array:
-        """A member whose constraints became dependent on the way, by least squares."""
-        careful = CarefulStep(self.flow, self.solver, numeric_masks(self.flow), p)
-        for k in range(start, start + self.every):
-            x = careful(self.t0 + k * self.h, x, self.h)
-        return x
-
-
 @lru_cache(maxsize=16)
-def _stepper(flow: Flow, solver: Solver) -> FixedStepper:
-    return FixedStepper(flow, solver)
+def _observation(flow: Flow, along: int) -> Kernel:
+    """(t, x; p) -> full q, u; of the testing functions ∫P, E, and their derivatives by parameters."""
+    n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)
+    E, given, outputs = flow.energies[:count, :], [flow.x], {}
+    moved = ca.SX(0, 1)
+    for place in range(flow.p.shape[0] - along, flow.p.shape[0]):
+        rate, unit = ca.SX.sym("dx", n), ca.SX.zeros(flow.p.shape[0])
+        unit[place] = 1
+        given.append(rate)
+        dE = ca.jtimes(E, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit))
+        moved = ca.vertcat(moved, dE, rate[z : z + count])
+    outputs = {
+        "q": ca.densify(flow.q_all),
+        "u": ca.densify(flow.u_all),
+        "integral": flow.x[z : z + count],
+        "E": E,
+        "moved": ca.densify(moved),
+    }
+    return Kernel({"t": flow.t, "x": ca.vertcat(*given)}, outputs, flow.p, name="observation")
 
 
-@lru_cache(maxsize=16)
-def _steps_kernel(flow: Flow, solver: Solver, fused: int) -> Kernel:
-    """(x, k, p, t0, h) -> x after `fused` steps and the smallest pivot on the way."""
-    stepper = _stepper(flow, solver)
-    k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
-    x, worst = flow.x, ca.SX(1)
-    for i in range(fused):
-        x, pivot = stepper._single_step(x, k + i, flow.p, t0, h)
-        worst = ca.fmin(worst, pivot)
-    return Kernel(
-        {"x": flow.x, "k": k, "p": ca.vertcat(flow.p, t0, h)},
-        {"x": x, "worst": worst},
-        name="steps",
-    )
+@dataclass(frozen=True, eq=False)
+class _Result:
+    """The arrays of an ensemble while it is made; threads write to columns of their own."""
+
+    flow: Flow
+    observe: Kernel
+    q: Array
+    u: Array
+    sums: dict[str, Array]
+    stopped: Array
+
+    @staticmethod
+    def empty(mechanism: Mechanism, flow: Flow, K: int, N: int, along: int) -> _Result:
+        nq, nu, count = len(mechanism.coordinates), len(mechanism.speeds), len(flow.testing)
+        sizes = {"integral": count, "E": count, "moved": 2 * count * along}
+        sums = {name: np.empty((size, K, N)) for name, size in sizes.items()}
+        observe = _observation(flow, along).compile()
+        return _Result(flow, observe, np.empty((K, N, nq)), np.empty((K, N, nu)), sums, np.empty(N))
+
+    def keep(
+        self, k: int, own: NDArray[np.intp], t: float, x: Array, p: Array, alive: NDArray[np.bool_]
+    ) -> None:
+        """Write the k-th record of members `own`; those not alive become NaN."""
+        seen = self.observe.flat(np.concatenate([np.full((1, x.shape[1]), t), x]), p)
+        seen[:, ~alive] = math.nan
+        seen = seen[:, : len(own)]
+        parts = self.observe.output_slices
+        self.q[k, own], self.u[k, own] = seen[parts["q"]].T, seen[parts["u"]].T
+        for name, values in self.sums.items():
+            values[:, k, own] = seen[parts[name]]
+
+    def ensemble(
+        self,
+        mechanism: Mechanism,
+        t: Array,
+        steps: Array,
+        solvers: Sequence[Solver],
+        parameters: Sequence[str],
+    ) -> Ensemble:
+        """The finished ensemble, with ΔC and its derivatives."""
+        E, z = self.sums["E"], self.sums["integral"]
+        names = self.flow.testing
+        moved = self.sums["moved"].reshape(len(parameters), 2, len(names), *z.shape[1:])
+        slopes = moved[:, 0] - moved[:, 0, :, :1] - moved[:, 1]
+        shared = len(set(solvers)) == 1 and len(set(steps.tolist())) == 1
+        return Ensemble(
+            t=t,
+            q=self.q,
+            u=self.u,
+            integrals=dict(zip(names, z)),
+            delta_c=dict(zip(names, E - E[:, :1] - z)),
+            stopped=self.stopped,
+            steps=steps,
+            solvers=tuple(solver.name for solver in solvers),
+            coordinates=mechanism.coordinates.names,
+            speeds=mechanism.speeds.names,
+            provenance=Provenance(
+                simulator="deltac",
+                solver=solvers[0].name if shared else None,
+                step=float(steps[0]) if shared else None,
+                model=mechanism.name,
+                model_hash=mechanism.hash,
+            ),
+            sensitivity={
+                name: {parameter: slopes[j, i] for j, parameter in enumerate(parameters)}
+                for i, name in enumerate(names if parameters else ())
+            },
+        )
 
 
-@lru_cache(maxsize=16)
-def _rate_kernel(flow: Flow) -> Kernel:
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"xdot": flow.xdot}, name="rate")
+def _members(**sizes: int) -> int:
+    """How many members there are, of the sizes of what was given; InputError where they differ."""
+    if len(set(sizes.values()) - {1}) > 1:
+        told = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
+        raise InputError(f"members differ in number: {told}; expected one number N, or 1")
+    return max(sizes.values())
 
 
-def _parameters(mechanism: Mechanism, vary: Mapping[str, ArrayLike]) -> tuple[list[str], Array]:
-    """Names and values (n, N) of the parameters that differ between members."""
-    names = list(vary)
+def _repeated(values: Array, members: int, axis: int) -> Array:
+    return values if values.shape[axis] == members else np.repeat(values, members, axis)
+
+
+def _steps(step: ArrayLike, duration: float) -> Array:
+    """Steps (N,) or (1,), made to divide the duration exactly."""
+    h = np.atleast_1d(np.asarray(step, dtype=np.float64))
+    if h.ndim != 1 or not np.isfinite(h).all() or not (h > 0).all():
+        raise InputError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
+    counts = np.rint(duration / h)
+    for size, count in zip(h, counts):
+        if count < 1 or abs(count * size - duration) > 1e-9 * duration:
+            raise InputError(f"step {size:g} does not divide the duration {duration:g}")
+    return np.asarray(duration / counts)
+
+
+def _solvers(solver: str | Sequence[str]) -> list[Solver]:
+    found = [find_solver(name) for name in ([solver] if isinstance(solver, str) else solver)]
+    for one in found:
+        if one.family != "fixed":
+            raise InputError(
+                f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode4' or 'ode8'"
+            )
+    return found
+
+
+def _recorded(h: Array, duration: float, every: int | None) -> tuple[float, int]:
+    """The time between records and their number, not counting the start."""
+    longest = float(h.max())
+    steps = round(duration / longest)
+    every = steps if every is None else every
+    if every < 1 or steps % every:
+        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+    records = steps // every
+    interval = duration / records
+    for size in set(h.tolist()):
+        count = interval / size
+        if abs(count - round(count)) > 1e-9 * count:
+            raise InputError(
+                f"step {size:g} does not divide the time between records, {interval:g} s; choose "
+                "record_every so that all steps do"
+            )
+    return interval, records
+
+
+def _parameters(
+    mechanism: Mechanism, vary: Mapping[str, ArrayLike], sensitivity: Sequence[str]
+) -> tuple[list[str], Array]:
+    """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last."""
+    if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
+        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
+    for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
+        for name in wanted:
+            if name not in mechanism.parameters:
+                raise InputError(
+                    f"{what}: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
+                )
+    names = [name for name in vary if name not in sensitivity] + list(sensitivity)
     columns = []
     for name in names:
-        if name not in mechanism.parameters:
-            raise InputError(
-                f"vary: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
-            )
-        values = np.atleast_1d(np.asarray(vary[name], dtype=np.float64))
+        given = vary.get(name, mechanism.parameters[name])
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
         if values.ndim != 1 or not np.isfinite(values).all():
             raise InputError(f"vary: values of {name!r} must be finite numbers, an array (N,)")
         columns.append(values)
@@ -304,12 +367,11 @@ def _parameters(mechanism: Mechanism, vary: Mapping[str, ArrayLike]) -> tuple[li
 
 
 def _states(
-    mechanism: Mechanism, states: State | tuple[ArrayLike, ArrayLike], members: int | None
+    mechanism: Mechanism, states: State | tuple[ArrayLike, ArrayLike]
 ) -> tuple[float, Array, Array]:
-    """Start time, Q (N, nq), U (N, nu), checked."""
+    """Start time, Q (N, nq), U (N, nu), checked; N = 1 for a state that all share."""
     if isinstance(states, State):
-        count = members or 1
-        return states.t, np.tile(states.q, (count, 1)), np.tile(states.u, (count, 1))
+        return states.t, states.q[None, :], states.u[None, :]
     Q, U = (np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in states)
     for what, values, entries in (("Q", Q, mechanism.coordinates), ("U", U, mechanism.speeds)):
         if values.ndim != 2 or values.shape[1] != len(entries):
@@ -323,55 +385,4 @@ def _states(
             )
     if len(Q) != len(U):
         raise InputError(f"Q has {len(Q)} members, U has {len(U)}")
-    if members not in (None, 1, len(Q)):
-        raise InputError(f"vary has {members} members, the states have {len(Q)}")
     return 0.0, Q, U
-
-
-def _ensemble(
-    mechanism: Mechanism,
-    flow: Flow,
-    solver: Solver,
-    step: float,
-    times: Array,
-    kept: Array,
-    p: Array,
-) -> Ensemble:
-    """The recorded states as full vectors, with ΔC."""
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    outputs = {"q": ca.densify(flow.q_all), "u": ca.densify(flow.u_all), "E": flow.energies}
-    observe = Kernel(inputs, outputs, name="observation")
-    K, n, members = kept.shape
-    seen = np.empty((K, observe.n_out, members))
-    for k in range(K):
-        t = np.full((1, members), times[k])
-        seen[k] = observe.flat(np.concatenate([t, kept[k], p]))
-    parts = observe.output_slices
-    bad = ~np.isfinite(kept).all(axis=1)
-    first_bad = np.where(bad.any(axis=0), bad.argmax(axis=0), K)
-    stopped = np.where(first_bad < K, times[np.minimum(first_bad, K - 1)], math.nan)
-    seen[np.broadcast_to((np.arange(K)[:, None] >= first_bad)[:, None, :], seen.shape)] = math.nan
-    integrals: dict[str, Array] = {}
-    delta_c: dict[str, Array] = {}
-    z = flow.parts[2].start
-    for i, name in enumerate(flow.testing):
-        integrals[name] = kept[:, z + i]
-        E = seen[:, parts["E"]][:, i]
-        delta_c[name] = E - E[0] - integrals[name]
-    return Ensemble(
-        t=times,
-        q=seen[:, parts["q"]].transpose(0, 2, 1),
-        u=seen[:, parts["u"]].transpose(0, 2, 1),
-        integrals=integrals,
-        delta_c=delta_c,
-        stopped=stopped,
-        coordinates=mechanism.coordinates.names,
-        speeds=mechanism.speeds.names,
-        provenance=Provenance(
-            simulator="deltac",
-            solver=solver.name,
-            step=step,
-            model=mechanism.name,
-            model_hash=mechanism.hash,
-        ),
-    )

@@ -1,0 +1,64 @@
+"""Work on all cores: one pool of threads, in which kernels run without threads of their own."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from threading import Lock
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def cores() -> int:
+    """The cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None = None) -> None:
+    """Call `work` on every item, on `threads` cores (all by default); the first error is raised.
+
+    NumPy and compiled kernels let go of Python's lock while they work.
+    """
+    chosen = list(items)
+    count = min(threads or cores(), len(chosen))
+    with one_thread_a_call():
+        if count <= 1:
+            for item in chosen:
+                work(item)
+            return
+        with ThreadPoolExecutor(count) as pool:
+            for _ in pool.map(work, chosen):
+                pass
+
+
+_lock = Lock()
+_inside = 0
+_before = 0
+
+
+@contextmanager
+def one_thread_a_call() -> Iterator[None]:
+    """Without threads of heyoka's own: beside ours they would only get in each other's way."""
+    global _inside, _before
+    hy = sys.modules.get("heyoka")
+    if hy is None:  # nothing compiled by it can be running
+        yield
+        return
+    with _lock:
+        if _inside == 0:
+            _before = hy.get_nthreads()
+            hy.set_nthreads(1)
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0:
+                hy.set_nthreads(_before)

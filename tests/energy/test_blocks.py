@@ -1,0 +1,58 @@
+"""Ledgers do not depend on how the work is cut up: cores, blocks and the cache leave no trace."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.energy import quadrature, sampled
+from deltac.energy.interpolation import band_matrices, weighted_windows
+
+
+def logged() -> tuple[dc.Mechanism, dc.Trajectory]:
+    problem = dc.problems.load("triple-pendulum")
+    run = dc.simulate(problem.mechanism, problem.state, 3.0, 1e-3, "ode8", testing=())
+    return problem.mechanism, run
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_bits_do_not_depend_on_cores(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism, run = logged()
+    whole = dc.balance(mechanism, run, work="samples")
+    monkeypatch.setattr("deltac.kernels.parallel.cores", lambda: threads)
+    monkeypatch.setattr(quadrature, "cores", lambda: threads)
+    again = dc.balance(mechanism, run, work="samples")
+    for name in whole.power:
+        np.testing.assert_array_equal(whole.power[name], again.power[name])
+        np.testing.assert_array_equal(whole.work[name], again.work[name])
+    for name in whole.delta_c:
+        np.testing.assert_array_equal(whole.delta_c[name], again.delta_c[name])
+        np.testing.assert_array_equal(whole.error_bar[name], again.error_bar[name])
+
+
+def test_powers_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Powers at samples to the last bit; sums over them to rounding, since sums are cut with the blocks."""
+    mechanism, run = logged()
+    whole = dc.balance(mechanism, run, work="samples")
+    monkeypatch.setattr(sampled, "ROWS_AT_ONCE", 40)
+    monkeypatch.setattr(quadrature, "BANDS", 3)
+    small = dc.balance(mechanism, run, work="samples")
+    scale = whole.turnover
+    for name in whole.power:
+        np.testing.assert_array_equal(whole.power[name], small.power[name])
+        np.testing.assert_allclose(whole.work[name], small.work[name], rtol=0, atol=1e-14 * scale)
+
+
+@pytest.mark.parametrize(("rows", "size", "count"), [(1, 1, 1), (3, 24, 2), (5, 7, 9)])
+def test_band_matrices_weight_windows(rows: int, size: int, count: int) -> None:
+    """Against the plain sum over the window, to rounding of eight terms."""
+    rng, window, n = np.random.default_rng(size), 8, size * count
+    values, weights = rng.normal(size=(rows, n + window + 3)), rng.normal(size=(window, n))
+    out = np.empty((rows, n))
+    bands = band_matrices(count, size, window)
+    for _ in range(2):  # the second time with weights of the first in the bands
+        weighted_windows(values, weights, bands, out)
+        expected = sum(weights[j] * values[:, j : j + n] for j in range(window))
+        np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
+        weights = rng.normal(size=(window, n))

@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 PYTEST := $(PY) -m pytest
+SPREAD := -n 2 --dist loadgroup
 ARGS ?=
 
 # One stamp per set of requirements: reinstalled when pyproject.toml changes, or after `make clean`.
@@ -25,14 +26,14 @@ demo: $(CORE)  ## reproduce the thesis's study: ten figures, one table
 	$(VENV)/bin/deltac reproduce $(ARGS)
 
 test: $(TEST)  ## the test suite, without the slow tests
-	$(PYTEST) -n 2 -m "not slow" $(ARGS)
+	$(PYTEST) $(SPREAD) -m "not slow" $(ARGS)
 
 test-casadi: $(TEST)  ## the numerical tests again, on CasADi's own evaluator
-	DELTAC_EVALUATOR=casadi $(PYTEST) -n 2 -m "not slow and not heyoka" \
+	DELTAC_EVALUATOR=casadi $(PYTEST) $(SPREAD) -m "not slow and not heyoka" \
 		tests/kernels tests/dynamics tests/energy $(ARGS)
 
 test-slow: $(TEST)  ## the slow tests, with many more random examples
-	HYPOTHESIS_PROFILE=thorough $(PYTEST) -n 2 -m slow $(ARGS)
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) $(SPREAD) -m slow $(ARGS)
 
 lint: $(DEV)  ## style: ruff's rules and format
 	$(PY) -m ruff check

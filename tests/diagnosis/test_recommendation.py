@@ -192,7 +192,13 @@ SLIDER = """
     ("text", "tolerance", "solvers"),
     [
         pytest.param(ARM, 1e-6, ("mujoco:rk4", "mujoco:euler"), id="arm"),
-        pytest.param(SLIDER, 1e-3, ("mujoco:rk4", "mujoco:implicitfast"), id="stiff slider"),
+        pytest.param(
+            SLIDER,
+            1e-3,
+            ("mujoco:rk4", "mujoco:implicitfast"),
+            id="stiff slider",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_mujoco_integrators_on_a_signal_of_the_users(

@@ -43,7 +43,11 @@ def tasks() -> list[Any]:
     os.environ.setdefault("MUJOCO_GL", "disable")
     from dm_control import suite
 
-    return [pytest.param(domain, task, id=f"{domain}-{task}") for domain, task in suite.ALL_TASKS]
+    # All tasks of a domain go to one process, which compares each model once.
+    return [
+        pytest.param(domain, task, id=f"{domain}-{task}", marks=pytest.mark.xdist_group(domain))
+        for domain, task in suite.ALL_TASKS
+    ]
 
 
 def compare(model: Any) -> None:

@@ -56,7 +56,10 @@ def case_of(case: str) -> Case:
     return Case(p, run, fine, ledger)
 
 
-every_case = pytest.mark.parametrize("case", CASES)
+# All tests of a case go to one process, which solves it once.
+every_case = pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.xdist_group(case)) for case in CASES]
+)
 
 
 @every_case

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.recursions import crba
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -113,7 +114,10 @@ def check_accelerations(
         rate.hold(state.t, x0)
         xdot = rate(state.t, x0)
     _, u_part, _ = flow.parts
-    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
+    finite = np.isfinite(xdot[u_part])
+    if flow.equations is None:
+        finite &= ~_without_inertia(flow, state.t, x0, p)
+    bad = np.flatnonzero(~finite)
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
         which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
@@ -122,6 +126,15 @@ def check_accelerations(
             ": either a law is not defined there, or a joint turns something without inertia (a point "
             "mass about itself, say), so that the mass matrix is singular"
         )
+
+
+def _without_inertia(flow: Flow, t: float, x: Array, p: Array) -> NDArray[np.bool_]:
+    """Which free speeds move no mass at all: their equation is 0 = 0, whatever the rest."""
+    system, free = flow.system, flow.system.free_u
+    diagonal = ca.diag(crba(system)[free, free])
+    given = [flow.t, flow.x, flow.p]
+    values = np.array(ca.Function("M", given, [ca.densify(diagonal)])(t, x, p)).ravel()
+    return np.asarray(values == 0.0)
 
 
 def positive(value: float, what: str) -> float:

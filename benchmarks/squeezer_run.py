@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import FixedStepper
+from deltac.simulation.fixed import Course, FixedStepper
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 
@@ -40,7 +40,7 @@ def run(rounds: int) -> dict[str, Any]:
     angles = flow.parts[0]
 
     def ours(steps: int) -> Array:
-        return stepper.run(nothing, start, 0.0, end / steps, steps, steps, None).x[-1][angles]
+        return stepper.run(Course(nothing, start, 0.0, end / steps, steps, steps)).x[-1][angles]
 
     exact = ours(FINE)
     steps = next(n for n in STEPS if _off(ours(n), exact) < WITHIN)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -47,6 +47,22 @@ class Motion:
     x: Array
     inputs: Array
     message: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Fixed steps to be taken: `steps` of length h (s) from the state x0 at t0, every `every`-th kept.
+
+    `p` are the values of the parameters; `progress` is told the fraction done.
+    """
+
+    p: Array
+    x0: Array
+    t0: float
+    h: float
+    steps: int
+    every: int = 1
+    progress: Progress | None = None
 
 
 @dataclass(frozen=True)
@@ -126,17 +142,10 @@ class FixedStepper:
             name=f"{self.solver.name} step",
         )
 
-    def run(
-        self,
-        p: Array,
-        x0: Array,
-        t0: float,
-        h: float,
-        steps: int,
-        every: int,
-        progress: Progress | None,
-    ) -> Motion:
-        """Take `steps` steps, keep every `every`-th; stop at the first state that is not finite."""
+    def run(self, course: Course) -> Motion:
+        """Take the steps of a course; stop at the first state that is not finite."""
+        p, x0, t0, h = course.p, course.x0, course.t0, course.h
+        steps, every = course.steps, course.every
         width, fused = len(x0) + 2, self.steps_per_call
         single, kernel_out = self.kernel.compile().single, np.empty(fused * width)
         kernel_in = np.concatenate([x0, [0.0], p, [t0, h]])
@@ -168,8 +177,8 @@ class FixedStepper:
             done += len(rows)
             if message and done % every:
                 kept.append(last)  # the last state it had, though between samples
-            if progress is not None:
-                progress(done / steps)
+            if course.progress is not None:
+                course.progress(done / steps)
             if message:
                 break
         table = np.concatenate(kept)
@@ -201,46 +210,52 @@ def _retake(careful: CarefulStep, row: Array, rows: Array, t0: float, h: float) 
 
 
 def run_in_python(
-    flow: Flow,
-    solver: Solver,
-    controller: Controller | None,
-    p: Array,
-    x0: Array,
-    t0: float,
-    h: float,
-    steps: int,
-    every: int,
-    progress: Progress | None,
+    flow: Flow, solver: Solver, controller: Controller | None, course: Course
 ) -> Motion:
     """Fixed steps with ẋ evaluated stage by stage, calling the user's functions in between."""
-    step = solver.step
+    step, p, h = solver.step, course.p, course.h
     assert step is not None
     rate, settle, correct = StageRate(flow, controller, p), Settle(flow, p), Correct(flow, p, h)
     parts = numeric_masks(flow)
     careful = None
     if flow.bound is not None and controller is None and flow.equations is None:
         careful = CarefulStep(flow, solver, parts, p)
-    x, message, before = x0.copy(), "", 1.0
-    kept = [(t0, x0.copy(), rate.hold(t0, x0))]
-    for k in range(steps):
-        t, following = t0 + k * h, t0 + (k + 1) * h
+    before = 1.0
+
+    def advance(t: float, following: float, x: Array, held: Array) -> Array | str:
+        nonlocal before
         with np.errstate(all="ignore"):
             x_next, worst = settle(following, step(rate, t, x, h, parts))
             x_next = correct(following, x_next)
         if careful is not None and not min(worst, before) > SMALLEST_PIVOT:
             x_next = careful(t, x, h)
         before = worst
-        if not np.isfinite(x_next).all():
-            message = _stopped(following, t)
-            if k % every:
-                kept.append((t, x.copy(), rate.held.copy()))
+        return x_next if np.isfinite(x_next).all() else _stopped(following, t)
+
+    return march(course, rate, advance)
+
+
+Advance: TypeAlias = Callable[[float, float, Array, Array], Array | str]
+"""(t, t + h, x, motors' values) -> the state after the step, or in words why there is none."""
+
+
+def march(course: Course, rate: StageRate, advance: Advance) -> Motion:
+    """Take steps one by one from Python, the motors asked in between, until one cannot be taken."""
+    x, held, message = course.x0.copy(), rate.hold(course.t0, course.x0), ""
+    kept = [(course.t0, x.copy(), held)]
+    for k in range(course.steps):
+        t, following = course.t0 + k * course.h, course.t0 + (k + 1) * course.h
+        after = advance(t, following, x, held)
+        if isinstance(after, str):
+            message = after
+            if k % course.every:
+                kept.append((t, x.copy(), held))
             break
-        x = x_next
-        held = rate.hold(following, x)
-        if (k + 1) % every == 0:
+        x, held = after, rate.hold(following, after)
+        if (k + 1) % course.every == 0:
             kept.append((following, x.copy(), held))
-        if progress is not None and k % 64 == 63:
-            progress((k + 1) / steps)
+        if course.progress is not None and k % 64 == 63:
+            course.progress((k + 1) / course.steps)
     times, states, inputs = (np.array(column) for column in zip(*kept))
     return Motion(times, states, inputs, message)
 

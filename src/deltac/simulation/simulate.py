@@ -25,7 +25,7 @@ from deltac.simulation.events.simulating import (
     with_occurrences,
 )
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import LONG_RUN, FixedStepper, run_in_python
+from deltac.simulation.fixed import LONG_RUN, Course, FixedStepper, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.implicit import ImplicitStepper, check_radius
 from deltac.simulation.observation import observer, recorded, while_assembled
@@ -146,19 +146,17 @@ def simulate(
         case _ if outcome is not None:
             motion = outcome.motion
         case "fixed":
-            h = duration / steps
+            course = Course(p, x0, state.t, duration / steps, steps, every, progress)
             compiled = controller is None and flow.traced
             if not (isinstance(stepper, FixedStepper) and compiled and stepper.fusible):
-                motion = run_in_python(
-                    flow, found, controller, p, x0, state.t, h, steps, every, progress
-                )
+                motion = run_in_python(flow, found, controller, course)
             else:
-                motion = stepper.run(p, x0, state.t, h, steps, every, progress)
-            motion = explained(flow, found, h, motion, state.t, x0, p)
+                motion = stepper.run(course)
+            motion = explained(flow, found, course, motion)
         case "implicit":
             assert isinstance(stepper, ImplicitStepper)
-            h = duration / steps
-            motion = stepper.run(controller, p, x0, state.t, h, steps, every, progress, radius)
+            course = Course(p, x0, state.t, duration / steps, steps, every, progress)
+            motion = stepper.run(controller, course, radius)
         case "adaptive" if found.name in SUNDIALS:
             times = sample_times(state.t, duration, duration / 200 if step is None else step)
             motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)

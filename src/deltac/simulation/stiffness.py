@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.simulation.fixed import Motion
+from deltac.simulation.fixed import Course, Motion
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers.explicit import TABLEAUS, growth
 from deltac.simulation.solvers.solver import Solver
@@ -44,9 +44,7 @@ def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
     return complex(found[np.argmax(np.abs(found))])
 
 
-def explained(
-    flow: Flow, solver: Solver, h: float, motion: Motion, t0: float, x0: Array, p: Array
-) -> Motion:
+def explained(flow: Flow, solver: Solver, course: Course, motion: Motion) -> Motion:
     """A motion that blew up, with the fastest time scale found and the remedy in its message.
 
     The scale is that of the start, or that of the last state kept where it is shorter and the state is
@@ -54,7 +52,8 @@ def explained(
     """
     if not motion.message or not flow.traced:
         return motion
-    t, rate = t0, fastest_rate(flow, t0, x0, p)
+    x0, p, h = course.x0, course.p, course.h
+    t, rate = course.t0, fastest_rate(flow, course.t0, x0, p)
     last = motion.x[-1]
     if np.isfinite(last).all() and np.abs(last).max() < 1e3 * max(1.0, np.abs(x0).max()):
         later = fastest_rate(flow, float(motion.t[-1]), last, p)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import Motion, Progress, Settle, StageRate
+from deltac.simulation.fixed import Course, Motion, Settle, StageRate, march
 from deltac.simulation.flow import Flow
 from deltac.simulation.implicit.form import Form, Settings
 from deltac.simulation.implicit.newton import Newton, Outcome
@@ -102,44 +102,25 @@ class ImplicitStepper:
         return Kernel(inputs, outputs, name=f"end of a step of {self.solver.name}")
 
     def run(
-        self,
-        controller: Controller | None,
-        p: Array,
-        x0: Array,
-        t0: float,
-        h: float,
-        steps: int,
-        every: int,
-        progress: Progress | None,
-        radius: float = DEFAULT_RADIUS,
+        self, controller: Controller | None, course: Course, radius: float = DEFAULT_RADIUS
     ) -> Motion:
-        """Take `steps` steps, keep every `every`-th; stop with words where Newton's method fails."""
+        """Take the steps of a course; stop with words where Newton's method fails."""
         if controller is not None and not controller.hold:
             raise InputError(
                 f"solver {self.solver.name!r} needs the derivatives of a controller that acts within "
                 "steps, and they are unknown; use Controller(..., hold=True), or 'ode5'"
             )
-        run = Run(self, p, h, radius)
-        rate, settle = StageRate(self.flow, controller, p), Settle(self.flow, p)
-        x, held, message = x0.copy(), rate.hold(t0, x0), ""
-        kept = [(t0, x.copy(), held)]
-        for k in range(steps):
-            t, following = t0 + k * h, t0 + (k + 1) * h
+        run = Run(self, course.p, course.h, radius)
+        settle = Settle(self.flow, course.p)
+
+        def advance(t: float, following: float, x: Array, held: Array) -> Array | str:
             taken, outcome = run.step(t, x, held)
             settled = None if taken is None else settle(following, taken.x)[0]
             if settled is None or not np.isfinite(settled).all():
-                message = self._stopped(t, following, h, outcome)
-                if k % every:
-                    kept.append((t, x.copy(), held))
-                break
-            x = settled
-            held = rate.hold(following, x)
-            if (k + 1) % every == 0:
-                kept.append((following, x.copy(), held))
-            if progress is not None and k % 64 == 63:
-                progress((k + 1) / steps)
-        times, states, inputs = (np.array(column) for column in zip(*kept))
-        return Motion(times, states, inputs, message)
+                return self._stopped(t, following, course.h, outcome)
+            return settled
+
+        return march(course, StageRate(self.flow, controller, course.p), advance)
 
     def _stopped(self, t: float, following: float, h: float, outcome: Outcome) -> str:
         """In words, why a step could not be taken."""

@@ -222,7 +222,7 @@ def audit(
     log_read = read_log(mechanism, log, work, mapping)
     run, ledger, findings = log_read.run, log_read.ledger, list(log_read.findings)
     function = _function(ledger)
-    left_over = _with_corrections(ledger, function)
+    left_over = ledger.uncorrected(function)
     missing = checks.assumed_zero(run, loaded.import_report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
     if _derived(run, "u"):
@@ -309,13 +309,6 @@ def _function(ledger: Ledger) -> str:
     return next(iter(ledger.delta_c))
 
 
-def _with_corrections(ledger: Ledger, function: str) -> Array:
-    """ΔC with what the simulator itself added to keep its scheme going: that is error, not force."""
-    delta_c = ledger.delta_c[function]
-    corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
-    return delta_c + np.sum(corrections, axis=0) if corrections else delta_c
-
-
 def _finite(value: Any) -> Any:
     """Nested lists and dicts with None for what no JSON can hold."""
     if isinstance(value, dict):
@@ -343,7 +336,7 @@ def _outside_gaps(
 
     def outside() -> tuple[float, float]:
         parts = stretches(mechanism, run)
-        found = [(float(np.abs(_with_corrections(p, function)).max()), p) for p in parts]
+        found = [(float(np.abs(p.uncorrected(function)).max()), p) for p in parts]
         left, worst = max(found, key=lambda item: item[0], default=(0.0, None))
         return left, float(worst.error_bar[function].max()) if worst else 0.0
 

@@ -160,8 +160,7 @@ class Trials:
             ledger = balance(self.mechanism, run, testing=("wang",))
         except DeltacError as error:
             return str(error)
-        corrections = [w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")]
-        left = ledger.delta_c["wang"] + sum(corrections, start=np.zeros(len(run)))
+        left = ledger.uncorrected("wang")
         self.turnover = ledger.turnover
         if not np.isfinite(left).all():
             return "the energies are not finite"

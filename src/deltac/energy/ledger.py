@@ -72,6 +72,16 @@ class Ledger:
         largest = float(np.abs(self.delta_c[name]).max())
         return largest / self.turnover if self.turnover > 0 else 0.0
 
+    @property
+    def corrections(self) -> Array:
+        """Work (T,) by which a simulator corrected its own state: channels ``correction …``."""
+        works = (w - w[0] for n, w in self.work.items() if n.startswith("correction "))
+        return sum(works, start=np.zeros(len(self.t)))
+
+    def uncorrected(self, name: str) -> Array:
+        """ΔC (T,) of a testing function with the work of corrections counted as error, not as force."""
+        return self.delta_c[name] + self.corrections
+
     def to_frame(self) -> polars.DataFrame:
         """All of it as a table, a row a sample."""
         import polars

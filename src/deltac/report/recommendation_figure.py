@@ -36,7 +36,7 @@ def _scatter(panel: Axes, advice: Advice, what: str, tolerance: float) -> None:
     colours = _colours(len(solvers))
     for solver, colour, mark in zip(solvers, colours, MARKS * (1 + len(solvers) // len(MARKS))):
         shown = [t for t in advice.trials if t.solver == solver and _drawn(t, what)]
-        shown.sort(key=lambda t: t.seconds)
+        shown.sort(key=lambda t: -t.setting)
         panel.plot(
             [t.seconds for t in shown],
             [getattr(t, what) for t in shown],

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import verdict_cases
 from measure import machine
+from verdict_runs import Case, delivery
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
 
@@ -65,17 +66,19 @@ def judged(task: tuple[int, int, int, float, str]) -> list[dict[str, Any]]:
     worker, jobs, seed, scale, only = task
     rows = []
     number = 0
-    for cases in verdict_cases.all_cases(seed, scale):
+    for group, cases in verdict_cases.all_cases(seed, scale):
+        if only not in group:
+            continue
         for case in cases():
             number += 1
-            if number % jobs != worker or only not in case.group:
+            if number % jobs != worker:
                 continue
             rows.append(judge(case))
             print(f"{number:5d}  {rows[-1]['verdicts']}  {case.name}", file=sys.stderr, flush=True)
     return rows
 
 
-def judge(case: verdict_cases.Case) -> dict[str, Any]:
+def judge(case: Case) -> dict[str, Any]:
     """What each instrument says of a case."""
     import deltac as dc
 
@@ -91,11 +94,11 @@ def judge(case: verdict_cases.Case) -> dict[str, Any]:
     verdicts, details = {}, {}
     verdicts["study"], details["study"] = _study(case, runs)
     if case.function is not None:
-        bare = verdict_cases.delivery(runs, "no accelerations")
+        bare = delivery(runs, "no accelerations")
         verdicts["study without u̇"], details["study without u̇"] = _study(case, bare)
         check = _tried(
             lambda: dc.check_equations(
-                case.mechanism, dc.Equations(case.function, case.coordinates), seed=7
+                case.model, dc.Equations(case.function, case.coordinates), seed=7
             )
         )
         verdicts["check"] = check if isinstance(check, str) else check.verdict.kind
@@ -111,12 +114,10 @@ def judge(case: verdict_cases.Case) -> dict[str, Any]:
     }
 
 
-def _study(case: verdict_cases.Case, runs: Callable[[float], Any]) -> tuple[str, dict[str, Any]]:
+def _study(case: Case, runs: Callable[[float], Any]) -> tuple[str, dict[str, Any]]:
     import deltac as dc
 
-    found = _tried(
-        lambda: dc.study(case.mechanism, simulator=runs, steps=case.steps, order=case.order)
-    )
+    found = _tried(lambda: dc.study(case.model, simulator=runs, steps=case.steps, order=case.order))
     if isinstance(found, str):
         return "refused", {"message": found}
     return found.verdict.kind, {

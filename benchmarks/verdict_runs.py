@@ -68,15 +68,20 @@ def delivery(run: Callable[[float], dc.Trajectory], how: str) -> Callable[[float
             case "accelerations":
                 return replace(made, integrals=bare)
             case "no accelerations":
-                return replace(made, udot=None)
+                return _without_accelerations(made)
             case "positions and speeds":
-                return replace(made, udot=None, integrals=bare)
+                return replace(made, udot=None, integrals=bare, events=())
             case "float32":
                 return _rounded(replace(made, integrals=bare))
             case _:
-                return _every(replace(made, integrals=bare), 4)
+                return replace(made, integrals=bare).every(4)
 
     return delivered
+
+
+def _without_accelerations(run: dc.Trajectory) -> dc.Trajectory:
+    events = tuple(replace(e, udot_before=None, udot_after=None) for e in run.events)
+    return replace(run, udot=None, events=events)
 
 
 def _rounded(run: dc.Trajectory) -> dc.Trajectory:
@@ -89,19 +94,7 @@ def _rounded(run: dc.Trajectory) -> dc.Trajectory:
         u=short(run.u),
         udot=None if run.udot is None else short(run.udot),
         forces={n: short(f) for n, f in run.forces.items()},
-    )
-
-
-def _every(run: dc.Trajectory, stride: int) -> dc.Trajectory:
-    rows = slice(None, None, stride)
-    return replace(
-        run,
-        t=run.t[rows],
-        q=run.q[rows],
-        u=run.u[rows],
-        udot=None if run.udot is None else run.udot[rows],
-        forces={n: f[rows] for n, f in run.forces.items()},
-        integrals={n: z[rows] for n, z in run.integrals.items()},
+        events=(),
     )
 
 

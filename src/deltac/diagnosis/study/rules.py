@@ -127,18 +127,19 @@ def judge_study(m: StudyMeasures) -> Verdict:
         return verdict("integration-error", "high", _unstable(m))
     if m.blown_up and not _wrong_limit(m):
         return unresolved("even the finest run blows up", _advice(m))
-    idle = m.turnover <= max(NOTHING * m.scale, IDLE * left) or m.below_rounding
-    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic:
+    astray = _astray(m)
+    still = m.turnover <= NOTHING * m.scale
+    idle = still or m.turnover <= max(IDLE * left, m.tolerance * m.kinetic) or m.below_rounding
+    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic and not astray:
         return verdict("consistent", _sure(m), _small(m, idle=True))
-    if m.turnover <= NOTHING * m.scale:
+    if still and not astray:
         return unresolved("next to nothing moves: take a run in which energy flows")
-    if bar > m.allowed and left <= _decisive(m) * bar:
+    if bar > m.allowed and left <= _decisive(m) * bar and not still:
         return unresolved(
             f"the error bar of the work, {bar:.2g} J, is as large as what is left: log more often, or log "
             "more digits"
         )
-    astray = _astray(m)
-    if left <= m.allowed:
+    if left <= m.allowed or still:
         if astray:
             return verdict("equation-error", "medium", _wrong_momentum(astray))
         return verdict("consistent", _sure(m), _small(m))

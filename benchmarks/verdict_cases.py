@@ -18,11 +18,11 @@ from verdict_wrong import gyroscopic, lost_forces, mutated, parameters
 def all_cases(seed: int, scale: float = 1.0) -> Sequence[tuple[str, Callable[[], Iterator[Case]]]]:
     """The generators of a seed, right ones first; `scale` shrinks the drawn ones for a quick look."""
     return (
-        ("right: library", lambda: right(seed, round(280 * scale))),
+        ("right: library", lambda: right(seed, round(240 * scale))),
         ("right: by hand", lambda: by_hand(seed)),
         ("right: traps", lambda: traps(seed)),
         ("right: MuJoCo", lambda: mujoco_right(seed)),
-        ("wrong: mutants", lambda: mutated(seed, round(50 * scale))),
+        ("wrong: mutants", lambda: mutated(seed, round(42 * scale))),
         ("wrong: gyroscopic term", lambda: gyroscopic(seed)),
         ("wrong: parameter 1 %", lambda: parameters(seed, round(60 * scale))),
         ("wrong: lost force", lambda: lost_forces(seed)),

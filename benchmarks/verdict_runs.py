@@ -23,6 +23,7 @@ class Case:
     right     whether the equations, forces and model belong together
     model     what the motion is judged against: a mechanism, or a model of MuJoCo
     function  the hand-written equations, where there are any, for the check
+    differs   whether the motion is another one than by the right equations: else the case is dropped
     """
 
     name: str
@@ -34,6 +35,7 @@ class Case:
     function: Callable[..., Any] | None = None
     coordinates: Any = None
     order: int | None = None
+    differs: Callable[[], bool] | None = None
 
 
 def simulating(

@@ -60,7 +60,9 @@ def studied(
     if not trusted:
         by_step = [(entry.step, _run(entry)) for entry in kept]
         own = equations.coordinates if equations is not None else None
-        residuals = residuals_of(mechanism, by_step, own, trusted=own_solver)
+        residuals = residuals_of(
+            mechanism, by_step, own, until=compared.horizon, trusted=own_solver
+        )
     finest = kept[-1]
     ledger = finest.ledger
     assert ledger is not None

@@ -20,6 +20,7 @@ from deltac.diagnosis import checks
 from deltac.diagnosis.constraint_rates import constraint_rates
 from deltac.diagnosis.equations import CLEAR, LEAST, EquationTerms, equation_terms
 from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.study.curves import FEWEST
 from deltac.dynamics.coordinates import trace_map
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -43,7 +44,7 @@ class Residuals:
         relative: of the finest run, root mean square of each residual as a share of its terms (n,).
         constraints: likewise what accelerations leave of each constraint, ψ̇ = G u̇ + γ.
         by_step: the largest of both that is no rounding, for each run, coarsest first; 0 where all close.
-        order: at which that falls with the step; 0 where it stays.
+        order: at which that falls with the step; 0 where it stays, NaN where the runs part too early to tell.
         findings: what else they betray: forces one row old, degrees.
     """
 
@@ -107,12 +108,13 @@ def residuals_of(
     runs: Sequence[tuple[float, Trajectory]],
     own: CoordinateMap | None = None,
     *,
+    until: float,
     trusted: bool,
 ) -> Residuals | None:
     """Residuals of runs (step, run), coarsest first; None where no accelerations were measured.
 
-    `own` are coordinates to express them in. `trusted`: the runs are our own solvers', and their u̇ is
-    what the equations gave.
+    `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
+    solvers', and their u̇ is what the equations gave.
     """
     known = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
     if not known or not len(mechanism.free.u):
@@ -134,8 +136,22 @@ def residuals_of(
         worst = [0.0] * len(known)
     order = 0.0
     if len(known) > 1 and not trusted and min(worst) > 0.0:
-        order = math.log(worst[-2] / worst[-1]) / math.log(known[-2][0] / known[-1][0])
+        order = _falling(mechanism, known[-2:], until)
     return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
+
+
+def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
+    """Order at which residuals fall while two runs are in the same states; NaN where that is no time.
+
+    Those of other states are larger or smaller for that reason alone.
+    """
+    parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
+    if min(len(part) for _, part in parts) < FEWEST:
+        return math.nan
+    (h0, coarse), (h1, fine) = ((h, _worst_of(mechanism, part)) for h, part in parts)
+    if not (coarse > 0.0 and fine > 0.0):
+        return math.nan
+    return math.log(fine / coarse) / math.log(h1 / h0)
 
 
 def _worst_of(mechanism: Mechanism, run: Trajectory) -> float:

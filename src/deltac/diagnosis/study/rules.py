@@ -150,6 +150,8 @@ def judge_study(m: StudyMeasures) -> Verdict:
     if m.energy.trend == "falls to zero":
         if m.constrained and not m.equations_right and m.has("order-below-nominal"):
             return unresolved(_mended(m), _advice(m))
+        if not m.equations_right and m.state.trend == "does not settle" and len(m.steps) > 2:
+            return unresolved(_unsettled(m), _advice(m))
         return verdict("integration-error", _sure(m), _falling(m), *_hidden(m))
     if m.trusted or (m.equations_right and not _wrong_limit(m)):
         return verdict("integration-error", "medium", _coarse(m))
@@ -266,6 +268,13 @@ def _mended(m: StudyMeasures) -> str:
     )
 
 
+def _unsettled(m: StudyMeasures) -> str:
+    return (
+        f"ΔC falls with the step ({_amount(m)}), but the motion does not converge at these steps, and a "
+        "mistake could hide behind their error"
+    )
+
+
 def _coarse(m: StudyMeasures) -> str:
     return (
         f"The error is the integrator's: the equations are right, yet nothing converges at these steps; "
@@ -331,7 +340,9 @@ def _equations(m: StudyMeasures) -> str:
         return "The equations of motion close at the samples: no mistake shows"
     worst = percent(max(m.residuals.relative.max(initial=0.0), m.residuals.by_step[-1]))
     how = (
-        "" if m.residuals.stays else f"; that falls with the step at order {m.residuals.order:.1f}"
+        f"; that falls with the step at order {m.residuals.order:.1f}"
+        if m.residuals.order > 0.0 and not m.residuals.stays
+        else ""
     )
     return f"The equations of motion leave up to {worst} of their terms at the samples{how}"
 

@@ -41,8 +41,10 @@ def main() -> None:
     options = parser.parse_args()
     begun = time.perf_counter()
     tasks = [
-        (k, options.jobs, options.seed, options.scale, options.only) for k in range(options.jobs)
+        (k, options.jobs, options.seed, options.scale, options.only, options.out)
+        for k in range(options.jobs)
     ]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     context = multiprocessing.get_context("spawn")
     rows: list[dict[str, Any]] = []
     with context.Pool(options.jobs) as pool:
@@ -52,7 +54,6 @@ def main() -> None:
     print(table(rows))
     print(f"{len(rows)} cases in {time.perf_counter() - begun:.0f} s, seed {options.seed}")
     about = machine(("deltac", "numpy", "casadi", "heyoka", "mujoco"))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(
         json.dumps({"machine": about, "seed": options.seed, "rows": rows}, indent=1) + "\n", "utf-8"
     )
@@ -61,9 +62,11 @@ def main() -> None:
     raise SystemExit(1 if false else 0)
 
 
-def judged(task: tuple[int, int, int, float, str]) -> list[dict[str, Any]]:
-    """The cases of one process: every `jobs`-th."""
-    worker, jobs, seed, scale, only = task
+def judged(task: tuple[int, int, int, float, str, Path]) -> list[dict[str, Any]]:
+    """The cases of one process: every `jobs`-th. They are also kept, line by line, as they come."""
+    worker, jobs, seed, scale, only, out = task
+    kept = out.with_suffix(f".{worker}.jsonl")
+    kept.unlink(missing_ok=True)
     rows = []
     number = 0
     for group, cases in verdict_cases.all_cases(seed, scale):
@@ -74,6 +77,8 @@ def judged(task: tuple[int, int, int, float, str]) -> list[dict[str, Any]]:
             if number % jobs != worker or (case.differs is not None and not case.differs()):
                 continue
             rows.append(judge(case))
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
             print(f"{number:5d}  {rows[-1]['verdicts']}  {case.name}", file=sys.stderr, flush=True)
     return rows
 

@@ -11,7 +11,7 @@ import numpy as np
 
 import deltac as dc
 
-LONGEST = 400
+LONGEST = 300
 """Steps of the coarsest run, at most."""
 
 

@@ -134,6 +134,10 @@ class Evaluator:
         """All terms (T, n) by name."""
         return dict(zip(self._outputs, self._evaluate(self._function, samples)))
 
+    def evaluate(self, outputs: Mapping[str, SX], samples: Sampled) -> list[Array]:
+        """Expressions in the symbols of the system, at the samples (T, n)."""
+        return self._evaluate(self._compiled(outputs), samples)
+
     def _evaluate(self, function: ca.Function, samples: Sampled) -> list[Array]:
         columns = [samples.t[None, :], samples.q.T, samples.u.T, samples.udot.T, samples.logged.T]
         found = function.map(len(samples.t)).call([ca.DM(c) for c in columns])

@@ -242,11 +242,13 @@ def _limit(
         # The curves coincide as far as can be seen.
         return size, SAFETY * max(largest, CLEAR * noise), (None, None, 1.0, (i, i + 1, i + 2))
     estimates = _difference_orders(h[i:], np.abs(coarse), np.abs(fine))
-    if not estimates:
-        return size, math.inf, None
-    order, error = _centre(estimates)
+    order, error = _centre(estimates) if estimates else (0.0, 0.0)
     if order < LEAST_ORDER:
-        return size, math.inf, None
+        # They differ at no order that could be told: as far as that goes, they are the limit themselves.
+        largest = max(largest, float(np.abs(coarse).max()))
+        slowly = _weight(h[-2], h[-1], LEAST_ORDER)
+        places = (None, None, _cosine(y[-2], y[-1]), (i, i + 1, i + 2))
+        return size, SAFETY * slowly * largest + noise, places
     extrapolated = y[-1] - _weight(h[-2], h[-1], order) * fine
     careful = _weight(h[-2], h[-1], min(order, 1.0))
     uncertainty = SAFETY * careful * largest + noise

@@ -60,7 +60,9 @@ def studied(
     if not trusted:
         by_step = [(entry.step, _run(entry)) for entry in kept]
         own = equations.coordinates if equations is not None else None
-        residuals = residuals_of(mechanism, by_step, own, trusted=own_solver)
+        residuals = residuals_of(
+            mechanism, by_step, own, until=compared.horizon, trusted=own_solver
+        )
     finest = kept[-1]
     ledger = finest.ledger
     assert ledger is not None
@@ -77,7 +79,7 @@ def studied(
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
-    findings += noticed.of_constraints(kept, tolerance, trusted=trusted)
+    findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     measures = StudyMeasures(
@@ -96,6 +98,8 @@ def studied(
         tolerance=tolerance,
         quadrature=ledger.method != "in-loop",
         unit=unit,
+        constrained=bool(mechanism.constraints),
+        blown_up=finest.blown_up,
         findings=tuple(ranked),
     )
     return Study(

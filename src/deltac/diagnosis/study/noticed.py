@@ -159,12 +159,12 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
 
 
 def of_constraints(
-    runs: Sequence[StudyRun], tolerance: float, *, trusted: bool
+    runs: Sequence[StudyRun], compared: Comparison, tolerance: float, *, trusted: bool
 ) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 
     A violation that stays, however small the step, is none of the integrator: the model's constraint is
-    another than the motion's.
+    another than the motion's. Motions that have parted say nothing of that.
     """
     finest = runs[-1]
     assert finest.ledger is not None and finest.run is not None
@@ -176,7 +176,16 @@ def of_constraints(
         if worst <= max(1e-6, tolerance * span):
             continue
         sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
-        stays = len(sizes) > 1 and sizes[-1] > STAYS * max(sizes)
+        together = [
+            float(r.ledger.violation[name][rows[: compared.within]].max(initial=0.0))
+            for r, rows in zip(runs, compared.rows)
+            if r.ledger is not None
+        ]
+        stays = (
+            len(together) > 1
+            and compared.within >= FEWEST
+            and together[-1] > max(STAYS * max(together), 1e-6, tolerance * span)
+        )
         blamed = stays and not trusted and what != "quaternion"
         yield Finding(
             "constraint-violation",

@@ -1,14 +1,14 @@
 """Whether the equations of motion close at the states of a study's runs: no integration is involved.
 
 A run that went astray still obeys, state by state, the equations that it was made with. So what is left of
-F_r + F*_r at its own states and accelerations does not depend on the step, and speaks at steps at which
-nothing converges.
+F_r + F*_r, and of the constraints on acceleration level, at its own states and accelerations does not depend
+on the step, and speaks at steps at which nothing converges.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis import checks
+from deltac.diagnosis.constraint_rates import constraint_rates
 from deltac.diagnosis.equations import CLEAR, LEAST, EquationTerms, equation_terms
 from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.study.curves import FEWEST
 from deltac.dynamics.coordinates import trace_map
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -40,13 +42,15 @@ class Residuals:
     Attributes:
         names: of the coordinates that the equations belong to: the user's own, where given.
         relative: of the finest run, root mean square of each residual as a share of its terms (n,).
-        by_step: the largest of them that is no rounding, for each run, coarsest first; 0 where all close.
-        order: at which that falls with the step; 0 where it stays.
+        constraints: likewise what accelerations leave of each constraint, ψ̇ = G u̇ + γ.
+        by_step: the largest of both that is no rounding, for each run, coarsest first; 0 where all close.
+        order: at which that falls with the step; 0 where it stays, NaN where the runs part too early to tell.
         findings: what else they betray: forces one row old, degrees.
     """
 
     names: tuple[str, ...]
     relative: Array
+    constraints: Mapping[str, float]
     by_step: tuple[float, ...]
     order: float
     findings: tuple[Finding, ...] = ()
@@ -70,6 +74,8 @@ class Residuals:
 
     def finding(self) -> Finding:
         """Which equations to look at."""
+        if not self.blamed:
+            return self._across_constraints()
         shown = ", ".join(f"{self.names[k]} {percent(self.relative[k])}" for k in self.blamed[:4])
         first = self.names[self.blamed[0]]
         return Finding(
@@ -84,18 +90,31 @@ class Residuals:
             first,
         )
 
+    def _across_constraints(self) -> Finding:
+        name, share = max(self.constraints.items(), key=lambda item: item[1])
+        return Finding(
+            "constraint-acceleration",
+            f"the accelerations do not keep to constraint {name!r}, though the states do",
+            f"G u̇ + γ leaves {percent(share)} of its terms; the same at every step",
+            "Look for a mistake in the constraint's force, or in what was eliminated with it: the projection "
+            "after each step hides it from energy",
+            "cause",
+            name,
+        )
+
 
 def residuals_of(
     mechanism: Mechanism,
     runs: Sequence[tuple[float, Trajectory]],
     own: CoordinateMap | None = None,
     *,
+    until: float,
     trusted: bool,
 ) -> Residuals | None:
     """Residuals of runs (step, run), coarsest first; None where no accelerations were measured.
 
-    `own` are coordinates to express them in. `trusted`: the runs are our own solvers', and their u̇ is
-    what the equations gave.
+    `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
+    solvers', and their u̇ is what the equations gave.
     """
     known = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
     if not known or not len(mechanism.free.u):
@@ -103,10 +122,12 @@ def residuals_of(
     finest = known[-1][1]
     terms = equation_terms(mechanism, finest)
     names, relative = _in_own(mechanism, terms, own)
-    worst = [_worst(terms)]
+    rates = constraint_rates(terms, finest)
+    constraints = rates.relative if rates is not None else {}
+    worst = [max(_worst(terms), *constraints.values(), 0.0)]
     findings: list[Finding] = []
     if worst[0] > 0.0:
-        coarser = [_worst(equation_terms(mechanism, run)) for _, run in known[:-1]]
+        coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
             findings += checks.stale_stage(mechanism, finest, terms)
@@ -115,8 +136,28 @@ def residuals_of(
         worst = [0.0] * len(known)
     order = 0.0
     if len(known) > 1 and not trusted and min(worst) > 0.0:
-        order = math.log(worst[-2] / worst[-1]) / math.log(known[-2][0] / known[-1][0])
-    return Residuals(names, relative, tuple(worst), order, tuple(findings))
+        order = _falling(mechanism, known[-2:], until)
+    return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
+
+
+def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
+    """Order at which residuals fall while two runs are in the same states; NaN where that is no time.
+
+    Those of other states are larger or smaller for that reason alone.
+    """
+    parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
+    if min(len(part) for _, part in parts) < FEWEST:
+        return math.nan
+    (h0, coarse), (h1, fine) = ((h, _worst_of(mechanism, part)) for h, part in parts)
+    if not (coarse > 0.0 and fine > 0.0):
+        return math.nan
+    return math.log(fine / coarse) / math.log(h1 / h0)
+
+
+def _worst_of(mechanism: Mechanism, run: Trajectory) -> float:
+    terms = equation_terms(mechanism, run)
+    rates = constraint_rates(terms, run)
+    return max(_worst(terms), *(rates.relative.values() if rates is not None else ()), 0.0)
 
 
 def _worst(terms: EquationTerms) -> float:

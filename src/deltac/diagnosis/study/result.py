@@ -114,6 +114,7 @@ class Study:
                 else {
                     "names": list(self.residuals.names),
                     "relative": self.residuals.relative.tolist(),
+                    "constraints": dict(self.residuals.constraints),
                     "by_step": list(self.residuals.by_step),
                 },
                 "runs": list(self.rows()),

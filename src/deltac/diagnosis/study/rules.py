@@ -21,6 +21,12 @@ ENDS_OTHERWISE = 0.3
 LARGE_LIMIT = 1e-4
 """Share of the turnover below which a limit of ΔC is not told from slow convergence without u̇."""
 
+FIRST = 0.7
+"""Least order of a motion that converges: that of the simplest method, with its scatter."""
+
+FIRM = 0.02
+"""A limit of ΔC that is known to this share of itself is none of chance."""
+
 LIMITS: tuple[str, ...] = (
     "an error that the motion shares with the model, such as one wrong mass used in both",
     "a wrong force that does no work, where the runs have no accelerations",
@@ -49,6 +55,7 @@ class StudyMeasures:
     nominal    order of the solver, if known
     tolerance  accepted share of the turnover
     quadrature the error bar comes of samples, and not of rounding alone
+    constrained  the model has constraints; blown_up: the finest run became unstable
     """
 
     steps: tuple[float, ...]
@@ -66,6 +73,8 @@ class StudyMeasures:
     tolerance: float
     quadrature: bool
     unit: str = "s"
+    constrained: bool = False
+    blown_up: bool = False
     findings: tuple[Finding, ...] = field(default=())
 
     @property
@@ -114,18 +123,23 @@ def judge_study(m: StudyMeasures) -> Verdict:
     ]:
         meaning = f"The motion is not one of this model: {'; '.join(violated)}."
         return verdict("equation-error", "medium", meaning)
-    idle = m.turnover <= max(NOTHING * m.scale, IDLE * left) or m.below_rounding
-    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic:
+    if m.blown_up and m.equations_right:
+        return verdict("integration-error", "high", _unstable(m))
+    if m.blown_up and not _wrong_limit(m):
+        return unresolved("even the finest run blows up", _advice(m))
+    astray = _astray(m)
+    still = m.turnover <= NOTHING * m.scale
+    idle = still or m.turnover <= max(IDLE * left, m.tolerance * m.kinetic) or m.below_rounding
+    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic and not astray:
         return verdict("consistent", _sure(m), _small(m, idle=True))
-    if m.turnover <= NOTHING * m.scale:
+    if still and not astray:
         return unresolved("next to nothing moves: take a run in which energy flows")
-    if bar > m.allowed and left <= _decisive(m) * bar:
+    if bar > m.allowed and left <= _decisive(m) * bar and not still:
         return unresolved(
             f"the error bar of the work, {bar:.2g} J, is as large as what is left: log more often, or log "
             "more digits"
         )
-    astray = _astray(m)
-    if left <= m.allowed:
+    if left <= m.allowed or still:
         if astray:
             return verdict("equation-error", "medium", _wrong_momentum(astray))
         return verdict("consistent", _sure(m), _small(m))
@@ -134,6 +148,10 @@ def judge_study(m: StudyMeasures) -> Verdict:
             "speeds jump between rows, as in impacts, and the work of an impact is not in the runs"
         )
     if m.energy.trend == "falls to zero":
+        if m.constrained and not m.equations_right and m.has("order-below-nominal"):
+            return unresolved(_mended(m), _advice(m))
+        if not m.equations_right and m.state.trend == "does not settle" and len(m.steps) > 2:
+            return unresolved(_unsettled(m), _advice(m))
         return verdict("integration-error", _sure(m), _falling(m), *_hidden(m))
     if m.trusted or (m.equations_right and not _wrong_limit(m)):
         return verdict("integration-error", "medium", _coarse(m))
@@ -176,13 +194,17 @@ def _wrong_limit(m: StudyMeasures) -> bool:
 
 
 def _plausible(m: StudyMeasures) -> bool:
-    """Whether ΔC and the motion converge as a method does: else the limit may be one of chance."""
+    """Whether ΔC and the motion converge as a method does: else the limit may be one of chance.
+
+    Mistakes can cost the method its order; then ΔC must hardly move any more for its limit to count.
+    """
     if m.state.trend == "at its floor":
         return True
     if m.state.order is None or m.state.trend != "tends to a limit":
         return False
-    if m.nominal is None:
-        return m.state.order >= 0.7
+    firm = m.energy.limit_error <= FIRM * m.energy.limit
+    if m.nominal is None or firm:
+        return m.state.order >= FIRST
     return m.state.order >= m.nominal - 0.5
 
 
@@ -228,6 +250,29 @@ def _small(m: StudyMeasures, *, idle: bool = False) -> str:
     if m.energy.trend == "falls to zero" and m.energy.order is not None:
         return f"The energy balance holds. {_falling(m)}"
     return f"The energy balance holds: {_amount(m)}."
+
+
+def _unstable(m: StudyMeasures) -> str:
+    return (
+        "The error is the integrator's: the equations are right, yet even the finest run blows up. Take "
+        "smaller steps, or an implicit method."
+    )
+
+
+def _mended(m: StudyMeasures) -> str:
+    assert m.nominal is not None
+    return (
+        f"ΔC falls with the step, yet the motion converges at order {order_text(m.state)} where the method "
+        f"promises {m.nominal}: forces that are not smooth do that, and so do wrong ones that the projection "
+        "onto the constraints mends"
+    )
+
+
+def _unsettled(m: StudyMeasures) -> str:
+    return (
+        f"ΔC falls with the step ({_amount(m)}), but the motion does not converge at these steps, and a "
+        "mistake could hide behind their error"
+    )
 
 
 def _coarse(m: StudyMeasures) -> str:
@@ -295,7 +340,9 @@ def _equations(m: StudyMeasures) -> str:
         return "The equations of motion close at the samples: no mistake shows"
     worst = percent(max(m.residuals.relative.max(initial=0.0), m.residuals.by_step[-1]))
     how = (
-        "" if m.residuals.stays else f"; that falls with the step at order {m.residuals.order:.1f}"
+        f"; that falls with the step at order {m.residuals.order:.1f}"
+        if m.residuals.order > 0.0 and not m.residuals.stays
+        else ""
     )
     return f"The equations of motion leave up to {worst} of their terms at the samples{how}"
 

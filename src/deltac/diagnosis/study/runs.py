@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.logs import Log, held_between_rows, read_log
 from deltac.diagnosis.resolution import EPS, resolution
+from deltac.diagnosis.study.blow_up import before_blow_up
 from deltac.diagnosis.study.curves import scaled_start
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
@@ -50,6 +51,7 @@ class StudyRun:
         bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
             of a log, forces held between its rows (T,), J.
         momentum_bar: likewise of the departure of each momentum balance (T,).
+        blown_up: the integration became unstable; `run` are the rows before that.
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
     """
@@ -60,6 +62,7 @@ class StudyRun:
     left_over: dict[str, Array] | None = None
     bar: dict[str, Array] | None = None
     momentum_bar: dict[str, Array] | None = None
+    blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
 
@@ -182,10 +185,12 @@ def _simulated(
     return replace(made, findings=tuple(findings))
 
 
-def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bool) -> StudyRun:
+def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool) -> StudyRun:
+    run = before_blow_up(given)
     if len(run) < LEAST_ROWS:
+        what = "the run has" if run is given else "the run blows up at once: it has"
         return StudyRun(
-            step, failure=f"the run has {len(run)} rows; a balance needs {LEAST_ROWS} or more"
+            step, failure=f"{what} {len(run)} rows; a balance needs {LEAST_ROWS} or more"
         )
     try:
         log = read_log(mechanism, run, None, None)
@@ -203,7 +208,19 @@ def _balanced(mechanism: Mechanism, run: Trajectory, step: float, *, trusted: bo
             n: b + digits.get(n, 0.0) + (np.abs(ledger.momentum[n]) if unknown else 0.0)
             for n, b in momentum_bars.items()
         }
-    return StudyRun(step, log.run, ledger, left, bars, momentum_bars, findings=log.findings)
+    findings = log.findings if run is given else (*log.findings, _blown_up(given, run, step))
+    return StudyRun(
+        step, log.run, ledger, left, bars, momentum_bars, run is not given, findings=findings
+    )
+
+
+def _blown_up(given: Trajectory, run: Trajectory, step: float) -> Finding:
+    return Finding(
+        "blown-up",
+        f"the run at step {step:g} blows up at t = {run.t[-1]:.4g} s",
+        f"speeds reach {np.abs(given.u).max():.2g}",
+        "What comes after is left out; a smaller step is the remedy where the equations are right",
+    )
 
 
 def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:

@@ -99,6 +99,7 @@ from deltac.recorders import record_mujoco as record_mujoco
 from deltac.recorders import run_mujoco as run_mujoco
 from deltac.simulation import Assembly as Assembly
 from deltac.simulation import Controller as Controller
+from deltac.simulation import EnergyLeft as EnergyLeft
 from deltac.simulation import Ensemble as Ensemble
 from deltac.simulation import Equations as Equations
 from deltac.simulation import SimulationStopped as SimulationStopped

@@ -105,7 +105,7 @@ def test_the_search_finds_what_trying_all_would(tolerance: float, stiff: float) 
 def test_nothing_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(settings_of_solvers, "MOST", 20_000)
     problem = dc.problems.load("simple-pendulum")
-    advice = dc.recommend(problem, duration=0.2, tolerance=1e-14, solvers=("ode1",))
+    advice = dc.recommend(problem, duration=0.2, tolerance=2e-13, solvers=("ode1",))
     assert advice.best is None
     assert advice.status == 1
     assert advice.step is None
@@ -132,6 +132,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
     ("options", "message"),
     [
         ({"tolerance": 0.0}, "tolerance is 0.0"),
+        ({"tolerance": 1e-30}, "nothing but rounding"),
         ({"duration": math.nan}, "duration is nan"),
         ({"solvers": ()}, "solvers is empty"),
         ({"solvers": ("ode55",)}, "did you mean"),
@@ -143,6 +144,16 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
 def test_bad_input(options: dict[str, object], message: str) -> None:
     with pytest.raises(dc.InputError, match=message):
         dc.recommend("simple-pendulum", **options)  # type: ignore[arg-type]
+
+
+def test_a_solver_that_cannot_do_it_is_left_out_with_the_reason() -> None:
+    """Implicit solvers cannot stop at impacts; alone, that is an error, and no matter of accuracy."""
+    options = {"duration": 0.5, "tolerance": 1e-6}
+    advice = dc.recommend("bouncing-ball", solvers=("ode5", "implicit-midpoint"), **options)
+    assert advice.solver == "ode5"
+    assert any("implicit-midpoint was left out" in note for note in advice.notes)
+    with pytest.raises(dc.InputError, match="no solver can be used.*cannot stop at events"):
+        dc.recommend("bouncing-ball", solvers=("implicit-midpoint",), **options)
 
 
 def test_a_model_without_duration_is_asked_for_one() -> None:

@@ -148,3 +148,9 @@ def test_refusals_say_what_to_do() -> None:
         dc.simulate(problem.mechanism, problem.state, 1.0, step=1e-2, correct="momentum")
     with pytest.raises(dc.InputError, match="explicit fixed-step"):
         dc.simulate(problem.mechanism, problem.state, 1.0, solver="DOP853", correct="energy")
+
+
+def test_a_correction_that_cannot_keep_up_says_so() -> None:
+    problem = dc.problems.load("triple-pendulum")
+    with pytest.warns(dc.EnergyLeft, match="could not keep up: K . V is off by up to .* J"):
+        dc.simulate(problem.mechanism, problem.state, 2.0, 0.05, "ode2", correct="energy")

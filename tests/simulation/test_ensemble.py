@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -193,3 +195,36 @@ def test_threads_and_heyokas_own_are_as_before() -> None:
     assert hy.get_nthreads() == before
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"vary": {"m1": [1.0, -0.1]}}, r"member 1 \(m1 = -0.1\)"),
+        ({"vary": {"m1": []}}, "expected finite numbers"),
+        ({"vary": {"m1": "abc"}}, "'abc'; expected finite numbers"),
+        ({"threads": 0}, "threads is 0"),
+    ],
+)
+def test_members_that_are_no_mechanisms(options: dict[str, Any], message: str) -> None:
+    problem = dc.problems.load("double-pendulum")
+    with pytest.raises(dc.InputError, match=message):
+        dc.simulate_ensemble(problem.mechanism, problem.state, 0.1, 0.01, **options)
+
+
+def test_a_member_that_blew_up_says_so() -> None:
+    """Explicit steps far beyond the stability of a stiff spring."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("mass", 1.0)],
+        [dc.prismatic("slide", "ground", "mass", "x", stiffness="k")],
+        parameters={"k": 1.0},
+    )
+    state = mechanism.state({"slide": 1.0})
+    ensemble = dc.simulate_ensemble(
+        mechanism, state, 100.0, 0.1, vary={"k": [1.0, 1e9]}, record_every=10
+    )
+    assert ensemble.member(0).provenance.completed
+    assert not ensemble.member(1).provenance.completed
+    assert "not finite" in ensemble.member(1).provenance.message
+    with pytest.raises(dc.InputError, match="there are 2"):
+        ensemble.member(2)

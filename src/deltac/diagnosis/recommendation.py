@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from deltac.diagnosis.advice import SAME_TIME, Advice, failing, setting_of
 from deltac.diagnosis.models import load_model
 from deltac.diagnosis.settings import families
-from deltac.diagnosis.work_precision import Family, Trial, Trials, distance
+from deltac.diagnosis.work_precision import Family, Refused, Trial, Trials, distance
 from deltac.errors import InputError
 from deltac.mechanism.state import State
 from deltac.simulation import Controller, Equations
@@ -19,6 +19,9 @@ Progress: TypeAlias = Callable[[float, str], None]
 
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy turned over, q and u as shares of their ranges."""
+
+ROUNDING = 1e-13
+"""No run in double precision keeps the energy better than this, as a share of the turnover."""
 
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
@@ -63,6 +66,11 @@ def recommend(
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
     """
     wanted = _positive(tolerance, "tolerance")
+    if wanted < ROUNDING:
+        raise InputError(
+            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy turned over there is "
+            "nothing but rounding. Ask for more than that"
+        )
     motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
     loaded = load_model(model)
     problem, mechanism = loaded.problem, loaded.mechanism
@@ -86,7 +94,9 @@ def recommend(
     search = _Search(trials, wanted, motion, progress, len(found))
     for family in found:
         search.family(family)
-    return search.advice(found, duration, (*notes, *search.notes))
+    if len(search.refused) == len(found):
+        raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
+    return search.advice(found, duration, (*notes, *search.refused, *search.notes))
 
 
 @dataclass(frozen=True)
@@ -115,8 +125,17 @@ class _Search:
         self._found: list[_Bracket] = []
         self._done = 0
         self.notes: list[str] = []
+        self.refused: list[str] = []
 
     def family(self, family: Family) -> None:
+        """Find a family's bracket, or note why the solver is left out."""
+        try:
+            self._bisect(family)
+        except Refused as refusal:
+            self.refused.append(f"{family.name} was left out: {refusal}")
+        self._done += 1
+
+    def _bisect(self, family: Family) -> None:
         """Find a family's bracket by bisection of its settings, led by its order."""
         settings = family.settings
         low, high = -1, len(settings)  # what fails, what passes
@@ -142,7 +161,6 @@ class _Search:
                     f"{family.name} does not keep the tolerance at {setting_of(last)}, the finest tried"
                     + (f" ({last.message})" if last.message else "")
                 )
-        self._done += 1
 
     def advice(self, found: Sequence[Family], duration: float, notes: tuple[str, ...]) -> Advice:
         """Rank the brackets by measured time, and verify the best by a finer run."""

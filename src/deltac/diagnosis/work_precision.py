@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.energy import balance
-from deltac.errors import DeltacError
+from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import SimulationStopped
+from deltac.simulation import SimulationStopped, StiffStep
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -99,6 +100,19 @@ class Trial:
         return values
 
 
+class Refused(InputError):
+    """A solver that cannot do what the model asks for, whatever its step."""
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Without warnings of runs that stop or step too far: that is what is being found out."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SimulationStopped)
+        warnings.simplefilter("ignore", StiffStep)
+        yield
+
+
 class Trials:
     """Trials of a mechanism, each run made once."""
 
@@ -110,7 +124,10 @@ class Trials:
         self.turnover = 0.0
 
     def of(self, family: Family, setting: float, tolerance: float) -> Trial:
-        """A trial; the run at half the step is made only if the energy is within its tolerance."""
+        """A trial; the run at half the step is made only if the energy is within its tolerance.
+
+        Raises Refused where the solver cannot be used at all.
+        """
         run = self._run(family, setting)
         if isinstance(run, str):
             return self._failed(family, setting, run)
@@ -146,10 +163,11 @@ class Trials:
         key = (family.name, setting)
         if key not in self._runs:
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", SimulationStopped)
+                with quietly():
                     run = family.run(setting)
                 self._runs[key] = run if run.provenance.completed else run.provenance.message
+            except InputError as error:
+                raise Refused(str(error)) from error
             except DeltacError as error:
                 self._runs[key] = str(error)
         return self._runs[key]
@@ -170,12 +188,13 @@ class Trials:
         """The least time of a few runs; the first one compiled what there is to compile."""
         work: Callable[[float], object] = family.work or family.run
         taken: list[float] = []
-        for _ in range(REPEATS):
-            begun = time.perf_counter()
-            work(setting)
-            taken.append(time.perf_counter() - begun)
-            if taken[-1] > BRIEF:
-                break
+        with quietly():
+            for _ in range(REPEATS):
+                begun = time.perf_counter()
+                work(setting)
+                taken.append(time.perf_counter() - begun)
+                if taken[-1] > BRIEF:
+                    break
         return min(taken)
 
 

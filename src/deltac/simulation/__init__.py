@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from deltac.simulation.assembly import Assembly, assemble
+from deltac.simulation.correction import EnergyLeft
 from deltac.simulation.ensemble import Ensemble, simulate_ensemble
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import SimulationStopped, simulate
@@ -12,6 +13,7 @@ from deltac.simulation.time_scales import StiffStep, TimeScale, time_scales
 __all__ = [
     "Assembly",
     "Controller",
+    "EnergyLeft",
     "Ensemble",
     "Equations",
     "SimulationStopped",

@@ -8,16 +8,22 @@ this does is booked like that of a projection, so ΔC tells what the run would h
 
 from __future__ import annotations
 
+import warnings
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
+from deltac.kernels import Kernel
 from deltac.simulation.flow import ENERGY_DUE, Flow
 from deltac.simulation.projection import projection
+
+Array: TypeAlias = NDArray[np.float64]
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
@@ -26,6 +32,13 @@ MOST = 0.1
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
 
 TINY = 1e-300
+
+NOTICED = 1e-3
+"""Energy that corrections leave is told of from this share of the largest kinetic energy on."""
+
+
+class EnergyLeft(UserWarning):
+    """A corrected run whose energy is not what it should be."""
 
 
 @lru_cache(maxsize=64)
@@ -40,6 +53,29 @@ def energy_correction(flow: Flow) -> Any:
         if flow.projecting:
             x, _ = projection(flow)(flow.t, x, flow.p)
     return ca.Function("correct", [*given, h], [x])
+
+
+@lru_cache(maxsize=64)
+def _balance(flow: Flow) -> Kernel:
+    """(t, x; p) -> K, and K + V less what it should be."""
+    given = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
+    left = flow.energies[-2] + flow.energies[-1] - flow.x[flow.parts[2]][-1]
+    return Kernel(given, {"K": flow.energies[-2], "left": left}, name="energy left")
+
+
+def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
+    """Warn `EnergyLeft` if the corrections of a run could not keep up with what its steps lost."""
+    given = {"p": p} if flow.p.shape[0] else {}
+    found = _balance(flow)(t=t, x=x, **given)
+    left, scale = float(np.abs(found["left"]).max()), float(np.abs(found["K"]).max())
+    if not left <= NOTICED * scale:
+        warnings.warn(
+            f"the correction of the energy could not keep up: K + V is off by up to {left:.3g} J of "
+            f"{scale:.3g} J in motion. The step is too large for the motion; take a smaller one, or a solver "
+            "of higher order",
+            EnergyLeft,
+            stacklevel=3,
+        )
 
 
 def _moved(flow: Flow, h: SX) -> SX:

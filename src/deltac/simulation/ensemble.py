@@ -17,16 +17,25 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
 from deltac.kernels.parallel import spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.simulation.ensemble_inputs import (
+    member_count,
+    member_parameters,
+    member_solvers,
+    member_states,
+    member_steps,
+    record_grid,
+    repeated,
+)
 from deltac.simulation.ensemble_steps import LANES, Advance, Span
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.flow import Flow, build_flow
-from deltac.simulation.solvers import Solver, find_solver
+from deltac.simulation.solvers import Solver
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
@@ -65,8 +74,13 @@ class Ensemble:
         return int(self.q.shape[1])
 
     def member(self, k: int) -> Trajectory:
-        """One run as a trajectory, up to where it stopped."""
+        """One run as a trajectory, up to where it stopped; InputError if there is no such member."""
+        if not -len(self) <= k < len(self):
+            raise InputError(f"member {k}: there are {len(self)}, from 0 to {len(self) - 1}")
         completed = math.isnan(self.stopped[k])
+        message = (
+            "" if completed else f"stopped: the state is not finite after t = {self.stopped[k]:g} s"
+        )
         rows = len(self.t) if completed else int(np.searchsorted(self.t, self.stopped[k], "right"))
         return Trajectory(
             t=self.t[:rows],
@@ -75,7 +89,13 @@ class Ensemble:
             integrals={name: values[:rows, k] for name, values in self.integrals.items()},
             coordinates=self.coordinates,
             speeds=self.speeds,
-            provenance=replace(self.provenance, solver=self.solvers[k], step=float(self.steps[k])),
+            provenance=replace(
+                self.provenance,
+                solver=self.solvers[k],
+                step=float(self.steps[k]),
+                completed=completed,
+                message=message,
+            ),
         )
 
     def __repr__(self) -> str:
@@ -123,18 +143,20 @@ def simulate_ensemble(
     Raises:
         InputError: as `simulate`, and for sizes that do not fit, naming the array.
     """
+    if threads is not None and threads < 1:
+        raise InputError(f"threads is {threads!r}; expected 1 or more, or None for all cores")
     if mechanism.events:
         raise InputError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )
-    names, p = _parameters(mechanism, vary or {}, sensitivity)
-    t0, Q, U = _states(mechanism, states)
-    h, solvers = _steps(step, duration), _solvers(solver)
-    members = _members(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
-    Q, U, p, h = (_repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
+    names, p = member_parameters(mechanism, vary or {}, sensitivity)
+    t0, Q, U = member_states(mechanism, states)
+    h, solvers = member_steps(step, duration), member_solvers(solver)
+    members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
+    Q, U, p, h = (repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
     solvers = solvers * (members // len(solvers))
-    interval, records = _recorded(h, duration, record_every)
+    interval, records = record_grid(h, duration, record_every)
     first = mechanism.state(Q[0], U[0], t0)
     kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
     for one, size in kinds:
@@ -284,105 +306,3 @@ class _Result:
                 for i, name in enumerate(names if parameters else ())
             },
         )
-
-
-def _members(**sizes: int) -> int:
-    """How many members there are, of the sizes of what was given; InputError where they differ."""
-    if len(set(sizes.values()) - {1}) > 1:
-        told = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
-        raise InputError(f"members differ in number: {told}; expected one number N, or 1")
-    return max(sizes.values())
-
-
-def _repeated(values: Array, members: int, axis: int) -> Array:
-    return values if values.shape[axis] == members else np.repeat(values, members, axis)
-
-
-def _steps(step: ArrayLike, duration: float) -> Array:
-    """Steps (N,) or (1,), made to divide the duration exactly."""
-    h = np.atleast_1d(np.asarray(step, dtype=np.float64))
-    if h.ndim != 1 or not np.isfinite(h).all() or not (h > 0).all():
-        raise InputError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
-    counts = np.rint(duration / h)
-    for size, count in zip(h, counts):
-        if count < 1 or abs(count * size - duration) > 1e-9 * duration:
-            raise InputError(f"step {size:g} does not divide the duration {duration:g}")
-    return np.asarray(duration / counts)
-
-
-def _solvers(solver: str | Sequence[str]) -> list[Solver]:
-    found = [find_solver(name) for name in ([solver] if isinstance(solver, str) else solver)]
-    for one in found:
-        if one.family != "fixed":
-            raise InputError(
-                f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode4' or 'ode8'"
-            )
-    return found
-
-
-def _recorded(h: Array, duration: float, every: int | None) -> tuple[float, int]:
-    """The time between records and their number, not counting the start."""
-    longest = float(h.max())
-    steps = round(duration / longest)
-    every = steps if every is None else every
-    if every < 1 or steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
-    records = steps // every
-    interval = duration / records
-    for size in set(h.tolist()):
-        count = interval / size
-        if abs(count - round(count)) > 1e-9 * count:
-            raise InputError(
-                f"step {size:g} does not divide the time between records, {interval:g} s; choose "
-                "record_every so that all steps do"
-            )
-    return interval, records
-
-
-def _parameters(
-    mechanism: Mechanism, vary: Mapping[str, ArrayLike], sensitivity: Sequence[str]
-) -> tuple[list[str], Array]:
-    """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last."""
-    if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
-        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
-    for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
-        for name in wanted:
-            if name not in mechanism.parameters:
-                raise InputError(
-                    f"{what}: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
-                )
-    names = [name for name in vary if name not in sensitivity] + list(sensitivity)
-    columns = []
-    for name in names:
-        given = vary.get(name, mechanism.parameters[name])
-        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-        if values.ndim != 1 or not np.isfinite(values).all():
-            raise InputError(f"vary: values of {name!r} must be finite numbers, an array (N,)")
-        columns.append(values)
-    if len({len(c) for c in columns} - {1}) > 1:
-        sizes = {name: len(c) for name, c in zip(names, columns)}
-        raise InputError(f"vary: the parameters differ in their number of members: {sizes}")
-    count = max((len(c) for c in columns), default=1)
-    return names, np.array([np.broadcast_to(c, count) for c in columns]).reshape(len(names), count)
-
-
-def _states(
-    mechanism: Mechanism, states: State | tuple[ArrayLike, ArrayLike]
-) -> tuple[float, Array, Array]:
-    """Start time, Q (N, nq), U (N, nu), checked; N = 1 for a state that all share."""
-    if isinstance(states, State):
-        return states.t, states.q[None, :], states.u[None, :]
-    Q, U = (np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in states)
-    for what, values, entries in (("Q", Q, mechanism.coordinates), ("U", U, mechanism.speeds)):
-        if values.ndim != 2 or values.shape[1] != len(entries):
-            raise InputError(
-                f"{what} has shape {values.shape}, expected (N, {len(entries)}): {', '.join(entries.names)}"
-            )
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                f"{what}: member {bad[0][0]}, {entries[int(bad[0][1])].name!r} is not finite"
-            )
-    if len(Q) != len(U):
-        raise InputError(f"Q has {len(Q)} members, U has {len(U)}")
-    return 0.0, Q, U

@@ -293,18 +293,24 @@ class Settle:
         return self._out[:-1].copy(), float(self._out[-1])
 
 
+@lru_cache(maxsize=64)
+def _correction_kernel(flow: Flow) -> Kernel:
+    """(t, x; p, h) -> x with its energy as it should be."""
+    h = ca.SX.sym("h")
+    corrected = energy_correction(flow)(flow.t, flow.x, flow.p, h)
+    inputs = {"t": flow.t, "x": flow.x, "constants": ca.vertcat(flow.p, h)}
+    return Kernel(inputs, {"x": corrected}, name="energy correction")
+
+
 class Correct:
     """`energy_correction` for one state at a time, where a run asks for it."""
 
     def __init__(self, flow: Flow, p: Array, h: float) -> None:
         """Compile it; `p` are the values of the parameters, `h` is the step."""
-        self._kernel = None
+        self._kernel: Kernel | None = None
         if not flow.correcting:
             return
-        step = ca.SX.sym("h")
-        corrected = energy_correction(flow)(flow.t, flow.x, flow.p, step)
-        inputs = {"t": flow.t, "x": flow.x, "constants": ca.vertcat(flow.p, step)}
-        self._kernel = Kernel(inputs, {"x": corrected}, name="energy correction")
+        self._kernel = _correction_kernel(flow)
         self._in = np.concatenate([np.zeros(1 + flow.x.shape[0]), p, [h]])
         self._out = np.empty(flow.x.shape[0])
 
@@ -316,17 +322,23 @@ class Correct:
         return self._kernel.single(self._in, self._out).copy()
 
 
+@lru_cache(maxsize=64)
+def _rate_kernels(flow: Flow) -> tuple[Kernel, Kernel]:
+    """ẋ, and the full state that a controller sees."""
+    values = {"t": flow.t, "x": flow.x}
+    extra = {"inputs": flow.inputs, "given": flow.given}
+    inputs = {**values, **{name: e for name, e in extra.items() if e.shape[0]}}
+    rate = Kernel(inputs, {"xdot": flow.xdot}, flow.p, name="rate")
+    return rate, Kernel(values, {"q": flow.q_all, "u": flow.u_all}, flow.p, name="state")
+
+
 class StageRate:
     """ẋ(t, x) with a controller, or with equations that are called from Python."""
 
     def __init__(self, flow: Flow, controller: Controller | None, p: Array) -> None:
         """Compile ẋ; `p` are the values of the parameters."""
         self._flow, self._controller = flow, controller
-        values = {"t": flow.t, "x": flow.x}
-        extra = {"inputs": flow.inputs, "given": flow.given}
-        inputs = {**values, **{name: e for name, e in extra.items() if e.shape[0]}}
-        self._rate = Kernel(inputs, {"xdot": flow.xdot}, flow.p, name="rate")
-        self._state = Kernel(values, {"q": flow.q_all, "u": flow.u_all}, flow.p, name="state")
+        self._rate, self._state = _rate_kernels(flow)
         self.parameters = p
         self._in, self._out = np.empty(self._rate.n_in), np.empty(self._rate.n_out)
         self.held = np.zeros(flow.inputs.shape[0])

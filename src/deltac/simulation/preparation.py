@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -107,8 +109,7 @@ def check_accelerations(
     if not np.isfinite(x0).all():
         raise InputError("the coordinate map has no finite own coordinates for the initial state")
     if flow.traced and controller is None:
-        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
-        xdot = np.array(f(state.t, x0, p)).ravel()
+        xdot = np.array(_accelerations(flow)(state.t, x0, p)).ravel()
     else:
         rate = StageRate(flow, controller, p)
         rate.hold(state.t, x0)
@@ -128,13 +129,23 @@ def check_accelerations(
         )
 
 
+@lru_cache(maxsize=64)
+def _accelerations(flow: Flow) -> Any:
+    """(t, x; p) -> ẋ, as a CasADi function."""
+    return ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
+
+
+@lru_cache(maxsize=64)
+def _inertias(flow: Flow) -> Any:
+    """(t, x; p) -> the diagonal of the mass matrix, as a CasADi function."""
+    system, free = flow.system, flow.system.free_u
+    diagonal = ca.densify(ca.diag(crba(system)[free, free]))
+    return ca.Function("M", [flow.t, flow.x, flow.p], [diagonal])
+
+
 def _without_inertia(flow: Flow, t: float, x: Array, p: Array) -> NDArray[np.bool_]:
     """Which free speeds move no mass at all: their equation is 0 = 0, whatever the rest."""
-    system, free = flow.system, flow.system.free_u
-    diagonal = ca.diag(crba(system)[free, free])
-    given = [flow.t, flow.x, flow.p]
-    values = np.array(ca.Function("M", given, [ca.densify(diagonal)])(t, x, p)).ravel()
-    return np.asarray(values == 0.0)
+    return np.asarray(np.array(_inertias(flow)(t, x, p)).ravel() == 0.0)
 
 
 def positive(value: float, what: str) -> float:

@@ -16,6 +16,7 @@ from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
+from deltac.simulation.correction import check_correction_held
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.events.running import Outcome
 from deltac.simulation.events.simulating import (
@@ -112,6 +113,7 @@ def simulate(
         InputError: before anything is computed, for what cannot be simulated as it is.
 
     Warns:
+        EnergyLeft: corrections of the energy could not keep up with what the steps lost.
         StiffStep: the step is far too large for friction or contact, whose time scale it tells.
     """
     found = find_solver(solver)
@@ -170,6 +172,8 @@ def simulate(
     motion = while_assembled(flow, motion, p)
     if motion.message:
         warnings.warn(motion.message, SimulationStopped, stacklevel=2)
+    if correct is not None:
+        check_correction_held(flow, motion.t, motion.x, p)
     provenance = Provenance(
         simulator="deltac",
         solver=found.name,

@@ -24,7 +24,11 @@ from deltac.errors import InputError
 from deltac.kernels import seals
 
 LIMIT = 256 * 2**20
-"""Size in bytes above which heyoka evicts the entries used longest ago."""
+"""Bytes that the cache takes at most, SQLite's journal beside it included."""
+
+EVICTED_FROM = LIMIT // 4 * 3
+"""Size of the database above which heyoka evicts the entries used longest ago; a journal of a quarter
+of that was seen beside it."""
 
 _DAMAGE = ("corrupt", "malformed", "not a database")
 
@@ -139,7 +143,7 @@ def _open(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     seals.verify(folder)
     hy.llvm_state.set_diskcache_path(folder)
-    hy.llvm_state.set_diskcache_limit(LIMIT)  # opens the database: errors show here
+    hy.llvm_state.set_diskcache_limit(EVICTED_FROM)  # opens the database: errors show here
     hy.llvm_state.set_diskcache_enabled(True)
 
 

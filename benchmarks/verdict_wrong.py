@@ -44,7 +44,7 @@ def mutated(seed: int, each: int) -> Iterator[Case]:
             handed = dc.Equations(function, coordinates, name=f"{case}.py")
             yield Case(
                 f"{case}.py:{mutant.line}: {mutant.before} -> {mutant.after} ({mutant.kind}), {solver}",
-                f"wrong: {mutant.kind}",
+                "wrong: single mistake",
                 False,
                 mechanism,
                 running(mechanism, start, duration, solver, equations=handed),

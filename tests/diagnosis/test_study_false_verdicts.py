@@ -192,3 +192,20 @@ def test_what_hangs_in_the_air_is_seen_by_momentum() -> None:
     )
     assert found.verdict.kind == "unresolved", "at rest straight down nothing can be told"
     assert "next to nothing moves" in found.verdict.meaning
+
+
+def test_a_motion_that_runs_away_is_not_one_row_old() -> None:
+    """Its last row outweighs all others: leaving it out is no proof that rows are shifted."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("block", 1.0)],
+        [dc.prismatic("x", "ground", "block", "x", stiffness=4.0)],
+        gravity=[0, 0, 0],
+    )
+    state = mechanism.state({"x": 1e-9})
+    away = dc.Equations(lambda t, q, u: 2.25e6 * q)
+
+    def run(step: float) -> Trajectory:
+        return dc.simulate(mechanism, state, 7 * step, step, "ode4", (), away)
+
+    found = of_runs(mechanism, run, udot=True)
+    assert "stale-stage" not in kinds(found), found.verdict.explain()

@@ -95,7 +95,8 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
     evaluator = terms.evaluator
     everything = Sampled.of(mechanism, run, evaluator.log)
     here, after = everything.take(rows), everything.take(rows + 1)
-    size = _size(terms, terms.residual)
+    # Of the same rows: where a motion runs away, the last one alone outweighs all others.
+    size = _size(terms, terms.residual[terms.rows < len(run) - 1])
     for what, udot, logged in (
         ("forces", here.udot, after.logged),
         ("accelerations", after.udot, here.logged),

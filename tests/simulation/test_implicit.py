@@ -111,6 +111,20 @@ def test_discrete_gradient_closes_the_energy(make: Any, h: float) -> None:
     assert np.abs(ledger.delta_c["liu-huston"]).max() > 1e-6 * ledger.turnover
 
 
+@pytest.mark.parametrize(
+    "solver", ["ode1be", "implicit-midpoint", "generalized-alpha", "discrete-gradient"]
+)
+def test_a_mechanism_with_motion_constraints_alone(solver: str) -> None:
+    """Chaplygin's sleigh: ω = ω0 sech(kt) at 1 s is 1.4011606946870, to the method's order."""
+    problem = dc.problems.load("chaplygin-sleigh")
+    errors = []
+    for h in (0.02, 0.01):
+        run = dc.simulate(problem.mechanism, problem.state, 1.0, h, solver)
+        errors.append(abs(run.u[-1, -1] - 1.4011606946870))
+    assert errors[0] < (0.05 if solver == "ode1be" else 1e-3)
+    assert np.log2(errors[0] / errors[1]) > (0.8 if solver == "ode1be" else 1.7)
+
+
 # --- constraints ----------------------------------------------------------------------------------
 
 L, G, M = 0.5, 9.81, 2.0

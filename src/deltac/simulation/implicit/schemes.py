@@ -121,7 +121,7 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     end = Point(t, q, u, udot, lam)
     phi, psi, _ = form.constraints(t, q, u, s)
     tied = ca.SX(psi)
-    tied[form.holonomic] = phi[form.holonomic] / b.h
+    tied[form.holonomic] = phi[form.holonomic, :] / b.h
     P = form.powers(end, s)
     p0, p1 = aux[n:], following(P, slice(n, width))
     z = _integrated(b, (1 - gamma) * p0 + gamma * p1, b.h)
@@ -164,7 +164,7 @@ def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
     # What λ does at the middle, where ψ is not zero, the correction has undone: it is no one's work.
     P = form.powers(Point(middle.t, middle.q, middle.u, middle.udot, 0 * impulse), s)
     after = ca.vertcat(q, u, _integrated(b, P, b.h))
-    residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic] / b.h)
+    residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic, :] / b.h)
     unknowns = ca.vertcat(u, kappa, impulse)
     rates = ca.vertcat(middle.udot, P)
     speeds = u.shape[0] + kappa.shape[0]

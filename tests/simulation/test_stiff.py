@@ -195,6 +195,27 @@ def test_failures_end_with_words_and_the_motion_so_far(solver: str) -> None:
         assert "'x'" in message and "smaller step" in message and "not defined" in message
 
 
+@pytest.mark.parametrize("solver", SUNDIALS)
+@pytest.mark.parametrize(
+    ("law", "reason"),
+    [("exp(q.x)", "100000 internal steps"), ("-sqrt(q.x)", "the equations are not defined")],
+)
+def test_sundials_ends_in_our_words_alone(
+    solver: str, law: str, reason: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """ẍ = eˣ is infinite at 1.35 s; −√x has no value once x < 0. SUNDIALS' own text is not spilled."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("block", 1.0)],
+        [dc.prismatic("x", "ground", "block", "x")],
+        [dc.joint_torque("push", "x", law)],
+    )
+    run, message = stopped(mechanism, mechanism.state({"x": 1.0}), 3.0, 0.01, solver)
+    assert reason in message and "SUNDIALS" not in message and "_ERR" not in message
+    assert f"stopped at t = {run.t[-1]:.9g} s" in message
+    assert f"u.x = {run.u[-1, 0]:.4g}" in message and "Look at the laws there" in message
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("solver", IMPLICIT)
 def test_equations_without_a_solution(solver: str) -> None:
     """A push of 10 u² leaves u₁ = u₀ + 10 h u² without a real root once h u > 1/40: it blows up at 1 s."""

@@ -318,6 +318,20 @@ def test_a_step_too_large_is_told_with_the_time_scale() -> None:
         simulate(machine, state, 0.1, 1e-2, "DOP853")  # the step is only that of the samples
 
 
+@pytest.mark.parametrize("solver", ["generalized-alpha", "implicit-midpoint", "ode1be"])
+def test_implicit_steps_too_must_resolve_a_touch(solver: str) -> None:
+    """A ball that falls on hard ground; one that lies there asks for nothing."""
+    machine = crate(dissipation=0.3)
+    falling = machine.state({"base.z": 0.3})
+    with pytest.warns(StiffStep, match=r"contact 'floor'.*must resolve every touch"):
+        simulate(machine, falling, 0.02, 0.02, solver)
+    lying = machine.state({"base.z": 0.05 - 2.0 * 9.81 / (4 * 1e4)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StiffStep)
+        simulate(machine, lying, 0.02, 0.02, solver)
+        simulate(machine, falling, 0.001, 1e-4, solver)
+
+
 def test_time_scales_of_friction() -> None:
     """m w/(μ N) at a point, I w/T in a joint; and a rougher step is indeed unstable there."""
     machine = Mechanism(

@@ -52,6 +52,34 @@ def test_explicit_solvers_break_down_and_name_the_time_scale() -> None:
     assert fine.provenance.completed
 
 
+def spring(*events: Any) -> dc.Mechanism:
+    """1 kg on 10⁶ N/m: 1/|λ| = 1 ms; a step of 10 ms of ode4 grows by 10⁴/24 − …, some 370 times."""
+    return dc.Mechanism(
+        [dc.point_mass("m", 1.0)],
+        [dc.prismatic("x", "ground", "m", "x", stiffness=1e6)],
+        events=events,
+    )
+
+
+def test_a_finite_blow_up_is_no_completed_run() -> None:
+    """ode4 is stable to h ω = √8: to 2.8 ms here."""
+    mechanism = spring()
+    run, message = stopped(mechanism, mechanism.state({"x": 0.5}), 0.5, 0.01, "ode4")
+    assert run.t[-1] < 0.2 and np.abs(run.q).max() < 1e30
+    assert "beyond all measure" in message and "0.001 s (an oscillation)" in message
+    assert "steps below 0.0028 s" in message and "must resolve every touch" in message
+
+
+def test_a_blow_up_that_events_keep_in_bounds_is_told() -> None:
+    mechanism = spring(dc.joint_stop("stop", "x", lower=-10, upper=10, restitution=0.5))
+    state = mechanism.state({"x": 0.5})
+    with pytest.warns(dc.StiffStep, match=r"0\.001 s \(an oscillation\).*steps below 0\.0028 s"):
+        dc.simulate(mechanism, state, 0.1, 0.01, "ode4")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dc.simulate(mechanism, state, 0.1, 2.5e-3, "ode4")
+
+
 def test_a_step_that_is_short_enough_is_not_blamed() -> None:
     """A motion that blows up by itself, at a step that resolves it: u̇ = u³ without bound."""
     mechanism = dc.Mechanism(
@@ -193,6 +221,27 @@ def test_failures_end_with_words_and_the_motion_so_far(solver: str) -> None:
     assert 0.45 < run.q[-1, 0] <= 0.5 + 1e-9
     if solver in IMPLICIT:
         assert "'x'" in message and "smaller step" in message and "not defined" in message
+
+
+@pytest.mark.parametrize("solver", SUNDIALS)
+@pytest.mark.parametrize(
+    ("law", "reason"),
+    [("exp(q.x)", "100000 internal steps"), ("-sqrt(q.x)", "the equations are not defined")],
+)
+def test_sundials_ends_in_our_words_alone(
+    solver: str, law: str, reason: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """ẍ = eˣ is infinite at 1.35 s; −√x has no value once x < 0. SUNDIALS' own text is not spilled."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("block", 1.0)],
+        [dc.prismatic("x", "ground", "block", "x")],
+        [dc.joint_torque("push", "x", law)],
+    )
+    run, message = stopped(mechanism, mechanism.state({"x": 1.0}), 3.0, 0.01, solver)
+    assert reason in message and "SUNDIALS" not in message and "_ERR" not in message
+    assert f"stopped at t = {run.t[-1]:.9g} s" in message
+    assert f"u.x = {run.u[-1, 0]:.4g}" in message and "Look at the laws there" in message
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("solver", IMPLICIT)

@@ -8,7 +8,8 @@ from deltac.simulation.ensemble import Ensemble, simulate_ensemble
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import SimulationStopped, simulate
 from deltac.simulation.solvers import solver_names
-from deltac.simulation.time_scales import StiffStep, TimeScale, time_scales
+from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.time_scales import TimeScale, time_scales
 
 __all__ = [
     "Assembly",

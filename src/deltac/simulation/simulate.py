@@ -114,7 +114,7 @@ def simulate(
 
     Warns:
         EnergyLeft: corrections of the energy could not keep up with what the steps lost.
-        StiffStep: the step is far too large for friction or contact, whose time scale it tells.
+        StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
     """
     found = find_solver(solver)
     duration = positive(duration, "duration")
@@ -154,7 +154,6 @@ def simulate(
                 motion = run_in_python(flow, found, controller, course)
             else:
                 motion = stepper.run(course)
-            motion = explained(flow, found, course, motion)
         case "implicit":
             assert isinstance(stepper, ImplicitStepper)
             course = Course(p, x0, state.t, duration / steps, steps, every, progress)
@@ -169,6 +168,8 @@ def simulate(
             times = sample_times(state.t, duration, duration / 200 if step is None else step)
             quad = found.name == "taylor-quad"
             motion = run_taylor(flow, p, x0, times, tolerance, progress, quad=quad)
+    if found.family == "fixed":
+        motion = explained(flow, found, duration / steps, p, x0, motion)
     motion = while_assembled(flow, motion, p)
     if motion.message:
         warnings.warn(motion.message, SimulationStopped, stacklevel=2)

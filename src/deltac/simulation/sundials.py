@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 from typing import Any, TypeAlias
 
@@ -73,10 +75,21 @@ def run_sundials(
             progress((len(kept) - 1) / (len(times) - 1))
     if message:
         message = (
-            f"stopped at t = {times[len(kept) - 1]:.9g} s: {message}; what was computed so far is kept. "
-            "Try a larger tolerance=, or look for a law that jumps there"
+            f"stopped at t = {times[len(kept) - 1]:.9g} s: {message}{_speed(flow, kept[-1])}; what was "
+            "computed so far is kept. Look at the laws there: one that grows without bound, jumps, or "
+            "ceases to be defined; or try a larger tolerance="
         )
     return Motion(times[: len(kept)], np.array(kept), np.empty((len(kept), 0)), message)
+
+
+def _speed(flow: Flow, x: Array) -> str:
+    """The largest speed at a state, in words."""
+    u = x[flow.parts[1]]
+    if flow.own is not None or not u.size:
+        return ""
+    mechanism = flow.system.mechanism
+    k = int(np.argmax(np.abs(u)))
+    return f" (the largest speed is u.{mechanism.speeds.names[mechanism.free.u[k]]} = {u[k]:.4g})"
 
 
 def _explicit(flow: Flow) -> dict[str, Any]:
@@ -124,6 +137,7 @@ class _Integration:
             "abstol": 1e-3 * tolerance,
             "max_num_steps": MOST_STEPS,
             "show_eval_warnings": False,
+            "disable_internal_warnings": True,  # what they say is said in the run's message
             "print_time": False,
         }
         if start is not None:
@@ -165,7 +179,8 @@ class _Integration:
         given: dict[str, Any] = {"x0": x, "p": np.concatenate([self._p, [times[0]]])}
         if self._start is not None:
             given["z0"] = self._start(times[0], x, self._p)
-        return np.asarray(self._known[key](**given)["xf"]).T
+        with contextlib.redirect_stderr(io.StringIO()):  # IDAS does not let itself be silenced
+            return np.asarray(self._known[key](**given)["xf"]).T
 
     def _integrator(self, grid: Array) -> Any:
         dae = self._dae
@@ -188,8 +203,9 @@ _WORDS = {
     "CONV_FAIL": "Newton's method did not converge with the smallest step",
     "LSETUP_FAIL": "the Jacobian cannot be factorised",
     "RHSFUNC_FAIL": "the equations are not defined at a state that was tried",
-    "REP_RHSFUNC_ERR": "the equations are not defined at states that were tried",
+    "RHSFUNC_ERR": "the equations are not defined at states that were tried",
     "RES_FAIL": "the equations are not defined at a state that was tried",
+    "RES_ERR": "the equations are not defined at states that were tried",
     "NO_RECOVERY": "no consistent start was found",
 }
 """SUNDIALS' return codes in words."""

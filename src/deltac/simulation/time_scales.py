@@ -1,8 +1,9 @@
 """How fast friction and contact act, and what that asks of a step; overlaps at the start of a run.
 
-Contact and regularised friction are stiff: an explicit step must resolve the oscillation of a mass on its
+Contact and regularised friction are stiff: an explicit step must follow the oscillation of a mass on its
 contact, √(m_eff/k), and the decay of slip within the friction's width, m_eff w/(μ N). Both are estimated
 at the start of a run, from the effective mass 1/(J M⁻¹ Jᵀ) of each contact point.
+A touch to come must be resolved by implicit steps too. What a step may be is told by `stiffness`.
 """
 
 from __future__ import annotations
@@ -30,12 +31,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
 from deltac.simulation.solvers import Solver
+from deltac.simulation.stiffness import StiffStep, longest_step, remedy
 
 Array: TypeAlias = NDArray[np.float64]
-
-
-class StiffStep(UserWarning):
-    """A step too large for the time scales of a mechanism's friction or contact."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +42,19 @@ class TimeScale:
 
     `element` has the name ("contact floor"), `kind` is "oscillation" (τ = √(m_eff/k), the period is 2πτ)
     or "decay" (a speed falls by 1/e within τ, of dissipation or of slip by friction); `why` tells it.
+    `touch` says that a blow is to come, which lasts about πτ.
     """
 
     element: str
     kind: str
     value: float
     why: str
+    touch: bool = False
 
     @property
-    def largest_step(self) -> float:
-        """About the largest step (s) of an explicit solver: τ of an oscillation, 2τ of a decay."""
-        return self.value if self.kind == "oscillation" else 2.0 * self.value
+    def rate(self) -> complex:
+        """λ (1/s) of the motion exp(λ t): i/τ of an oscillation, −1/τ of a decay."""
+        return (1j if self.kind == "oscillation" else -1.0) / self.value
 
 
 def time_scales(mechanism: Mechanism, state: State) -> tuple[TimeScale, ...]:
@@ -72,15 +72,18 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
     if not any(isinstance(e, Contact | JointFriction | PointFriction) for e in mechanism.elements):
         return
     _check_overlaps(mechanism, state)
-    if solver.family != "fixed" or step is None:
+    if not solver.takes_steps or step is None:
         return
-    scales = time_scales(mechanism, state)
-    worst = min(scales, key=lambda scale: scale.largest_step, default=None)
-    if worst is not None and step > worst.largest_step:
+    limits = [
+        (longest_step(solver, scale.rate, touch=scale.touch), scale)
+        for scale in time_scales(mechanism, state)
+    ]
+    longest, worst = min(limits, key=lambda limit: limit[0], default=(math.inf, None))
+    if worst is not None and step > longest:
         warnings.warn(
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
-            f"{worst.value:.3g} s. Take steps of about {0.5 * worst.largest_step:.2g} s or less, a softer "
-            "contact, friction of more width, or an implicit solver such as 'ode1be' or 'Radau'",
+            f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
+            "longer ones",
             StiffStep,
             stacklevel=3,
         )
@@ -174,8 +177,9 @@ def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
     for element in mechanism.elements:
         match element:
             case Contact():
+                lies = any(touch.gap <= 0.0 for touch in touches[element.name])
                 for touch in touches[element.name]:
-                    yield from _of_contact(mechanism, element, touch)
+                    yield from _of_contact(mechanism, element, touch, lies=lies)
             case PointFriction():
                 (touch,) = touches[element.name]
                 slope = max(evaluate(element.normal_force, known), 0.0) * _slope(element.law, known)
@@ -191,7 +195,10 @@ def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
                     yield from _decay(name, mass, _slope(law, known), "slip within its width")
 
 
-def _of_contact(mechanism: Mechanism, element: Contact, touch: _Touch) -> Iterator[TimeScale]:
+def _of_contact(
+    mechanism: Mechanism, element: Contact, touch: _Touch, *, lies: bool
+) -> Iterator[TimeScale]:
+    """Of one point; where a shape `lies` on the other already, a gap elsewhere is no blow to come."""
     m = touch.mass
     if not math.isfinite(m):
         return
@@ -201,18 +208,17 @@ def _of_contact(mechanism: Mechanism, element: Contact, touch: _Touch) -> Iterat
     )
     g = math.hypot(*(mechanism.number(component) for component in mechanism.gravity))
     approach2 = max(-float(touch.n @ touch.velocity), 0.0) ** 2 + 2 * g * max(touch.gap, 0.0)
-    x = max(
-        -touch.gap,
-        (m * g / k) ** (1 / n),
-        ((n + 1) * m * approach2 / (2 * k)) ** (1 / (n + 1)),
-    )
+    settled = max(-touch.gap, (m * g / k) ** (1 / n))
+    blow = ((n + 1) * m * approach2 / (2 * k)) ** (1 / (n + 1))
+    x = max(settled, blow)
+    hits = blow > settled and not (lies and touch.gap > 0.0)
     if x <= 0.0:
         if n > 1.0:
             return  # nothing presses: the stiffness is zero
         x = 0.0
     stiffness, force = n * k * x ** (n - 1), k * x**n
     why = f"the oscillation √(m_eff/k) of {m:.3g} kg on {stiffness:.3g} N/m"
-    yield TimeScale(name, "oscillation", math.sqrt(m / stiffness), why)
+    yield TimeScale(name, "oscillation", math.sqrt(m / stiffness), why, hits)
     damping = d * force if element.model == "hunt-crossley" else d
     yield from _decay(name, m, damping, "its dissipation")
     if element.friction is not None:

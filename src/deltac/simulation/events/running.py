@@ -23,7 +23,7 @@ TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 
 SLOW = 1e-12
-"""Speeds (m/s or rad/s) of a contact below this are none."""
+"""Speeds of a contact below this are none, by the speeds of the run or 1 m/s; so with accelerations."""
 
 FEW, MANY = 8, 256
 """Steps that are looked at together, to begin with and at most."""
@@ -57,7 +57,11 @@ class Outcome:
 
 @dataclass
 class Run:
-    """A run under way: state, sides of what is watched, and what was recorded."""
+    """A run under way: state, sides of what is watched, and what was recorded.
+
+    Pairs that touch and neither close nor part are at rest on each other: rounding alone would take their
+    gaps across zero again and again. Theirs may fall by `slack` before that is an impact.
+    """
 
     watch: Watch
     collider: Collider
@@ -68,6 +72,7 @@ class Run:
     end: float
     progress: Callable[[float], None] | None = None
     sides: Array = field(default_factory=lambda: np.empty(0))
+    slack: Array = field(default_factory=lambda: np.empty(0))
     rows: list[tuple[float, Array, Array]] = field(default_factory=list)
     events: list[Happened] = field(default_factory=list)
     message: str = ""
@@ -100,12 +105,13 @@ class Run:
             if hit is None:
                 self.stepper.accept(step)
                 self._move(step, step.t1, step.x1)
+                self._wake(seen)
                 sight, fresh, within = seen, False, 0
             else:
                 self._happen(step, *hit)
                 sight, fresh, within = self._look(self.t, self.x), True, within + 1
                 if within > MOST_PER_STEP:
-                    self._endless()
+                    self._endless(hit[2])
             self._report(start)
         if (self.message or self.ended) and self.rows[-1][0] < self.t:
             self.rows.append((self.t, self.x.copy(), self.stepper.inputs(self.t, self.x)))
@@ -125,10 +131,12 @@ class Run:
         t, x = found
         g, rate = self.watch.along(t, x, self.stepper.rate.batch(t, x), self.p)
         sides = self.sides[:, None]
-        values, slopes = sides * g, sides * rate * np.diff(t, append=t[-1])
+        values = sides * g + self.slack[:, None]
+        slopes = sides * rate * np.diff(t, append=t[-1])
         last = sides * rate[:, 1:] * np.diff(t)
         suspect = may_cross(np.maximum(values[:, :-1], 0.0), slopes[:, :-1], values[:, 1:], last)
-        eventful = suspect.any(axis=0)
+        parted = (self.slack > 0.0)[:, None] & (g[:, 1:] > TOUCHING)
+        eventful = (suspect | parted).any(axis=0)
         passed = int(np.argmax(eventful)) if eventful.any() else len(t) - 1
         for k in self.stepper.skip(passed):
             self.rows.append((float(t[k + 1]), x[k + 1].copy(), np.empty(0)))
@@ -140,7 +148,7 @@ class Run:
     def _begin(self) -> None:
         """Sides of everything; contacts that are closed and closing hit at once."""
         n = len(self.watch)
-        self.sides = np.zeros(n)
+        self.sides, self.slack = np.zeros(n), np.zeros(n)
         self.sides[: len(self.watch.points)] = 1.0
         self._apply_sides()
         sight = self._look(self.t, self.x)
@@ -149,10 +157,10 @@ class Run:
         self.sides[m:] = sides[m:]
         self._apply_sides()
         touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
-        if any(sight.rate[k] < -SLOW for k in touching):
+        if any(sight.rate[k] < -self._slow() for k in touching):
             self._strike(self.t, self.x, touching)
         elif touching:
-            self._check_contact(touching)
+            self._rest(touching)
 
     def _apply_sides(self) -> None:
         count = len(self.watch.switch_names)
@@ -171,7 +179,7 @@ class Run:
         """The first event within a step: its time, the state there, and all that pass zero then."""
         h = step.t1 - step.t0
         sides = self.sides
-        start, end = sides * before.g, sides * after.g
+        start, end = sides * before.g + self.slack, sides * after.g + self.slack
         start_rate, end_rate = h * sides * before.rate, h * sides * after.rate
         start = np.maximum(start, 0.0)  # what is at zero has just been dealt with
         suspects = np.flatnonzero(may_cross(start, start_rate, end, end_rate) & (sides != 0.0))
@@ -203,7 +211,8 @@ class Run:
         t = step.t0 + theta * h
         x = step.exact(t)
         sight = self._look(t, x)
-        return float(self.sides[k] * sight.g[k]), float(self.sides[k] * h * sight.rate[k])
+        value = self.sides[k] * sight.g[k] + self.slack[k]
+        return float(value), float(self.sides[k] * h * sight.rate[k])
 
     def _move(self, step: Step, t: float, x: Array) -> None:
         """To (t, x), the samples on the way recorded; a sample at t itself has this state."""
@@ -271,10 +280,11 @@ class Run:
             before, p_before, [*hit, *also], {n: j for n, j in impulses.items() if j.any()}
         )
         for k in touching:
-            if self._accumulation.add(k, t, float(sight.rate[k])):
+            moved = self.watch.names[k] in hit
+            if moved and self._accumulation.add(k, t, float(sight.rate[k])):
                 self.message = self._accumulation.words(k)
         if not self.message:
-            self._check_contact(touching)
+            self._rest(touching)
 
     def _jumped_over(self) -> list[str]:
         """Events and switches whose zero the speeds jumped across, their sides brought up to date."""
@@ -298,6 +308,8 @@ class Run:
     def _record(
         self, before: Array, p_before: Array, names: list[str], impulses: dict[str, Array]
     ) -> None:
+        if not names:  # nothing was pushed: pairs that only touch
+            return
         self.events.append(
             Happened(
                 self.t,
@@ -311,16 +323,28 @@ class Run:
             )
         )
 
-    def _check_contact(self, touching: list[int]) -> None:
-        """A contact that is closed, does not part, and is pressed, would last: that is no impact."""
-        sight = self._look(self.t, self.x)
+    def _slow(self) -> float:
+        """The speed below which a contact neither closes nor parts."""
+        return SLOW * max(1.0, float(np.abs(self.x[self.watch.flow.parts[1]]).max(initial=0.0)))
+
+    def _rest(self, touching: list[int]) -> None:
+        """Pairs that touch and do not part: they stay so, or are pressed on, and that is no impact."""
+        sight, slow = self._look(self.t, self.x), self._slow()
+        udot = self.stepper.rate(self.t, self.x)[self.watch.flow.parts[1]]
+        none = SLOW * max(1.0, float(np.abs(udot).max(initial=0.0)))
         for k in touching:
-            if abs(sight.rate[k]) <= SLOW and sight.bend[k] < 0.0:
+            resting = abs(sight.rate[k]) <= slow
+            self.slack[k] = TOUCHING + max(0.0, -float(sight.g[k])) if resting else 0.0
+            if resting and sight.bend[k] < -none:
                 self.message = (
-                    f"stopped at t = {self.t:.9g} s: {self.watch.names[k]!r} does not rebound and is "
-                    "pressed on, so that the contact lasts; impacts are of an instant. Let a terminal event "
-                    "end the run there, or use a compliant contact"
+                    f"stopped at t = {self.t:.9g} s: {self.watch.names[k]!r} is in lasting contact, pressed "
+                    "on and not parting; impacts are of an instant. Let a terminal event end the run there, "
+                    "or use a compliant contact"
                 )
+
+    def _wake(self, sight: Sight) -> None:
+        """Pairs that rested on each other and have parted."""
+        self.slack[sight.g > TOUCHING] = 0.0
 
     def _check_switch(self, which: list[int]) -> None:
         """A law that drives the motion back to where it switches cannot be followed."""
@@ -333,8 +357,8 @@ class Run:
                     "a steep but continuous slope in place of the jump"
                 )
 
-    def _endless(self) -> None:
-        last = ", ".join(repr(name) for name in self.events[-1].names)
+    def _endless(self, which: list[int]) -> None:
+        last = ", ".join(repr(self.watch.names[k]) for k in which)
         self.message = (
             f"stopped at t = {self.t:.9g} s: more than {MOST_PER_STEP} events within one step, the last "
             f"of them {last}; they never end"

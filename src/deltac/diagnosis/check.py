@@ -119,6 +119,9 @@ def check_equations(
     if wrong:
         findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
+    if wrong and caller.overwrites:
+        # First, because all that follows may come of it: what is overwritten looks like a missing term.
+        evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
     return EquationCheck(
         verdict=Verdict(kind, confidence, evidence, findings, LIMITS),
         blame=found,
@@ -250,6 +253,13 @@ def _evidence(
     return tuple(said)
 
 
+def _overwriting(name: str, written: str) -> str:
+    return (
+        f"{name} overwrites its arguments ({written}); if it does so before it uses them, that is the "
+        "mistake, and the terms named below are only what it looks like: copy q and u first"
+    )
+
+
 def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple[str, ...]:
     """The speeds whose accelerations differ from the model's."""
     off = np.abs(udot - test.acceleration).max(axis=1)
@@ -261,12 +271,12 @@ def _findings(
     caller: Caller, finite: NDArray[np.bool_], drawn: States, motors: list[str]
 ) -> tuple[Finding, ...]:
     found: list[Finding] = []
-    if caller.mutates:
+    if caller.overwrites:
         found.append(
             Finding(
                 "writes-to-input",
                 "the function writes into the arrays that it is given",
-                "it was handed copies here; a solver would be disturbed",
+                f"for example {caller.overwrites}; it was handed copies here; a solver would be disturbed",
                 "Copy q and u before changing them",
                 "doubt",
             )

@@ -40,13 +40,13 @@ class Caller:
     """A function u̇ = rhs(t, q, u), called with care.
 
     `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
-    known yet). `mutates` tells that it wrote into the arrays it was given (it was given copies).
+    known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
     """
 
     rhs: Callable[..., Any]
     name: str
     vectorised: bool | None = None
-    mutates: bool = False
+    overwrites: str = ""
 
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.
@@ -103,10 +103,8 @@ class Caller:
             raise InputError(
                 f"{self.name} raised {type(error).__name__}: {error}{where}. State: {_state(states, k)}"
             ) from error
-        if not (
-            np.array_equal(given_q, states.q[:, k]) and np.array_equal(given_u, states.u[:, k])
-        ):
-            self.mutates = True
+        if not self.overwrites:
+            self.overwrites = _written(states, k, given_q, given_u)
         return self._accelerations(found, states, k)
 
     def _accelerations(self, found: Any, states: States, k: int) -> Array:
@@ -136,6 +134,13 @@ class Caller:
                 f"{', '.join(states.speeds)}{hint}"
             )
         return real
+
+
+def _written(states: States, k: int, q: Array, u: Array) -> str:
+    """The first number that a call changed in its arguments: "q.pivot from 1.2 to 0"; empty for none."""
+    pairs = [(f"q.{n}", a, b) for n, a, b in zip(states.coordinates, states.q[:, k], q)]
+    pairs += [(f"u.{n}", a, b) for n, a, b in zip(states.speeds, states.u[:, k], u)]
+    return next((f"{n} from {a:.4g} to {b:.4g}" for n, a, b in pairs if a != b), "")
 
 
 def noise(caller: Caller, test: EquationTest, scales: Array) -> Array:

@@ -51,7 +51,7 @@ class Blame:
 
     def __str__(self) -> str:
         said = [
-            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms"
+            f"equation {self.number} ({self.speed}) is off by {_share(self.relative)} of its terms"
         ]
         if self.degrees:
             said.append(
@@ -87,6 +87,11 @@ class Blame:
                 for m in self.terms
             ],
         }
+
+
+def _share(relative: float) -> str:
+    """A share in per cent; as a fraction where per cent would need an exponent."""
+    return percent(relative) if relative >= 1e-6 else f"{relative:.1e}"
 
 
 _POWERS: dict[tuple[int, ...], str] = {

@@ -143,16 +143,17 @@ def _written(states: States, k: int, q: Array, u: Array) -> str:
     return next((f"{n} from {a:.4g} to {b:.4g}" for n, a, b in pairs if a != b), "")
 
 
-def noise(caller: Caller, test: EquationTest, scales: Array) -> Array:
+def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Array:
     """How rough the residual is in the last digits that can be trusted (n,), N or N·m.
 
     Along short lines through some states a smooth function's differences of high order vanish; what is
     left is rounding, of double or single precision, or of derivatives by differences (Hamming;
     Moré and Wild, "Estimating computational noise", SIAM J. Sci. Comput. 33 (2011) 1292-1314). `scales`
-    (n,) are natural speeds. The median over the states leaves out those with a kink on the line.
+    (n,) are natural speeds. The median over the states leaves out those with a kink on the line; they
+    are taken from the first `among`, for slow slip bends within a short line.
     """
     states, kane = test.states, test.kane
-    some = states.take(np.unique(np.linspace(0, len(states) - 1, SAMPLED).astype(int)))
+    some = states.take(np.unique(np.linspace(0, among - 1, SAMPLED).astype(int)))
     rng = np.random.default_rng(1)
     count = len(some)
     shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)

@@ -223,3 +223,10 @@ def test_the_module_in_a_process_of_its_own() -> None:
     )
     assert (bad.returncode, bad.stdout) == (2, "")
     assert "no-such" in bad.stderr
+
+
+def test_the_package_runs_as_a_module() -> None:
+    found = subprocess.run(
+        [sys.executable, "-m", "deltac", "--version"], capture_output=True, text=True, check=False
+    )
+    assert (found.returncode, found.stdout) == (0, f"deltac {__version__}\n")

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from deltac.diagnosis.check_example import simplest_failure
 from deltac.diagnosis.check_result import LIMITS, EquationCheck, Seen, finite_worst
 from deltac.diagnosis.check_rhs import Caller, noise, uncertainty
+from deltac.diagnosis.check_states import Place, close_states, joined, not_sampled, places
 from deltac.diagnosis.equation_test import EquationTest, Residuals
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.kane import Kane
 from deltac.diagnosis.localisation import blame
 from deltac.diagnosis.models import Model, load_model
-from deltac.diagnosis.states import States, draw, natural_scales, some_rows, states_along
+from deltac.diagnosis.states import Scales, States, draw, natural_scales, some_rows, states_along
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.absolute import absolute_angles
@@ -86,8 +87,9 @@ def check_equations(
             "that equations of motion could tell"
         )
     scales = natural_scales(kane)
+    where = places(kane)
     if states is None:
-        drawn = draw(kane, scales, count=count, seed=seed)
+        drawn = _drawn(kane, scales, where, count=count, seed=seed)
     elif isinstance(states, Trajectory):
         drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
     else:
@@ -108,7 +110,8 @@ def check_equations(
     residuals = test(given)
     typical = test.typical(given)
     speeds = np.sqrt(np.mean(drawn.u**2, axis=1))
-    rough = noise(caller, test, speeds) / typical
+    ordinary = int(finite[:count].sum()) if states is None else len(test.states)
+    rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
     kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()))
@@ -119,8 +122,11 @@ def check_equations(
     if wrong:
         findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
+    if wrong and caller.overwrites:
+        # First, because all that follows may come of it: what is overwritten looks like a missing term.
+        evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
     return EquationCheck(
-        verdict=Verdict(kind, confidence, evidence, findings, LIMITS),
+        verdict=Verdict(kind, confidence, evidence, findings, _limits(model, where, test.states)),
         blame=found,
         seen=seen,
         example=simplest_failure(caller, test, given, limit) if wrong else None,
@@ -134,6 +140,22 @@ def check_equations(
         name=equations.name,
         vectorised=bool(caller.vectorised),
     )
+
+
+def _drawn(
+    kane: Kane, scales: Scales, where: tuple[Place, ...], *, count: int, seed: int
+) -> States:
+    """Random states, then those of slow slip and small overlap where there is friction or contact."""
+    random = draw(kane, scales, count=count, seed=seed)
+    close = close_states(kane, scales, where, seed)
+    return random if close is None else joined([random, close])
+
+
+def _limits(model: Model, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
+    """What the check cannot see, of this mechanism at these states."""
+    events = tuple(event.name for event in model.mechanism.events)
+    told = (f"what happens at events ({', '.join(events)})",) if events else ()
+    return (*LIMITS, *not_sampled(where, states), *told)
 
 
 def _fitting(kane: Kane, states: States) -> States:
@@ -250,6 +272,13 @@ def _evidence(
     return tuple(said)
 
 
+def _overwriting(name: str, written: str) -> str:
+    return (
+        f"{name} overwrites its arguments ({written}); if it does so before it uses them, that is the "
+        "mistake, and the terms named below are only what it looks like: copy q and u first"
+    )
+
+
 def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple[str, ...]:
     """The speeds whose accelerations differ from the model's."""
     off = np.abs(udot - test.acceleration).max(axis=1)
@@ -261,12 +290,12 @@ def _findings(
     caller: Caller, finite: NDArray[np.bool_], drawn: States, motors: list[str]
 ) -> tuple[Finding, ...]:
     found: list[Finding] = []
-    if caller.mutates:
+    if caller.overwrites:
         found.append(
             Finding(
                 "writes-to-input",
                 "the function writes into the arrays that it is given",
-                "it was handed copies here; a solver would be disturbed",
+                f"for example {caller.overwrites}; it was handed copies here; a solver would be disturbed",
                 "Copy q and u before changing them",
                 "doubt",
             )
@@ -313,7 +342,8 @@ def _other_coordinates(
             continue
         try:
             kane = Kane(model.mechanism, given)
-            states = draw(kane, natural_scales(kane), count=min(count, 16), seed=seed)
+            scales = natural_scales(kane)
+            states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
             relative = test.relative(Caller(equations.rhs, equations.name)(states))
         except InputError:

@@ -26,6 +26,10 @@ WORTH = 0.01
 """A simple state must show at least this share of the worst failure, or it would not convince."""
 
 
+CLOSE = 1e-6
+"""Accelerations that differ by less than this (relative) are shown only where nothing differs more."""
+
+
 @dataclass(frozen=True, eq=False)
 class Example:
     """A state at which the equations fail, most of it zero.
@@ -45,10 +49,14 @@ class Example:
         moved = {name: x for name, x in self.state.items() if x != 0.0}
         where = ", ".join(f"{name} = {x:.6g}" for name, x in moved.items())
         where = f"{where}, all else zero" if moved else "the zero state"
+        rounding = 1e-12 * max(map(abs, (*self.given.values(), *self.right.values())))
+        off = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
+        worst = max(off, key=lambda n: off[n])
         lines = [
-            f"u̇.{name}: the equations give {self.given[name]:.6g}, the model {self.right[name]:.6g}"
-            for name in self.given
-            if not np.isclose(self.given[name], self.right[name], rtol=1e-6, atol=1e-12)
+            f"u̇.{n}: the equations give {_told(self.given[n], off[n])}, the model "
+            f"{_told(self.right[n], off[n])}"
+            for n in off
+            if n == worst or off[n] > CLOSE
         ]
         return f"At {where}: " + "; ".join(lines)
 
@@ -61,6 +69,17 @@ class Example:
             "equation": self.speed,
             "relative": self.relative,
         }
+
+
+def _difference(a: float, b: float, rounding: float) -> float:
+    """How far two numbers differ, relative to the larger; 0 for what rounding leaves of zero."""
+    return 0.0 if abs(a - b) <= rounding else abs(a - b) / max(abs(a), abs(b))
+
+
+def _told(value: float, difference: float) -> str:
+    """A number with the digits that show a relative difference, six at least."""
+    digits = 6 if difference <= 0.0 else int(np.clip(np.ceil(-np.log10(difference)) + 2, 6, 17))
+    return f"{value:.{digits}g}"
 
 
 def simplest_failure(

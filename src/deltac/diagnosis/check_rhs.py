@@ -40,13 +40,13 @@ class Caller:
     """A function u̇ = rhs(t, q, u), called with care.
 
     `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
-    known yet). `mutates` tells that it wrote into the arrays it was given (it was given copies).
+    known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
     """
 
     rhs: Callable[..., Any]
     name: str
     vectorised: bool | None = None
-    mutates: bool = False
+    overwrites: str = ""
 
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.
@@ -103,10 +103,8 @@ class Caller:
             raise InputError(
                 f"{self.name} raised {type(error).__name__}: {error}{where}. State: {_state(states, k)}"
             ) from error
-        if not (
-            np.array_equal(given_q, states.q[:, k]) and np.array_equal(given_u, states.u[:, k])
-        ):
-            self.mutates = True
+        if not self.overwrites:
+            self.overwrites = _written(states, k, given_q, given_u)
         return self._accelerations(found, states, k)
 
     def _accelerations(self, found: Any, states: States, k: int) -> Array:
@@ -138,16 +136,24 @@ class Caller:
         return real
 
 
-def noise(caller: Caller, test: EquationTest, scales: Array) -> Array:
+def _written(states: States, k: int, q: Array, u: Array) -> str:
+    """The first number that a call changed in its arguments: "q.pivot from 1.2 to 0"; empty for none."""
+    pairs = [(f"q.{n}", a, b) for n, a, b in zip(states.coordinates, states.q[:, k], q)]
+    pairs += [(f"u.{n}", a, b) for n, a, b in zip(states.speeds, states.u[:, k], u)]
+    return next((f"{n} from {a:.4g} to {b:.4g}" for n, a, b in pairs if a != b), "")
+
+
+def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Array:
     """How rough the residual is in the last digits that can be trusted (n,), N or N·m.
 
     Along short lines through some states a smooth function's differences of high order vanish; what is
     left is rounding, of double or single precision, or of derivatives by differences (Hamming;
     Moré and Wild, "Estimating computational noise", SIAM J. Sci. Comput. 33 (2011) 1292-1314). `scales`
-    (n,) are natural speeds. The median over the states leaves out those with a kink on the line.
+    (n,) are natural speeds. The median over the states leaves out those with a kink on the line; they
+    are taken from the first `among`, for slow slip bends within a short line.
     """
     states, kane = test.states, test.kane
-    some = states.take(np.unique(np.linspace(0, len(states) - 1, SAMPLED).astype(int)))
+    some = states.take(np.unique(np.linspace(0, among - 1, SAMPLED).astype(int)))
     rng = np.random.default_rng(1)
     count = len(some)
     shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)

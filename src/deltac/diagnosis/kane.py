@@ -22,6 +22,7 @@ from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 
 Array: TypeAlias = NDArray[np.float64]
@@ -93,6 +94,11 @@ class Kane:
         if self.coordinates is not None:
             return self.coordinates.speeds
         return tuple(self.mechanism.speeds[int(k)].name for k in self.mechanism.free.u)
+
+    @cached_property
+    def quaternions(self) -> list[slice]:
+        """Places of unit quaternions among the free coordinates."""
+        return quaternions(self.mechanism)
 
     # --- functions of states -------------------------------------------------------------------
 
@@ -170,6 +176,18 @@ class Kane:
         """W (B, nq, n) of q̇ = W u."""
         n = len(self.system.free_u)
         return matrices(evaluate(self._rates, q)[0], len(q), n)
+
+
+def quaternions(mechanism: Mechanism) -> list[slice]:
+    """Places of unit quaternions among the free coordinates."""
+    place = {int(index): k for k, index in enumerate(mechanism.free.q)}
+    found = []
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = place[mechanism.coordinates.of(joint.name).start + offset]
+            found.append(slice(start, start + 4))
+    return found
 
 
 def evaluate(function: Any, *columns: Array) -> list[Array]:

@@ -51,7 +51,7 @@ class Blame:
 
     def __str__(self) -> str:
         said = [
-            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms"
+            f"equation {self.number} ({self.speed}) is off by {_share(self.relative)} of its terms"
         ]
         if self.degrees:
             said.append(
@@ -89,6 +89,11 @@ class Blame:
         }
 
 
+def _share(relative: float) -> str:
+    """A share in per cent; as a fraction where per cent would need an exponent."""
+    return percent(relative) if relative >= 1e-6 else f"{relative:.1e}"
+
+
 _POWERS: dict[tuple[int, ...], str] = {
     (0,): "independent of the rates",
     (1,): "linear in the rates",
@@ -102,7 +107,7 @@ def _listed(degrees: tuple[int, ...]) -> str:
 
 def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
-    good = np.isfinite(udot).all(axis=0)
+    good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     relative = test.relative(udot)[:, good].max(axis=1, initial=0.0)
     residual, wrong = test.residual(udot)[:, good], (udot - test.acceleration)[:, good]
     rows = [int(k) for k in np.argsort(-relative) if relative[k] > limit[k]]
@@ -110,8 +115,9 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
         return ()
     typical = test.typical(udot)
     tied = bool(test.kane.rows.names) and bool(len(test.gamma))
-    degrees = _degrees(caller, test, typical, limit)
-    depends = None if tied else _dependence(caller, test, typical, limit)
+    base = _bases(test, residual / typical[:, None], good)
+    degrees = _degrees(caller, test, base, typical, limit)
+    depends = None if tied else _dependence(caller, test, base, typical, limit)
     units, rates = _units(test)
     made = []
     for k in rows:
@@ -149,11 +155,18 @@ def _varied(test: EquationTest, caller: Caller, states: States) -> Array:
     return there.residual(caller(states))
 
 
+def _bases(test: EquationTest, relative: Array, good: NDArray[np.bool_]) -> States:
+    """The first states and those that fail worst: an error may show at a few only, as of slow slip."""
+    first = np.arange(min(BASES // 2, len(test.states)))
+    worst = np.flatnonzero(good)[np.argsort(-np.abs(relative).max(axis=0), kind="stable")]
+    rest = worst[~np.isin(worst, first)]
+    return test.states.take(np.concatenate([first, rest[: BASES - len(first)]]))
+
+
 def _degrees(
-    caller: Caller, test: EquationTest, typical: Array, limit: Array
+    caller: Caller, test: EquationTest, base: States, typical: Array, limit: Array
 ) -> list[tuple[int, ...] | None]:
     """Powers of the rates in each equation's residual: all speeds are scaled together."""
-    base = test.states.take(slice(0, BASES))
     count, times = len(base), len(SCALINGS)
     states = States(
         np.tile(base.t, times),
@@ -175,10 +188,9 @@ def _degrees(
 
 
 def _dependence(
-    caller: Caller, test: EquationTest, typical: Array, limit: Array
+    caller: Caller, test: EquationTest, base: States, typical: Array, limit: Array
 ) -> list[tuple[str, ...]]:
     """What each equation's residual changes with: one variable at a time is taken from another state."""
-    base = test.states.take(slice(0, BASES))
     variables = _variables(test)
     t, q, u = [base.t], [base.q], [base.u]
     for _, kind, where in variables:

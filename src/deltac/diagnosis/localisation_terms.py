@@ -75,7 +75,15 @@ class Match:
         for factor, words in FACTORS.items():
             if abs(self.factor - factor) < 1e-5:
                 return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
-        return f"{part} enters with the factor {self.factor:.6g}"
+        return f"{part} enters with the factor {_factor(self.factor)}"
+
+
+def _factor(factor: float) -> str:
+    """A factor; one that six digits do not tell from 1 by what it differs: "1 + 1.0e-07"."""
+    more = factor - 1.0
+    if abs(more) >= 1e-4:
+        return f"{factor:.6g}"
+    return f"1 {'-' if more < 0.0 else '+'} {abs(more):.1e}"
 
 
 def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:

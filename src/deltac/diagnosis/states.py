@@ -9,10 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.kane import Kane, Terms, multiplier_map, times
+from deltac.diagnosis.kane import Kane, Terms, multiplier_map, quaternions, times
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -163,7 +162,7 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
             "the coordinate map is not linear with as many coordinates, so its inverse is unknown; give it "
             "inverse="
         )
-    own_u, _ = _own_speeds(kane, t, own_q, u)
+    own_u, _ = own_speeds(kane, t, own_q, u)
     return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
 
 
@@ -212,22 +211,10 @@ def _any_coordinates(
     entries = [mechanism.coordinates[int(k)] for k in mechanism.free.q]
     reach = np.array([length if entry.unit == "m" else np.pi for entry in entries])
     q = reach[:, None] * rng.uniform(-1.0, 1.0, (len(entries), count))
-    for place in _quaternions(mechanism):
+    for place in quaternions(mechanism):
         turn = rng.standard_normal((4, count))
         q[place] = turn / np.linalg.norm(turn, axis=0)
     return q
-
-
-def _quaternions(mechanism: Mechanism) -> list[slice]:
-    """Places of unit quaternions among the free coordinates."""
-    place = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    found = []
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = place[mechanism.coordinates.of(joint.name).start + offset]
-            found.append(slice(start, start + 4))
-    return found
 
 
 def _draw_once(
@@ -253,12 +240,12 @@ def _draw_once(
             moved = kane.own_coordinates(t, q)
             assert moved is not None
             own_q = moved
-        own_u, regular = _own_speeds(kane, t, own_q, u)
+        own_u, regular = own_speeds(kane, t, own_q, u)
         good = regular & admissible(kane, scales, t, own_q, own_u)
     return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names).take(good)
 
 
-def _own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDArray[np.bool_]]:
+def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Own speeds (p, B) whose motion is nearest to `u`, and where the map is regular."""
     if kane.own is None:
         return u, np.ones(u.shape[1], dtype=bool)
@@ -308,7 +295,6 @@ def _regular(M: Array) -> NDArray[np.bool_]:
 
 def onto_positions(kane: Kane, t: Array, q: Array) -> Array:
     """Coordinates moved onto φ = 0 by Newton steps, least in the mass metric; some may not arrive."""
-    quaternions = _quaternions(kane.mechanism)
     holonomic = np.array(kane.rows.holonomic, dtype=bool)
     if not holonomic.any():
         return q
@@ -319,7 +305,7 @@ def onto_positions(kane: Kane, t: Array, q: Array) -> Array:
         if np.nan_to_num(np.abs(phi)).max() < 1e-14:
             break
         q = q + times(kane.rates(q), _least(terms, holonomic, -phi))
-        for place in quaternions:
+        for place in kane.quaternions:
             q[place] /= np.linalg.norm(q[place], axis=0)
     return q
 

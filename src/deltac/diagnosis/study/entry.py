@@ -8,6 +8,7 @@ from typing import Any
 
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import Model, load_model
+from deltac.diagnosis.study.by_hand import carefully
 from deltac.diagnosis.study.measuring import studied
 from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.runs import (
@@ -184,6 +185,8 @@ def _own(
         raise InputError(
             f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
         )
+    if equations is not None:
+        equations = carefully(equations, mechanism, state)
     found = find_solver(solver)
     if adaptive and found.takes_steps:
         raise InputError(

@@ -20,7 +20,7 @@ from deltac.diagnosis.study.curves import scaled_start
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import SimulationStopped
+from deltac.simulation import SimulationStopped, StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -54,6 +54,7 @@ class StudyRun:
         blown_up: the integration became unstable; `run` are the rows before that.
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
+        stiff: why the step is far too large for friction or contact, or "".
     """
 
     step: float
@@ -65,6 +66,7 @@ class StudyRun:
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
+    stiff: str = ""
 
     @property
     def usable(self) -> bool:
@@ -141,9 +143,7 @@ def _simulated(
 ) -> StudyRun:
     stopped = ""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SimulationStopped)
-            run = simulator(step)
+        run, stiff = _quietly(simulator, step)
     except KeyboardInterrupt:
         raise
     except DeltacError as error:
@@ -182,7 +182,23 @@ def _simulated(
                 "doubt",
             )
         )
-    return replace(made, findings=tuple(findings))
+    return replace(made, findings=tuple(findings), stiff=stiff)
+
+
+def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
+    """The run, and what was warned of its step: the study says that once. Other warnings go on."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = simulator(step)
+    stiff = ""
+    for warning in caught:
+        if issubclass(warning.category, StiffStep):
+            stiff = str(warning.message)
+        elif not issubclass(warning.category, SimulationStopped):
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )
+    return run, stiff
 
 
 def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool) -> StudyRun:
@@ -356,6 +372,15 @@ def _same(a: Trajectory, b: Trajectory) -> bool:
 
 
 def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
+    stiff = [entry for entry in runs if entry.stiff]
+    if stiff:
+        yield Finding(
+            "stiff-step",
+            f"{'the step' if len(stiff) == 1 else 'steps'} {', '.join(f'{r.step:g}' for r in stiff)} s "
+            f"{'is' if len(stiff) == 1 else 'are'} too large for friction or contact",
+            stiff[-1].stiff.rstrip("."),
+            "What converges at such steps says little of the motion",
+        )
     for entry in runs:
         yield from entry.findings
         if entry.failure:

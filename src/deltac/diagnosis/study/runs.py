@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.findings import Finding
-from deltac.diagnosis.logs import Log, held_between_rows, read_log
+from deltac.diagnosis.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.resolution import EPS, resolution
 from deltac.diagnosis.study.blow_up import before_blow_up
 from deltac.diagnosis.study.curves import scaled_start
@@ -97,8 +97,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
-            f"{', '.join(f'{x:g}' for x in dropped)} hardly differs from the {what} before it and was left "
-            "out",
+            f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
             f"given: {', '.join(f'{x:g}' for x in values)}",
             "Let each be half of the one before",
         )
@@ -160,7 +159,7 @@ def _simulated(
         )
     if not run.provenance.completed:
         stopped = run.provenance.message or "it stopped before its end"
-    made = _balanced(mechanism, run, step, trusted=trusted)
+    made = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
     told = run.provenance.step
     findings = list(made.findings)
     if stopped:
@@ -201,17 +200,24 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
     return run, stiff
 
 
-def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool) -> StudyRun:
+def _balanced(
+    mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool, simulated: bool = False
+) -> StudyRun:
     run = before_blow_up(given)
     if len(run) < LEAST_ROWS:
-        what = "the run has" if run is given else "the run blows up at once: it has"
+        few = f"{len(run)} rows; a balance needs {LEAST_ROWS} or more"
+        if run is given:
+            return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
-            step, failure=f"{what} {len(run)} rows; a balance needs {LEAST_ROWS} or more"
+            step,
+            failure=f"the run blows up at once: before that it has {few}. Take smaller steps, or an implicit "
+            "method",
         )
     try:
         log = read_log(mechanism, run, None, None)
     except InputError as error:
-        return StudyRun(step, failure=str(error))
+        told = _absurd(run) if simulated else ""
+        return StudyRun(step, failure=told or str(error))
     ledger = log.ledger
     left = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
@@ -228,6 +234,17 @@ def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: 
     return StudyRun(
         step, log.run, ledger, left, bars, momentum_bars, run is not given, findings=findings
     )
+
+
+def _absurd(run: Trajectory) -> str:
+    """A run that was just made is no damaged file: numbers beyond all bounds are a blow-up. "" for none."""
+    for what, values in (("coordinates", run.q), ("speeds", run.u), ("accelerations", run.udot)):
+        if values is not None and float(np.abs(values).max(initial=0.0)) > LARGEST:
+            return (
+                f"the run blows up: {what} reach {np.abs(values).max():.2g}. Take smaller steps, or an "
+                "implicit method"
+            )
+    return ""
 
 
 def _blown_up(given: Trajectory, run: Trajectory, step: float) -> Finding:
@@ -381,8 +398,14 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
             stiff[-1].stiff.rstrip("."),
             "What converges at such steps says little of the motion",
         )
+    stopped = [(entry, f) for entry in runs for f in entry.findings if f.kind == "stopped"]
+    if len(stopped) > 1:
+        yield replace(
+            stopped[-1][1],
+            what="; ".join(f.what for _, f in stopped),
+        )
     for entry in runs:
-        yield from entry.findings
+        yield from (f for f in entry.findings if f.kind != "stopped" or len(stopped) == 1)
         if entry.failure:
             yield Finding(
                 "run-failed",

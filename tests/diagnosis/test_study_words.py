@@ -74,7 +74,7 @@ def test_a_line_is_drawn_through_the_points_it_was_fitted_to() -> None:
     legend = panel.get_legend()
     assert legend is not None
     figure = panel.figure
-    figure.canvas.draw()  # type: ignore[union-attr]
+    figure.canvas.draw()
     assert not legend.get_window_extent().overlaps(panel.get_window_extent())
 
 

@@ -15,12 +15,14 @@ from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import Model
 from deltac.diagnosis.resolution import EPS
 from deltac.diagnosis.study import noticed
+from deltac.diagnosis.study.comparable import disagreements
 from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare
+from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.study.residuals import residuals_of
 from deltac.diagnosis.study.result import Study
-from deltac.diagnosis.study.rules import StudyMeasures, judge_study
-from deltac.diagnosis.study.runs import StudyRun, disagreements, unblinded
+from deltac.diagnosis.study.rules import judge_study
+from deltac.diagnosis.study.runs import StudyRun, unblinded
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation import Equations
 from deltac.trajectories import Trajectory

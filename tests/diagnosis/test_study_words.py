@@ -57,6 +57,10 @@ def test_the_order_of_delta_c_is_that_of_its_maxima() -> None:
     assert wang.order == pytest.approx(by_hand[-1], abs=0.06)  # neighbours within 0.1 are averaged
     assert wang.order == pytest.approx(4.0, abs=0.15)
     assert wang.order_error is not None and wang.order_error < 1.0
+    from deltac.report import study_figure
+
+    labels = study_figure("", found).axes[0].get_legend_handles_labels()[1]
+    assert "the same, at times that all steps share" in labels  # these motions do not part
 
 
 @pytest.mark.filterwarnings("error")

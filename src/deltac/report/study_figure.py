@@ -58,7 +58,9 @@ def _over_steps(panel: Axes, study: Study) -> None:
             color=ENERGY,
             markerfacecolor="none",
             markersize=9,
-            label="the same, before the motions part",
+            label="the same, before the motions part"
+            if study.horizon < study.comparison.t[-1]
+            else "the same, at times that all steps share",
         )
     _line(panel, common, fitted, energy, ENERGY)
     sizes = np.asarray(state.sizes)

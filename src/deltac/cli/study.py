@@ -89,11 +89,11 @@ def command(
     raise typer.Exit(found.status)
 
 
-def _numbers(text: str | None, option: str) -> tuple[float, ...]:
+def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
     from deltac.errors import InputError
 
     if text is None:
-        return ()
+        return None
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:

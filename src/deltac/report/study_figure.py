@@ -21,14 +21,18 @@ DECADES = 1e-6
 """What is smaller than this share of the finest run's largest |ΔC| is drawn there."""
 
 
+SEEN = 0.02
+"""Points of one step that differ by more than this are drawn as two."""
+
+
 def study_figure(title: str, study: Study) -> Figure:
     """Largest |ΔC| (J) and state difference (of the range) over the step, log-log; |ΔC|(t) at each step.
 
     The line has the observed order; where ΔC tends to a limit, the limit is drawn with its uncertainty.
     """
     with styled():
-        figure = _figure(7.6, 7.4, title)
-        grid = figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0], hspace=0.38)
+        figure = _figure(9.6, 7.4, title)
+        grid = figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0], hspace=0.38, right=0.7)
         _over_steps(figure.add_subplot(grid[0]), study)
         _over_time(figure.add_subplot(grid[1]), study)
         for panel in figure.axes:
@@ -44,7 +48,21 @@ def _over_steps(panel: Axes, study: Study) -> None:
         h, np.maximum(left, tiny), "o", color=ENERGY, markersize=6, label="largest |ΔC| (J)"
     )
     energy, state = study.observed_order[study.function], study.observed_order["state"]
-    _line(panel, h, left, energy, ENERGY)
+    fitted = np.asarray(energy.sizes)
+    common = h[len(h) - len(fitted) :]
+    if (np.abs(fitted - left[len(h) - len(fitted) :]) > SEEN * fitted).any():
+        panel.loglog(
+            common,
+            np.maximum(fitted, tiny),
+            "o",
+            color=ENERGY,
+            markerfacecolor="none",
+            markersize=9,
+            label="the same, before the motions part"
+            if study.horizon < study.comparison.t[-1]
+            else "the same, at times that all steps share",
+        )
+    _line(panel, common, fitted, energy, ENERGY)
     sizes = np.asarray(state.sizes)
     if len(sizes) and (sizes > 0.0).any():
         shown = h[len(h) - len(sizes) - 1 : -1]
@@ -78,11 +96,14 @@ def _over_steps(panel: Axes, study: Study) -> None:
     panel.set_xlim(h[-1] / 1.5, h[0] * 1.5)
     panel.set_xticks(h, [f"{x:g}" for x in h])
     panel.minorticks_off()
-    panel.legend(loc="best", fontsize=7.5, frameon=True, framealpha=0.85, edgecolor="none")
+    # Beside the axes: nothing there can be covered.
+    panel.legend(
+        loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=7.5, frameon=False, borderaxespad=0.0
+    )
 
 
 def _line(panel: Axes, h: np.ndarray, sizes: np.ndarray, found: Convergence, colour: str) -> None:
-    """The observed order through the finest point that gave it."""
+    """The observed order through the finest of the points that gave it; `sizes` are what it was fitted to."""
     if found.order is None or not found.steps or found.trend == "does not settle":
         return
     near = [int(np.argmin(np.abs(h - step))) for step in found.steps]

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from deltac.errors import InputError
 
 Array: TypeAlias = NDArray[np.float64]
-Trend = Literal["falls to zero", "tends to a limit", "at its floor", "does not settle", "one run"]
+Trend = Literal[
+    "falls to zero", "tends to a limit", "at its floor", "does not settle", "one run", "two runs"
+]
 
 CLEAR = 4.0
 """A curve, or a difference of two, counts from so many floors (rounding, quadrature) on."""
@@ -42,11 +44,17 @@ AGREE = 0.1
 UNVERIFIED = 0.05
 """Share of an order by which it may be off where no neighbouring steps confirm it: terms of higher order."""
 
+NOTABLE_END = 0.1
+"""An end value of so large a share of the maximum has an order of its own; smaller ones are of chance."""
+
 VAGUE = 0.5
 """An order whose error is a larger share of it is none."""
 
 EARLY = 8
 """The first so many parts of the time tell truncation from rounding, before either is amplified."""
+
+BY_MAXIMUM = 1
+"""Place of the maximum's order among the estimates of a pair of curves."""
 
 WINDOWS = 3
 """Parts of the time in which the order is estimated as well."""
@@ -60,10 +68,12 @@ class Convergence:
 
     Attributes:
         trend: "falls to zero"; "tends to a limit" that is not zero; "at its floor": no more than rounding
-            and quadrature at every step; "does not settle"; "one run".
+            and quadrature at every step; "does not settle": what is there falls at no order; "one run"; "two
+            runs": too few for what tends to a limit that is not known.
         order: observed order r; None where it cannot be told.
-        order_error: half of the spread of its estimates: by maximum, mean square, parts of the time, and
-            neighbouring steps.
+        order_error: half of the spread of its estimates: by maximum, mean square, parts of the time, the
+            end value where it is not small, and neighbouring steps. Of curves that fall to zero the order
+            itself is that of the maximum.
         limit: largest |L(t)|, extrapolated to h = 0, in the unit of the quantity.
         limit_error: its uncertainty.
         steps: of the runs that gave the order, coarsest first.
@@ -162,10 +172,12 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         return Convergence(trend, limit=limit, limit_error=limit_error)
     well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
     last, estimates = (well_clear or pairs)[-1]
-    order, error = _with_neighbours(last, estimates, pairs)
     falling = float(np.median(pairs[-1][1])) >= LEAST_ORDER
-    certain = error <= max(VAGUE * abs(order), 1.0)
     ends = np.abs(y[last : last + 2, -1])
+    if (ends > NOTABLE_END * sizes[last : last + 2]).all():
+        estimates = [*estimates, _pair_order(h[last : last + 2], ends)]
+    order, error = _with_neighbours(last, estimates, pairs, of_maximum=True)
+    certain = falling and order > 0.0 and error <= max(VAGUE * order, 1.0)
     return Convergence(
         "falls to zero" if falling else "does not settle",
         order if certain else None,
@@ -202,15 +214,16 @@ def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array)
                 triples.append((i, found))
     if not triples:
         if clear[-1]:
-            return Convergence("does not settle" if len(h) > 2 else "one run")
+            return Convergence("does not settle" if len(h) > 2 else "two runs")
         return Convergence("at its floor", limit_error=float(floors.min()))
     first, estimates = triples[-1]
     order, error = _with_neighbours(first, estimates, triples)
     trend: Trend = "tends to a limit" if order >= LEAST_ORDER else "does not settle"
+    settles = trend == "tends to a limit"
     return Convergence(
         trend,
-        order,
-        error,
+        order if settles else None,
+        error if settles else None,
         steps=tuple(float(s) for s in h[first : first + 3]),
         alike=_cosine(steps[first], steps[first + 1]),
     )
@@ -320,8 +333,11 @@ def _richardson_order(h: Array, ratio: float) -> float | None:
     return round(0.5 * (low + high), 12)
 
 
-def _centre(estimates: Sequence[float]) -> tuple[float, float]:
-    """Median and half of the spread; of what is not finite there is no spread."""
+def _centre(estimates: Sequence[float], *, of_maximum: bool = False) -> tuple[float, float]:
+    """Median, or the order of the maximum, and half of the spread; of what is not finite there is none."""
+    if of_maximum and math.isfinite(estimates[BY_MAXIMUM]):
+        _, spread = _centre(estimates)
+        return round(estimates[BY_MAXIMUM], 12), spread
     finite = [x for x in estimates if math.isfinite(x)]
     if len(finite) < len(estimates):
         return round(float(np.median(finite or [0.0])), 12), math.inf
@@ -329,11 +345,15 @@ def _centre(estimates: Sequence[float]) -> tuple[float, float]:
 
 
 def _with_neighbours(
-    chosen: int, estimates: Sequence[float], found: Sequence[tuple[int, list[float]]]
+    chosen: int,
+    estimates: Sequence[float],
+    found: Sequence[tuple[int, list[float]]],
+    *,
+    of_maximum: bool = False,
 ) -> tuple[float, float]:
     """Order and error with what the next coarser steps say: their mean where they agree."""
-    order, error = _centre(estimates)
-    coarser = [float(np.median(e)) for i, e in found if i == chosen - 1]
+    order, error = _centre(estimates, of_maximum=of_maximum)
+    coarser = [_centre(e, of_maximum=of_maximum)[0] for i, e in found if i == chosen - 1]
     if not coarser:
         error = max(error, UNVERIFIED * abs(order))
     for other in coarser:

@@ -8,6 +8,7 @@ from typing import Any
 
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import Model, load_model
+from deltac.diagnosis.study.by_hand import carefully
 from deltac.diagnosis.study.measuring import studied
 from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.runs import (
@@ -40,14 +41,14 @@ def study(
     model: Any,
     state: State | Any = None,
     duration: float | None = None,
-    steps: Sequence[float] = (),
+    steps: Sequence[float] | None = None,
     solver: str = "",
     equations: Equations | Callable[..., Any] | None = None,
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
     simulator: Simulator | None = None,
     logs: Sequence[Any] = (),
-    tolerances: Sequence[float] = (),
+    tolerances: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     order: int | None = None,
     controller: Controller | None = None,
@@ -92,7 +93,8 @@ def study(
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)
     if logs:
-        if simulator is not None or steps or tolerances or solver:
+        given = simulator is not None or steps is not None or tolerances is not None
+        if given or solver:
             raise InputError(
                 "logs= are runs already: leave out steps, tolerances, solver and simulator"
             )
@@ -100,10 +102,13 @@ def study(
         maker = _of_logs(runs, order)
         findings: list[Finding] = []
     else:
-        if tolerances and steps:
+        if tolerances is not None and steps is not None:
             raise InputError("give steps= or tolerances=, not both")
-        wanted = tolerances or steps or _default_steps(loaded)
-        values, findings = checked_steps(wanted, "tolerance" if tolerances else "step")
+        adaptive = tolerances is not None
+        wanted = tolerances if steps is None else steps
+        if wanted is None:
+            wanted = _default_steps(loaded)
+        values, findings = checked_steps(wanted, "tolerance" if adaptive else "step")
         if simulator is not None:
             if solver or equations is not None or controller is not None:
                 raise InputError(
@@ -113,7 +118,7 @@ def study(
         else:
             state = loaded.problem.state if state is None and loaded.problem else state
             duration = _duration(loaded, duration)
-            solver = solver or ("DOP853" if tolerances else _default_solver(loaded))
+            solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
             if solver.startswith(MUJOCO):
                 if equations is not None or controller is not None:
                     raise InputError(
@@ -136,7 +141,7 @@ def study(
                     controller,
                     stabilisation,
                     order,
-                    adaptive=bool(tolerances),
+                    adaptive=adaptive,
                 )
         runs = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=maker.own)
     _some(runs)
@@ -149,7 +154,7 @@ def study(
         findings,
         float(tolerance),
         own_solver=maker.own,
-        unit="" if tolerances else "s",
+        unit="" if tolerances is not None else "s",
     )
 
 
@@ -184,6 +189,8 @@ def _own(
         raise InputError(
             f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
         )
+    if equations is not None:
+        equations = carefully(equations, mechanism, state)
     found = find_solver(solver)
     if adaptive and found.takes_steps:
         raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -14,17 +15,22 @@ from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.models import Model
 from deltac.diagnosis.resolution import EPS
 from deltac.diagnosis.study import noticed
+from deltac.diagnosis.study.comparable import disagreements
 from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare
+from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.study.residuals import residuals_of
 from deltac.diagnosis.study.result import Study
-from deltac.diagnosis.study.rules import StudyMeasures, judge_study
-from deltac.diagnosis.study.runs import StudyRun, disagreements, unblinded
+from deltac.diagnosis.study.rules import judge_study
+from deltac.diagnosis.study.runs import StudyRun, unblinded
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
+
+NOISE = 1e-10
+"""Share of the turnover below which a ΔC that does not fall is what equations solved by iteration leave."""
 
 
 def studied(
@@ -52,10 +58,14 @@ def studied(
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
     functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    energy = {n: _energy(kept, compared, first, steps, n) for n in functions}
+    turnover = kept[-1].ledger.turnover if kept[-1].ledger else 0.0
+    energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
+    over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
     momentum = _momentum(mechanism, kept, compared, first, steps)
     trusted = own_solver and equations is None
+    if trusted and kept[-1].blown_up:  # what is left before that is no motion to have an order
+        energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
     residuals = None
     if not trusted:
         by_step = [(entry.step, _run(entry)) for entry in kept]
@@ -100,6 +110,7 @@ def studied(
         unit=unit,
         constrained=bool(mechanism.constraints),
         blown_up=finest.blown_up,
+        until=None if over_all or compared.horizon >= compared.t[-1] else compared.horizon,
         findings=tuple(ranked),
     )
     return Study(
@@ -136,12 +147,31 @@ def _energy(
     curves = [(entry.left_over or {})[name] for entry in kept]
     bars = [(entry.bar or {})[name] for entry in kept]
     within = compared.within
-    if within < FEWEST or first > len(kept) - 2:  # maxima are all there is to compare
+    if _over_all(kept, compared, first):
         y = np.array([[float(np.abs(c).max())] for c in curves])
         return towards_zero(steps, y, np.array([float(b.max()) for b in bars]))
     y = compared.sampled(curves)[first:, :within]
     floors = compared.sampled(bars)[first:, :within].max(axis=1)
     return towards_zero(steps[first:], y, floors)
+
+
+def _over_all(kept: Sequence[StudyRun], compared: Comparison, first: int) -> bool:
+    """Whether maxima of all of the time are all there is to compare."""
+    return compared.within < FEWEST or first > len(kept) - 2
+
+
+def _kept(found: Convergence, scale: float) -> Convergence:
+    """Without an order where energy is kept at every step: what is left is the noise of the solver."""
+    if found.trend == "does not settle" and max(found.sizes) <= NOISE * scale:
+        return replace(found, trend="at its floor", order=None, order_error=None, end_order=None)
+    return found
+
+
+def _none(found: Convergence) -> Convergence:
+    """The same without an order."""
+    return replace(
+        found, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
+    )
 
 
 def _state(

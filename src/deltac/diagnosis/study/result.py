@@ -12,8 +12,8 @@ import numpy as np
 from deltac.diagnosis.findings import Finding
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import Comparison
+from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.study.residuals import Residuals
-from deltac.diagnosis.study.rules import StudyMeasures
 from deltac.diagnosis.study.runs import StudyRun
 from deltac.diagnosis.verdict import Verdict
 from deltac.mechanism.mechanism import Mechanism

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
-from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.findings import percent
 from deltac.diagnosis.judgement import BEYOND, DOMINATES, IDLE, NOTHING
-from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.residuals import Residuals
+from deltac.diagnosis.study.convergence import order_text
+from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 
 BELOW = 0.6
@@ -42,61 +41,6 @@ BLOCKING = (
 """Findings that explain why ΔC may stay at a value though the equations are right."""
 
 
-@dataclass(frozen=True)
-class StudyMeasures:
-    """Numbers (J) that the verdict of a study rests on.
-
-    steps      of the runs compared, coarsest first; `unit` is "s", or "" for tolerances
-    left       largest |ΔC| of each, corrections included; bars: what else than the motion explains of it
-    turnover   of the finest; scale: that and the energies themselves; kinetic: the largest K
-    energy     how ΔC converges; state: how the motion does; momentum: of each momentum balance
-    residuals  of the equations of motion at the runs' own states, if they have accelerations
-    trusted    the motion was made with the model's own dynamics, which are those of the test
-    nominal    order of the solver, if known
-    tolerance  accepted share of the turnover
-    quadrature the error bar comes of samples, and not of rounding alone
-    constrained  the model has constraints; blown_up: the finest run became unstable
-    """
-
-    steps: tuple[float, ...]
-    left: tuple[float, ...]
-    bars: tuple[float, ...]
-    turnover: float
-    scale: float
-    kinetic: float
-    energy: Convergence
-    state: Convergence
-    momentum: dict[str, Convergence]
-    residuals: Residuals | None
-    trusted: bool
-    nominal: int | None
-    tolerance: float
-    quadrature: bool
-    unit: str = "s"
-    constrained: bool = False
-    blown_up: bool = False
-    findings: tuple[Finding, ...] = field(default=())
-
-    @property
-    def allowed(self) -> float:
-        """The energy error that is accepted, J."""
-        return self.tolerance * self.turnover
-
-    @property
-    def below_rounding(self) -> bool:
-        """Whether so little energy is turned over that the tolerance asks for less than rounding."""
-        return self.bars[-1] > self.allowed and not self.quadrature
-
-    @property
-    def equations_right(self) -> bool:
-        """Whether the equations are known to be those of the model, whatever the integration did."""
-        return self.trusted or (self.residuals is not None and self.residuals.closes)
-
-    def has(self, *kinds: str) -> bool:
-        """Whether one of these was found."""
-        return any(f.kind in kinds for f in self.findings)
-
-
 def judge_study(m: StudyMeasures) -> Verdict:
     """The verdict on a study.
 
@@ -107,7 +51,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     base = tuple(sentence for sentence in (_energy(m), _state(m), _equations(m)) if sentence)
 
     def verdict(kind: Kind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
-        return Verdict(kind, confidence, (*base, *more), m.findings, LIMITS, meaning)
+        return Verdict(kind, confidence, (*base, *more), m.findings, _limits(m), meaning)
 
     def unresolved(why: str, *more: str) -> Verdict:
         return verdict("unresolved", "high", f"Cannot say, because {why}.", *more)
@@ -213,7 +157,23 @@ def _decisive(m: StudyMeasures) -> float:
 
 
 def _sure(m: StudyMeasures) -> Confidence:
-    return "high" if m.equations_right else "medium"
+    return "high" if m.equations_right and m.resolved else "medium"
+
+
+def _limits(m: StudyMeasures) -> tuple[str, ...]:
+    """What this study does not see; more where steps are few, or energy is kept whatever they are."""
+    more = []
+    if len(m.steps) < 3:
+        what = "nothing confirms the order" if m.steps[1:] else "how the error falls was not seen"
+        more.append(f"what a third step would show, for {_count(m)}: {what}")
+    floor = m.energy.trend == "at its floor" and not m.quadrature
+    if floor and m.state.trend == "tends to a limit":
+        order = "" if m.state.order is None else f", which falls at order {order_text(m.state)}"
+        more.append(
+            "the inaccuracy of this motion, for its energy is kept by construction: the finest two steps "
+            f"differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
+        )
+    return (*LIMITS, *more)
 
 
 # --- words ----------------------------------------------------------------------------------------
@@ -229,8 +189,22 @@ def _amount(m: StudyMeasures) -> str:
 
 
 def _falling(m: StudyMeasures) -> str:
-    order = "" if m.energy.order is None else f" at order {order_text(m.energy)}"
-    return f"The error is the integrator's; it falls{order or ', at no clear order'}; {_amount(m)}."
+    order = ", at no clear order" if m.energy.order is None else f" at order {order_text(m.energy)}"
+    if m.until is None:
+        amount = _amount(m)
+    else:
+        order += f" up to t = {m.until:.4g} s, where the motions part"
+        amount = (
+            f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
+            f"{m.turnover:.3g} J turned over in the whole run"
+        )
+    return f"The error is the integrator's; it falls{order}; {amount}.{_unresolved_motion(m)}"
+
+
+def _unresolved_motion(m: StudyMeasures) -> str:
+    if m.resolved or len(m.steps) < 3:
+        return ""
+    return " The steps do not resolve the motion: its runs do not come closer as they are refined."
 
 
 def _hidden(m: StudyMeasures) -> tuple[str, ...]:
@@ -276,6 +250,11 @@ def _unsettled(m: StudyMeasures) -> str:
 
 
 def _coarse(m: StudyMeasures) -> str:
+    if len(m.steps) < 3:
+        return (
+            f"The error is the integrator's, for the equations are right; {_amount(m)}. {_few(m)}: study "
+            "three steps, each half of the one before."
+        )
     return (
         f"The error is the integrator's: the equations are right, yet nothing converges at these steps; "
         f"{_amount(m)}. Take smaller ones."
@@ -320,14 +299,25 @@ def _energy(m: StudyMeasures) -> str:
     return text
 
 
+def _count(m: StudyMeasures) -> str:
+    return "only one step was compared" if len(m.steps) == 1 else "only two steps were compared"
+
+
+def _few(m: StudyMeasures) -> str:
+    """Why fewer than three steps say little."""
+    if len(m.steps) == 1:
+        return "With one step no order can be said"
+    return "With two steps no order can be confirmed"
+
+
 def _state(m: StudyMeasures) -> str:
     nominal = "" if m.nominal is None else f" (the solver's own is {m.nominal})"
     if m.state.order is not None:
         return f"The motion converges at order {order_text(m.state)}{nominal}"
     if m.state.trend == "at its floor":
         return "The motions at all steps agree to rounding"
-    if m.state.trend == "one run":
-        return ""
+    if len(m.steps) < 3:
+        return f"{_few(m)}{nominal}"
     return f"The motion does not converge at these steps{nominal}"
 
 
@@ -349,8 +339,7 @@ def _equations(m: StudyMeasures) -> str:
 
 def _why(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
-        count = "one step was" if len(m.steps) == 1 else "two steps were"
-        return f"{count} studied: what ΔC tends to shows from three on"
+        return f"{_count(m)}: what ΔC tends to shows from three on"
     if m.energy.trend == "at its floor":
         return (
             f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly more than the error bar of the work, "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.findings import Finding
-from deltac.diagnosis.logs import Log, held_between_rows, read_log
+from deltac.diagnosis.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.resolution import EPS, resolution
 from deltac.diagnosis.study.blow_up import before_blow_up
-from deltac.diagnosis.study.curves import scaled_start
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import SimulationStopped
+from deltac.simulation import SimulationStopped, StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -35,9 +34,6 @@ REFINES = 1.1
 
 DIGITS = 3.0
 """How many times farther than one random rounding moved it a quantity may be off."""
-
-SAME_START = 1e-6
-"""Scaled difference of two starts from which on they are starts of two motions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +50,7 @@ class StudyRun:
         blown_up: the integration became unstable; `run` are the rows before that.
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
+        stiff: why the step is far too large for friction or contact, or "".
     """
 
     step: float
@@ -65,6 +62,7 @@ class StudyRun:
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
+    stiff: str = ""
 
     @property
     def usable(self) -> bool:
@@ -95,8 +93,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
-            f"{', '.join(f'{x:g}' for x in dropped)} hardly differs from the {what} before it and was left "
-            "out",
+            f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
             f"given: {', '.join(f'{x:g}' for x in values)}",
             "Let each be half of the one before",
         )
@@ -141,9 +138,7 @@ def _simulated(
 ) -> StudyRun:
     stopped = ""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SimulationStopped)
-            run = simulator(step)
+        run, stiff = _quietly(simulator, step)
     except KeyboardInterrupt:
         raise
     except DeltacError as error:
@@ -160,7 +155,7 @@ def _simulated(
         )
     if not run.provenance.completed:
         stopped = run.provenance.message or "it stopped before its end"
-    made = _balanced(mechanism, run, step, trusted=trusted)
+    made = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
     told = run.provenance.step
     findings = list(made.findings)
     if stopped:
@@ -182,20 +177,43 @@ def _simulated(
                 "doubt",
             )
         )
-    return replace(made, findings=tuple(findings))
+    return replace(made, findings=tuple(findings), stiff=stiff)
 
 
-def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool) -> StudyRun:
+def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
+    """The run, and what was warned of its step: the study says that once. Other warnings go on."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = simulator(step)
+    stiff = ""
+    for warning in caught:
+        if issubclass(warning.category, StiffStep):
+            stiff = str(warning.message)
+        elif not issubclass(warning.category, SimulationStopped):
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )
+    return run, stiff
+
+
+def _balanced(
+    mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool, simulated: bool = False
+) -> StudyRun:
     run = before_blow_up(given)
     if len(run) < LEAST_ROWS:
-        what = "the run has" if run is given else "the run blows up at once: it has"
+        few = f"{len(run)} rows; a balance needs {LEAST_ROWS} or more"
+        if run is given:
+            return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
-            step, failure=f"{what} {len(run)} rows; a balance needs {LEAST_ROWS} or more"
+            step,
+            failure=f"the run blows up at once: before that it has {few}. Take smaller steps, or an implicit "
+            "method",
         )
     try:
         log = read_log(mechanism, run, None, None)
     except InputError as error:
-        return StudyRun(step, failure=str(error))
+        told = _absurd(run) if simulated else ""
+        return StudyRun(step, failure=told or str(error))
     ledger = log.ledger
     left = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
@@ -212,6 +230,17 @@ def _balanced(mechanism: Mechanism, given: Trajectory, step: float, *, trusted: 
     return StudyRun(
         step, log.run, ledger, left, bars, momentum_bars, run is not given, findings=findings
     )
+
+
+def _absurd(run: Trajectory) -> str:
+    """A run that was just made is no damaged file: numbers beyond all bounds are a blow-up. "" for none."""
+    for what, values in (("coordinates", run.q), ("speeds", run.u), ("accelerations", run.udot)):
+        if values is not None and float(np.abs(values).max(initial=0.0)) > LARGEST:
+            return (
+                f"the run blows up: {what} reach {np.abs(values).max():.2g}. Take smaller steps, or an "
+                "implicit method"
+            )
+    return ""
 
 
 def _blown_up(given: Trajectory, run: Trajectory, step: float) -> Finding:
@@ -314,78 +343,3 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
         for before, after in pairs
         for n, x in before.items()
     }
-
-
-def disagreements(
-    mechanism: Mechanism, runs: Sequence[StudyRun]
-) -> tuple[list[int], list[Finding]]:
-    """Places of runs that are of one motion and may be compared, and what is wrong with the others.
-
-    The finest run is taken for the motion that was meant.
-    """
-    places = [k for k, r in enumerate(runs) if r.usable]
-    found = list(_failures(runs))
-    if len(places) < 2:
-        return places, found
-    finest = runs[places[-1]].run
-    assert finest is not None
-    starts = scaled_start(mechanism, [_run(runs[k]) for k in places])
-    span = float(finest.t[-1] - finest.t[0])
-    kept: list[int] = []
-    for k, start in zip(places, starts):
-        run = _run(runs[k])
-        off = float(np.abs(start - starts[-1]).max(initial=0.0))
-        if abs(run.t[0] - finest.t[0]) > 1e-6 * span or off > SAME_START:
-            found.append(_other_start(runs[k], run, finest, off))
-        elif kept and _same(_run(runs[kept[-1]]), run):
-            found.append(_ignored(runs[kept[-1]], runs[k]))
-        else:
-            kept.append(k)
-    return kept, found
-
-
-def _run(entry: StudyRun) -> Trajectory:
-    assert entry.run is not None
-    return entry.run
-
-
-def _same(a: Trajectory, b: Trajectory) -> bool:
-    return (
-        len(a) == len(b) and bool(np.array_equal(a.t, b.t)) and bool(np.array_equal(a.q, b.q))
-    ) and bool(np.array_equal(a.u, b.u) and np.ptp(a.u) + np.ptp(a.q) > 0.0)
-
-
-def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
-    for entry in runs:
-        yield from entry.findings
-        if entry.failure:
-            yield Finding(
-                "run-failed",
-                f"there is no run at step {entry.step:g}",
-                entry.failure.rstrip("."),
-                "The others are judged without it",
-            )
-
-
-def _other_start(entry: StudyRun, run: Trajectory, finest: Trajectory, off: float) -> Finding:
-    if abs(run.t[0] - finest.t[0]) > 1e-6 * float(finest.t[-1] - finest.t[0]):
-        evidence = f"it starts at t = {run.t[0]:g} s, the finest at {finest.t[0]:g} s"
-    else:
-        evidence = f"its first state is off by {off:.2g} of the range of the motion"
-    return Finding(
-        "other-start",
-        f"the run at step {entry.step:g} starts at another time or state than the finest one and is not "
-        "compared with it",
-        evidence,
-        "Let all runs start in the same state at the same time",
-    )
-
-
-def _ignored(a: StudyRun, b: StudyRun) -> Finding:
-    return Finding(
-        "step-ignored",
-        f"the runs at steps {a.step:g} and {b.step:g} are the same, number by number",
-        "the simulator ignores its step",
-        "Let the simulator use the step that it is called with, then study it again",
-        "doubt",
-    )

@@ -93,7 +93,8 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
     What grew beyond all measure ends there, though it is finite. Warns `StiffStep` of a run that came to its
     end with steps that cannot follow the mechanism as it was at the start (events can keep it in bounds).
     """
-    motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
+    if not motion.message:
+        motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
     small = flow.q_size + flow.u_size <= SMALL
     if not flow.traced or not (motion.message or small):
         return motion

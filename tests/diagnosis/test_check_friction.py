@@ -14,7 +14,7 @@ from deltac import shapes
 Rhs = Callable[[Any, Any, Any], Any]
 
 
-def block(**law: float) -> dc.Mechanism:
+def block(**law: Any) -> dc.Mechanism:
     """2 kg on a spring of 10 N/m, with friction of 3 N."""
     return dc.Mechanism(
         [dc.point_mass("b", 2.0)],
@@ -30,7 +30,10 @@ def kind(mechanism: dc.Mechanism, rhs: Rhs, **options: Any) -> str:
 @pytest.mark.parametrize("width", [1e-6, 1e-3, 0.3])
 def test_the_width_of_friction_is_tested(width: float) -> None:
     mechanism = block(width=width)
-    right = lambda w: lambda t, q, u: -1.5 * np.tanh(u / w) - 5.0 * q  # noqa: E731
+
+    def right(w: float) -> Rhs:
+        return lambda t, q, u: -1.5 * np.tanh(u / w) - 5.0 * q
+
     assert kind(mechanism, right(width)) == "consistent"
     for wrong in (0.1 * width, 1.01 * width, 2.0 * width):
         assert kind(mechanism, right(wrong)) == "equation-error", wrong

@@ -25,7 +25,7 @@ def test_a_small_error_is_shown_with_the_digits_that_show_it() -> None:
 
 
 def test_only_what_differs_is_shown_but_the_worst_always() -> None:
-    def shown(*given: float) -> list[str]:
+    def shown(*given: float) -> list[tuple[str, str]]:
         example = Example(
             {"t": 0.0}, dict(zip("abc", given)), {"a": 0.0, "b": 2.0, "c": 3.0}, "b", 0.1
         )

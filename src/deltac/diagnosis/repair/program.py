@@ -73,6 +73,11 @@ class Program:
         whole = wholes.pop()
         return tape.inputs[whole] if tape.operations[whole] == Solve(place + 1) else None
 
+    @property
+    def solves(self) -> bool:
+        """Whether the function ends with solving A u̇ = b."""
+        return self._system is not None
+
     @cached_property
     def _rows(self) -> Array:
         """Typical size of the terms of each row (n,)."""

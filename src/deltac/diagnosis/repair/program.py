@@ -57,7 +57,8 @@ class Program:
         entries = self.tape.run(self._system, changes, values)
         n = len(self.samples.acceleration)
         A = entries[: n * n].reshape(n, n, -1)
-        left = np.einsum("ijb,jb->ib", A, self.samples.acceleration) - entries[n * n :]
+        with np.errstate(all="ignore"):
+            left = np.einsum("ijb,jb->ib", A, self.samples.acceleration) - entries[n * n :]
         return np.asarray(left / self._rows[:, None])
 
     @cached_property

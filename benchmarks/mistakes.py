@@ -57,6 +57,18 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
             "a sign, and a term forgotten elsewhere",
             [("f3 = f3 - m3", "f3 = f3 + m3"), (" + c2 * (w2 - w1)", "")],
         ),
+        (
+            "an inertia and a sign in one equation",
+            [("M33 = I3 + m3 * r3**2", "M33 = I3"), ("f3 = f3 - m3", "f3 = f3 + m3")],
+        ),
+        (
+            "a coupling, and a sign elsewhere",
+            [("m3 * l1 * r3 * C31", "m3 * l2 * r3 * C31"), ("f2 = f2 - (m2", "f2 = f2 + (m2")],
+        ),
+        (
+            "an inertia, and a damper forgotten elsewhere",
+            [("M11 = I1 + m1 * r1**2", "M11 = I1"), (" + c3 * (w3 - w2)\n    f3", "\n    f3")],
+        ),
     ],
     "double_pendulum": [
         ("gravity of the lower bob with the wrong sign", [("acc_a += m2 * g", "acc_a -= m2 * g")]),
@@ -64,6 +76,29 @@ MISTAKES: dict[str, list[tuple[str, list[tuple[str, str]]]]] = {
         ("cosine squared in the determinant", [("sin(d) ** 2", "cos(d) ** 2")]),
         ("angle difference the wrong way round", [("d = a - b", "d = b - a")]),
         ("rates exchanged", [("va, vb = u", "vb, va = u")]),
+    ],
+    "two_link_arm": [
+        (
+            "an inertia about the centre, and the elbow's reaction with the wrong sign",
+            [("l2**2 / 3", "l2**2 / 12"), ("- c1 * va + elbow", "- c1 * va - elbow")],
+        ),
+        (
+            "a factor of an inertia and a sign in one equation",
+            [("m1 / 3 + m2", "m1 / 2 + m2"), ("- c1 * va + elbow", "- c1 * va - elbow")],
+        ),
+        (
+            "the sum of angles in the coupling, and a sign",
+            [("np.cos(a - b)", "np.cos(a + b)"), ("- c1 * va + elbow", "- c1 * va - elbow")],
+        ),
+        (
+            "an inertia about the centre, and the elbow's damper forgotten",
+            [("l2**2 / 3", "l2**2 / 12"), (" + c2 * (vb - va)", "")],
+        ),
+        (
+            "a mass, and the sign of gravity",
+            [("(m1 / 2 + m2) * g", "(m1 + m2) * g"), ("- m2 * g * l2", "+ m2 * g * l2")],
+        ),
+        ("the square of the coupling forgotten", [("M12**2", "M12")]),
     ],
     "elastic_pendulum": [
         ("a stretch from the wrong length", [("(length - l0)", "(length + l0)")]),

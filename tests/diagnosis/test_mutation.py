@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import json
+import os
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -142,3 +145,32 @@ def test_the_commands(
     with pytest.raises(SystemExit) as left:
         main(["mutate", "model.py:pendulum", "eom.py:other"])
     assert left.value.code == 2
+
+
+def test_the_heads_of_the_table_differ_at_80_columns() -> None:
+    from rich.console import Console
+
+    from deltac.cli.mutate import _table
+    from deltac.diagnosis.mutation import Mutant
+    from deltac.diagnosis.mutation_report import CONSTRAINTS, MOMENTUM, RESIDUAL, Mutation, Trial
+    from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
+
+    tests = (*TESTING_FUNCTIONS, MOMENTUM, CONSTRAINTS, RESIDUAL)
+    trials = tuple(
+        Trial(Mutant("dropped factor", 1, "a", "b", ""), dict.fromkeys(tests, 1.0))
+        for _ in range(1000)
+    )
+    found = Mutation("eom.py", "rhs", tests, trials, 0.0, ())
+    console = Console(width=80, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    console.print(_table(found))
+    printed = console.export_text()
+    head = printed.split("─")[0].splitlines()
+    assert "…" not in printed and len(max(head, key=len)) <= 80
+    # what stands in a column over all lines of the head, the columns' ends being those of the numbers
+    row = next(line for line in printed.splitlines() if line.startswith("dropped factor"))
+    ends = [m.end() for m in re.finditer(r"\b\d+\b", row)]
+    columns = [
+        " ".join(line[a:b].strip() for line in head).strip() for a, b in itertools.pairwise(ends)
+    ]
+    assert len(set(columns)) == len(columns) == len(tests) + 1
+    assert {"kane 1988", "kane 1990"} <= set(columns)

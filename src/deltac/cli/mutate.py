@@ -9,6 +9,8 @@ import typer
 from deltac.cli.output import Json, new_table, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from deltac.diagnosis.mutation_report import Mutation
 
 
@@ -59,15 +61,30 @@ def command(
 
 
 def _print(found: Mutation) -> None:
+    print_table(_table(found))
+    typer.echo("")
+    typer.echo(found.explain())
+
+
+def _table(found: Mutation) -> Table:
     table = new_table()
-    table.add_column("mutants")
-    rows = found.table()
+    table.add_column("mutants", no_wrap=True)
     for column in ("made", "equivalent", *found.tests):
-        table.add_column(column, justify="right")
-    for kind, row in rows.items():
+        table.add_column(HEADS.get(column, column), justify="right")
+    for kind, row in found.table().items():
         if kind == "all":
             table.add_section()
         table.add_row(kind, *(str(value) for value in row.values()))
-    print_table(table)
-    typer.echo("")
-    typer.echo(found.explain())
+    return table
+
+
+HEADS = {
+    "equivalent": "equal",
+    "kane-levinson-1988": "kane\n1988",
+    "kane-levinson-1990": "kane\n1990",
+    "liu-huston": "liu",
+    "momentum": "mom.",
+    "coordinate residual": "F + F*",
+    "constraints": "ties",
+}
+"""Heads of short words, on two lines: all columns have room in a terminal of 80 columns."""

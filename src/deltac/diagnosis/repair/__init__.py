@@ -2,7 +2,8 @@
 
 `source` finds the function, `interpreter` reads it onto a `tape`, `samples` has what it must give;
 `required` finds what each expression must be, `substitutions` and `insertions` (`monomials`) the edits that
-make it so, `pairs` two of them; `search` puts these together, `texts` applies them, `runner` runs the
+make it so, `pairs` and `in_turn` two of them, by the `rows` of M u̇ − f; `symptoms` says what is known where
+none is found; `search` puts these together, `texts` applies them, `runner` runs the
 result in `child`, `repair` puts it into an `outcome`.
 """
 

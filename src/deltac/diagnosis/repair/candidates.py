@@ -149,8 +149,16 @@ def _indexed(source: Source) -> set[str]:
 
 
 def family(text: str) -> str:
-    """What names of one family share: l1 and l3, q[0] and q[2], p["m1"] and p["m2"]."""
-    return re.sub(r"\d+", "#", text)
+    """What names of one family share: l1 and l3, len_a and len_b, q[0] and q[2], p["m1"] and p["m2"]."""
+    return re.sub(r"\d+|(?<=_)[A-Za-z]\b", "#", text)
+
+
+def number_cost(number: float) -> float:
+    """How unlikely it is that this number was meant: more than a name or a sign, small whole ones least."""
+    negative = 0.25 if number < 0 else 0.0
+    if float(number).is_integer() and abs(number) <= 12:
+        return 1.25 + negative
+    return (1.4 if float(f"{number:.4g}") == number else 1.5) + negative
 
 
 def stem(text: str) -> str:

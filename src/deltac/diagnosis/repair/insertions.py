@@ -13,6 +13,7 @@ import numpy as np
 from deltac.diagnosis.repair.candidates import (
     Candidate,
     combine,
+    number_cost,
     product,
     short,
     slots,
@@ -139,15 +140,23 @@ class Vocabulary:
     _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
 
     def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
-        """The sines and cosines of the coordinates, and of their differences, that are not there yet."""
+        """Differences of coordinates and of speeds, and sines and cosines, that are not there yet."""
         program = self.program
-        inputs = program.trace.inputs[1 : 1 + len(program.samples.q)]
-        angles = [
-            (text, k)
-            for text, k in variables.items()
-            if any(program.tape.values[k] is program.tape.values[i] for i in inputs)
-        ]
-        made = {}
+        nq = 1 + len(program.samples.q)
+        angles, speeds = (
+            [
+                (text, k)
+                for text, k in variables.items()
+                if any(program.tape.values[k] is program.tape.values[i] for i in inputs)
+            ]
+            for inputs in (program.trace.inputs[1:nq], program.trace.inputs[nq:])
+        )
+        made = {
+            f"{text} - {other}": values(program, k) - values(program, j)
+            for some in (angles, speeds)
+            if len(some) <= 4
+            for (other, j), (text, k) in itertools.combinations(some, 2)
+        }
         for name, called in callables(program):
             function = getattr(np, name)
             for i, (text, k) in enumerate(angles):
@@ -278,10 +287,11 @@ def _number(program: Program, requirement: Requirement, node: ast.Constant) -> I
     digits = float(f"{mean:.6g}")
     simple = Fraction(mean).limit_denominator(60)
     if abs(digits - mean) <= EXACT * abs(mean):
-        text, cost = repr(int(digits) if digits.is_integer() else digits), 1.0
+        text = repr(int(digits) if digits.is_integer() else digits)
+        cost = number_cost(digits)
     elif abs(float(simple) - mean) <= EXACT * abs(mean):
-        text, cost = f"{simple.numerator} / {simple.denominator}", 1.1
+        text, cost = f"{simple.numerator} / {simple.denominator}", 1.6
     else:
-        text, cost = repr(mean), 1.8
+        text, cost = repr(mean), 1.9
     said = f"{program.source.segment(node)} should be {text}"
     yield Candidate(requirement.place, text, said, "number", cost, None)

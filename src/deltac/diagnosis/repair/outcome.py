@@ -53,9 +53,12 @@ class Repair:
     certain          all fixes found are one and the same formula, right at every state and, where the
                      function names them, at other parameters too
     varied           parameters of the model that were varied with the function's
-    suspects         expressions any one of which could be wrong by itself, "file:line: expression"
+    suspects         expressions any one of which could be wrong by itself, "file:line: expression": the
+                     widest of each line
     complete         whether the search came to its end within its time
     seconds          it took
+    terms            without fixes: what the residual of an equation consists of, if that could be told
+    undefined        which expression is not a number, and in which state; empty if all are numbers
     """
 
     file: str
@@ -68,6 +71,8 @@ class Repair:
     suspects: tuple[str, ...]
     complete: bool
     seconds: float
+    terms: tuple[str, ...] = ()
+    undefined: str = ""
 
     @property
     def right(self) -> bool:
@@ -87,14 +92,19 @@ class Repair:
                 f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
             )
         where = ", ".join(self.equations)
-        lines = [
-            f"{name} is wrong: residual {self.residual:.2g} of the terms, in the equation of {where}."
-        ]
+        wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
+        lines = [f"{name} is wrong: {self.undefined or wrong}."]
         if self.fixes:
             lines += self._fixes()
         elif self.suspects:
-            lines.append("No edit was found. By itself, any one of these could be what is wrong:")
+            one = "this line" if len(self.suspects) == 1 else "one of these lines"
+            lines.append(f"No edit was found. What is wrong is in {one}, or in what it uses:")
             lines += [f"  {suspect}" for suspect in self.suspects]
+        elif self.undefined:
+            lines.append("No edit was found.")
+        elif self.terms:
+            lines.append("No one or two edits were found that make it right. What is wrong there:")
+            lines += [f"  {term}" for term in self.terms]
         elif self.residual > 0.3 and self.complete:
             lines.append(
                 "No expression can be the only one that is wrong, and no two edits were found. Is it the "
@@ -110,7 +120,11 @@ class Repair:
         return "\n".join(wrapped)
 
     def _fixes(self) -> list[str]:
-        lines = [str(fix) for fix in self.fixes]
+        lines = []
+        for fix in self.fixes:
+            lines.append(str(fix))
+            if not self.certain:
+                lines += [f"  or: {other}" for other in fix.others]
         if len(lines) > 1:
             lines.insert(0, "Each of these makes it right:")
         tested = "random states"
@@ -150,6 +164,8 @@ class Repair:
             "certain": self.certain,
             "varied": list(self.varied),
             "suspects": list(self.suspects),
+            "terms": list(self.terms),
+            "undefined": self.undefined,
             "complete": self.complete,
             "seconds": self.seconds,
         }

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltac.diagnosis.repair.candidates import Candidate
-from deltac.diagnosis.repair.samples import RIGHT
+from deltac.diagnosis.repair.in_turn import in_turn
+from deltac.diagnosis.repair.rows import in_rows
+from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.search import Search
 from deltac.diagnosis.repair.substitutions import substitutions
 from deltac.diagnosis.repair.tape import Array
@@ -21,10 +23,17 @@ MATCH = 1e-7
 POOL = 20_000
 
 
-def pairs(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
     """Pairs of edits that seem to make the function right, cheapest first within each kind."""
-    yield from _in_different_equations(search)
-    yield from _adding_up(search)
+    rows = in_rows(search.program)
+    ways = [search]
+    if rows is not None:
+        ways.insert(0, Search(rows, search.deadline))
+        ways[0].require()
+    for way in ways:
+        yield from _in_different_equations(way)
+        yield from _adding_up(way)
+    yield from in_turn(ways[0], target)
 
 
 def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candidate]]:

@@ -57,7 +57,8 @@ class Program:
         entries = self.tape.run(self._system, changes, values)
         n = len(self.samples.acceleration)
         A = entries[: n * n].reshape(n, n, -1)
-        left = np.einsum("ijb,jb->ib", A, self.samples.acceleration) - entries[n * n :]
+        with np.errstate(all="ignore"):
+            left = np.einsum("ijb,jb->ib", A, self.samples.acceleration) - entries[n * n :]
         return np.asarray(left / self._rows[:, None])
 
     @cached_property
@@ -72,6 +73,11 @@ class Program:
             wholes.add(tape.inputs[slot][0])
         whole = wholes.pop()
         return tape.inputs[whole] if tape.operations[whole] == Solve(place + 1) else None
+
+    @property
+    def solves(self) -> bool:
+        """Whether the function ends with solving A u̇ = b."""
+        return self._system is not None
 
     @cached_property
     def _rows(self) -> Array:

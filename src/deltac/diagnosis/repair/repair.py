@@ -16,7 +16,7 @@ from deltac.diagnosis.check import chosen_map
 from deltac.diagnosis.models import load_model
 from deltac.diagnosis.repair import runner
 from deltac.diagnosis.repair.calls import flatten
-from deltac.diagnosis.repair.candidates import Candidate, short
+from deltac.diagnosis.repair.candidates import Candidate
 from deltac.diagnosis.repair.interpreter import trace
 from deltac.diagnosis.repair.outcome import Fix, Repair
 from deltac.diagnosis.repair.pairs import pairs
@@ -24,6 +24,7 @@ from deltac.diagnosis.repair.program import Program, named_parameters, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.search import Search, confirmed
 from deltac.diagnosis.repair.source import Source, read_source
+from deltac.diagnosis.repair.symptoms import suspects, terms, undefined
 from deltac.diagnosis.repair.tape import ELEMENTARY, Slot
 from deltac.diagnosis.repair.texts import unified_diff
 from deltac.mechanism.coordinates import CoordinateMap
@@ -97,15 +98,15 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
-    found, suspects = _search(program, target, deadline)
+    found, suspected = _search(program, target, deadline)
     coincidence = False
     if not found and program.samples.parameters:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
         plain = read(source, target, vary=False)
         found, more = _search(plain, target, deadline)
-        if found or not suspects:
-            program, suspects, coincidence = plain, more, True
-    return _report(program, target, found, start, deadline, suspects, coincidence)
+        if found or not suspected:
+            program, suspected, coincidence = plain, more, True
+    return _report(program, target, found, start, deadline, suspected, coincidence)
 
 
 def _search(
@@ -116,8 +117,8 @@ def _search(
     search.require()
     found = _confirm(program, target, ((c,) for c in search.single()), deadline)
     if not found:
-        found = _confirm(program, target, pairs(search), deadline)
-    return found, [_suspect(program.source, r.place) for r in search.whole]
+        found = _confirm(program, target, pairs(search, target), deadline)
+    return found, suspects(program.source, [r.place for r in search.whole])
 
 
 def _confirm(
@@ -147,24 +148,18 @@ def _confirm(
     return found
 
 
-def _suspect(source: Source, place: int) -> str:
-    node = source.nodes[place]
-    line = getattr(node, "lineno", 0)
-    return f"{source.name}:{line}: {short(source.segment(node))}"
-
-
 def _report(
     program: Program,
     target: Target,
     found: Sequence[tuple[tuple[Candidate, ...], Source]],
     start: float,
     deadline: float,
-    suspects: Sequence[str] = (),
+    suspected: Sequence[str] = (),
     coincidence: bool = False,
 ) -> Repair:
     source = program.source
     names = program.samples.speeds
-    wrong = np.abs(program.samples.residual(program.run())).max(axis=1) > RIGHT
+    wrong = ~(np.abs(program.samples.residual(program.run())).max(axis=1) < RIGHT)
     formulas, varied = _formulas(program, target, [changed for _, changed in found])
     fixes = _fixes(program, _groups(program, found, formulas))
     return Repair(
@@ -178,9 +173,11 @@ def _report(
         and not coincidence
         and (varied or _about_the_state(program, found)),
         varied=tuple(program.samples.parameters),
-        suspects=tuple(dict.fromkeys(suspects)),
+        suspects=tuple(suspected),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
+        terms=() if fixes else terms(program, target),
+        undefined=undefined(program, target),
     )
 
 

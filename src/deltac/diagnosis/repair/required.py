@@ -82,10 +82,19 @@ class Requirements:
         elif outcome is None:
             self.undecided.append(place)
 
-    def _solve(self, place: int, slot: int, common: bool) -> Requirement | bool | None:
+    def closing(self, place: int, row: int) -> Requirement | None:
+        """What one node must be for one equation to be right, whatever becomes of the others."""
+        slot = self.program.numbers[place].value.index
+        with np.errstate(all="ignore"):
+            found = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
+        return found if isinstance(found, Requirement) else None
+
+    def _solve(
+        self, place: int, slot: int, common: bool, only: int | None = None
+    ) -> Requirement | bool | None:
         """The requirement; False if there can be none, None if none was found.
 
-        `common`: one value for all states of a set of parameters.
+        `common`: one value for all states of a set of parameters. `only`: for this equation alone.
         """
         program = self.program
         start = np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)
@@ -112,6 +121,10 @@ class Requirements:
         if not effect.max() > 1e-12:
             return False
         rows: Flags = effect > INFLUENCE * effect.max()
+        if only is not None:
+            rows &= np.arange(len(rows)) == only
+        if not rows.any():
+            return False
         if np.abs(before[rows]).max() < RIGHT:
             return False  # what it acts on is right as it is
         step = nearest(slope[rows], before[rows])
@@ -130,7 +143,7 @@ class Requirements:
             return None
         after = off(x)
         whole = bool(np.abs(after).max() < RIGHT)
-        if not whole and rows.all():
+        if not whole and rows.all() and only is None:
             return False
         unique = straight or common
         return Requirement(place, slot, start, x, tuple(map(bool, rows)), whole, unique)

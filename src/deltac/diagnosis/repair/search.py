@@ -22,8 +22,8 @@ from deltac.diagnosis.repair.tape import Change
 from deltac.diagnosis.repair.texts import apply
 from deltac.errors import InputError
 
-SIMPLE = 1.2
-"""With an edit as simple as one name in hand, exchanges of two are not looked for."""
+SIMPLE = 1.25
+"""With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
 
 @dataclass(eq=False)

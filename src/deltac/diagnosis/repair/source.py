@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -81,6 +81,10 @@ class Source:
             known = [s for s in body if isinstance(s, ast.FunctionDef | ast.ClassDef)]
             found = next((s for s in reversed(known) if s.name == part), None)
             if found is None:
+                if line := _lambda(body, part):
+                    raise InputError(
+                        f"{self.name}:{line}: {part} is a lambda; write the equations as a function with def"
+                    )
                 names = [s.name for s in known]
                 raise InputError(f"{self.name}: no function {part!r}{closest(part, names)}")
             body = found.body
@@ -175,6 +179,15 @@ def _of_function(function: Callable[..., Any]) -> Source:
     if receiver is not None:
         outside["<self>"] = receiver
     return Source(path.name, path.read_text("utf-8"), plain.__qualname__, path, outside)
+
+
+def _lambda(body: Sequence[ast.stmt], name: str) -> int:
+    """The line where a name is set to a lambda; 0 if it is not."""
+    for statement in body:
+        set_here = isinstance(statement, ast.Assign | ast.AnnAssign) and name in _bound(statement)
+        if set_here and isinstance(statement.value, ast.Lambda):  # type: ignore[attr-defined]
+            return statement.lineno
+    return 0
 
 
 def _bound(statement: ast.stmt) -> set[str]:

@@ -15,6 +15,7 @@ from deltac.diagnosis.repair.candidates import (
     family,
     instead,
     negated,
+    number_cost,
     short,
     slots,
     stem,
@@ -224,9 +225,8 @@ def _constants(program: Program, place: int, node: ast.Constant) -> Iterator[Can
         number = float(other)
         changes = {k: Change(_given(number), ()) for k in slots(program, place)}
         text = repr(other)
-        exponent = isinstance(program.source.nodes[program.source.parent[place]], ast.BinOp)
         words = f"{own!r} should be {text}"
-        yield Candidate(place, text, words, "number", 1.05 if exponent else 1.1, changes)
+        yield Candidate(place, text, words, "number", number_cost(number), changes)
 
 
 def _name_for_number(program: Program, place: int, node: ast.Constant) -> Iterator[Candidate]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 from collections.abc import Sequence
+from pathlib import Path
 
 from deltac.diagnosis.repair.candidates import Candidate
 from deltac.diagnosis.repair.source import Source
@@ -40,8 +41,8 @@ def _same(bare: str, safe: str) -> bool:
 
 
 def unified_diff(source: Source, changed: Source) -> str:
-    """A patch that `patch -p1` and `git apply` take (run in the file's folder)."""
-    name = source.name.rpartition("/")[2]
+    """A patch that `git apply` and `patch -p1` take: in the root of the repository, or where we are."""
+    name = _patch_name(source)
     lines = difflib.unified_diff(
         source.text.splitlines(keepends=True),
         changed.text.splitlines(keepends=True),
@@ -52,3 +53,15 @@ def unified_diff(source: Source, changed: Source) -> str:
     for line in lines:
         text += line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
     return text
+
+
+def _patch_name(source: Source) -> str:
+    """The file's path from the root of its repository, else from the working folder, else its name."""
+    if source.path is None:
+        return source.name.rpartition("/")[2]
+    path = source.path.resolve()
+    roots = [folder for folder in path.parents if (folder / ".git").exists()][:1]
+    for root in (*roots, Path.cwd().resolve()):
+        if path.is_relative_to(root):
+            return path.relative_to(root).as_posix()
+    return path.name

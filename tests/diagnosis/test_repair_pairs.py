@@ -1,0 +1,104 @@
+"""Two mistakes in equations that are solved for u̇ by hand: in the mass matrix, in the forces, in both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis.repair.program import read
+from deltac.diagnosis.repair.repair import repair_source
+from deltac.diagnosis.repair.rows import in_rows
+from deltac.diagnosis.repair.samples import RIGHT, Target
+from deltac.diagnosis.repair.source import Source
+
+ARM = """\
+import numpy as np
+
+m1, m2, l1, l2, g = 1.3, 0.7, 0.6, 0.45, 9.81
+c1, c2, k = 0.11, 0.07, 2.3
+
+
+def rhs(t, q, u):
+    a, b = q
+    va, vb = u
+    M11 = (m1 / 3 + m2) * l1**2
+    M12 = m2 * l1 * l2 / 2 * np.cos(a - b)
+    M22 = m2 * l2**2 / 3
+    s = m2 * l1 * l2 / 2 * np.sin(a - b)
+    elbow = k * (b - a) + c2 * (vb - va)
+    f1 = -s * vb**2 - (m1 / 2 + m2) * g * l1 * np.sin(a) - c1 * va + elbow
+    f2 = s * va**2 - m2 * g * l2 / 2 * np.sin(b) - elbow
+    det = M11 * M22 - M12**2
+    return np.array([(M22 * f1 - M12 * f2) / det, (M11 * f2 - M12 * f1) / det])
+"""
+
+ELBOW = ("- c1 * va + elbow", "- c1 * va - elbow")
+BOTH = {
+    "an inertia, a sign in the other row": [("l2**2 / 3", "l2**2 / 12"), ELBOW],
+    "an inertia and a sign in one row": [("m1 / 3 + m2", "m1 / 2 + m2"), ELBOW],
+    "a coupling, in both rows, and a sign": [("np.cos(a - b)", "np.cos(a + b)"), ELBOW],
+    "an inertia, and a damper forgotten": [("l2**2 / 3", "l2**2 / 12"), (" + c2 * (vb - va)", "")],
+}
+
+
+@pytest.fixture(scope="module")
+def target() -> Target:
+    """Two rods with dampers and a spring at the elbow, in absolute angles."""
+    arm = dc.Mechanism(
+        bodies=[dc.rod("upper", "m1", "l1", along="-y"), dc.rod("lower", "m2", "l2", along="-y")],
+        joints=[
+            dc.revolute("a", "ground", "upper", damping="c1"),
+            dc.revolute("b", "upper", "lower", position=(0, "-l1", 0), damping="c2", stiffness="k"),
+        ],
+        gravity=(0, "-g", 0),
+        parameters={
+            "m1": 1.3,
+            "m2": 0.7,
+            "l1": 0.6,
+            "l2": 0.45,
+            "g": 9.81,
+            "c1": 0.11,
+            "c2": 0.07,
+            "k": 2.3,
+        },
+    )
+    return Target(arm, dc.CoordinateMap(("a", "b"), q={"a": "q.a", "b": "q.b - q.a"}))
+
+
+def mistaken(edits: list[tuple[str, str]], text: str = ARM) -> str:
+    for old, new in edits:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    return text
+
+
+def accelerations(text: str) -> np.ndarray:
+    """What Python makes of a text at one state, its constants moved."""
+    namespace: dict[str, object] = {}
+    exec(text, namespace)
+    namespace.update(m1=1.1, m2=0.83, l1=0.77, l2=0.52, g=8.3, c1=0.2, c2=0.3, k=1.7)
+    return np.array(namespace["rhs"](0.0, np.array([0.4, -1.1]), np.array([0.7, 1.9])))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_the_mass_matrix_and_a_force(name: str, target: Target) -> None:
+    found = repair_source(Source("eom.py", mistaken(BOTH[name]), "rhs"), target)
+    assert found.fixes and len(found.fixes[0].lines) == 2, found.explain()
+    # 1e-10: the same formula, whose matrix is well conditioned
+    np.testing.assert_allclose(accelerations(found.fixes[0].text), accelerations(ARM), rtol=1e-10)
+
+
+def test_mistakes_stay_in_their_rows(target: Target) -> None:
+    """A wrong inertia of the lower rod, and a wrong force on the upper: each in one row of M u̇ − f."""
+    for edit, wrong in (
+        (BOTH["an inertia and a sign in one row"][:1], 0),
+        ([("b) - elbow", "b)")], 1),
+    ):
+        program = read(Source("eom.py", mistaken(edit), "rhs"), target)
+        rows = in_rows(program)
+        assert rows is not None
+        off = np.abs(rows.original_residual).max(axis=1)
+        assert off[wrong] > 1e-3 and off[1 - wrong] < RIGHT
+        plain = np.abs(program.run() - program.samples.acceleration).max(axis=1)
+        assert (plain > 1e-3).all()  # where both accelerations are wrong

@@ -98,6 +98,7 @@ def faults(seed: int = 0) -> Iterator[Fault]:
         yield from _of_gravity(model_name, rng)
         for body in bodies:
             yield from _of_body(model_name, body, rng)
+        for body in bodies[1:]:  # of a first one, hung on an axis, not both show
             yield from _of_body_twice(model_name, body, pairs)
         for joint in hinges:
             yield from _of_joint(model_name, model, joint, rng)
@@ -225,7 +226,8 @@ def simulate(fault: Fault | None, model_name: str, duration: float = 2.5) -> dc.
     if fault is not None and fault.gear is not None:
         name, factor = fault.gear
         forces[name] = forces[name] / factor  # what was commanded
-    return replace(run, forces=forces)
+    notes = {n: x for n, x in run.provenance.notes.items() if n != "strengths"}  # they tell gears
+    return replace(run, forces=forces, provenance=replace(run.provenance, notes=notes))
 
 
 def noisy(run: dc.Trajectory, relative: float, seed: int) -> dc.Trajectory:

@@ -24,6 +24,9 @@ def outcome(fault: Fault, found: dc.Explanation) -> str:
     """ "right", "equal" (named among causes that explain the same), "unsaid" or "wrong"."""
 
     def names(causes: Sequence[dc.Cause]) -> bool:
+        if fault.second is not None:
+            wanted = {(fault.kinds[0], fault.element), (fault.second[0], fault.element)}
+            return len(causes) == 2 and {(c.kind, c.element) for c in causes} == wanted
         return bool(causes) and causes[0].kind in fault.kinds and causes[0].element == fault.element
 
     if found.kind in ("nothing", "unexplained"):
@@ -35,11 +38,15 @@ def outcome(fault: Fault, found: dc.Explanation) -> str:
 
 def covered(fault: Fault, found: dc.Explanation) -> bool | None:
     """Whether the planted value is within two standard errors; None for causes of several numbers."""
-    cause = found.causes[0]
-    if len(cause.values) != 1 or cause.kind == "body-moment":
+    truths = {kind: float(np.ravel(fault.truth)[0]) for kind in fault.kinds}
+    truths |= dict([fault.second]) if fault.second else {}
+    told = found.causes if fault.second else found.causes[:1]
+    if any(len(c.values) != 1 or c.kind == "body-moment" for c in told):
         return None
-    allowed = 2.0 * cause.errors[0] + 1e-9 * abs(cause.values[0])
-    return abs(cause.values[0] - float(np.ravel(fault.truth)[0])) <= allowed
+    return all(
+        abs(c.values[0] - truths[c.kind]) <= 2.0 * c.errors[0] + 1e-9 * abs(c.values[0])
+        for c in told
+    )
 
 
 def main() -> None:

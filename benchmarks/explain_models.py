@@ -78,6 +78,8 @@ class Fault:
     truth: tuple[float, ...] | float
     plant: Callable[[Any], None]
     gear: tuple[str, float] | None = None
+    second: tuple[str, float] | None = None
+    """Kind and truth of another fault of the same element."""
 
 
 def model_of(name: str) -> Any:
@@ -86,7 +88,7 @@ def model_of(name: str) -> Any:
 
 def faults(seed: int = 0) -> Iterator[Fault]:
     """All faults, with sizes drawn from a generator."""
-    rng = np.random.default_rng(seed)
+    rng, pairs = np.random.default_rng(seed), np.random.default_rng([seed, 2])
     for model_name in MODELS:
         model = model_of(model_name)
         bodies = [model.body(b).name for b in range(1, model.nbody)]
@@ -96,6 +98,8 @@ def faults(seed: int = 0) -> Iterator[Fault]:
         yield from _of_gravity(model_name, rng)
         for body in bodies:
             yield from _of_body(model_name, body, rng)
+        for body in bodies[1:]:  # of a first one, hung on an axis, not both show
+            yield from _of_body_twice(model_name, body, pairs)
         for joint in hinges:
             yield from _of_joint(model_name, model, joint, rng)
         for a in range(model.nu):
@@ -139,6 +143,21 @@ def _of_body(model: str, body: str, rng: np.random.Generator) -> Iterator[Fault]
     yield Fault(model, "mass", body, ("body-mass",), heavier, mass)
     yield Fault(model, "inertia", body, ("body-moments", "body-moment"), rounder, inertia)
     yield Fault(model, "com", body, ("body-centre",), moved, centre)
+
+
+def _of_body_twice(model: str, body: str, rng: np.random.Generator) -> Iterator[Fault]:
+    """A payload that is heavier and sits elsewhere."""
+    heavier = 1.0 + float(rng.choice([-0.1, 0.02, 0.1, 0.3]))
+    axis, moved = int(rng.integers(3)), float(rng.choice([-0.02, 0.01, 0.03]))
+
+    def both(m: Any) -> None:
+        m.body(body).mass *= heavier
+        m.body(body).ipos[axis] += moved
+        m.body_sameframe[m.body(body).id] = 0
+
+    yield Fault(
+        model, "mass+com", body, ("body-mass",), heavier, both, second=("body-centre", moved)
+    )
 
 
 def _of_joint(model: str, m: Any, joint: str, rng: np.random.Generator) -> Iterator[Fault]:
@@ -207,7 +226,8 @@ def simulate(fault: Fault | None, model_name: str, duration: float = 2.5) -> dc.
     if fault is not None and fault.gear is not None:
         name, factor = fault.gear
         forces[name] = forces[name] / factor  # what was commanded
-    return replace(run, forces=forces)
+    notes = {n: x for n, x in run.provenance.notes.items() if n != "strengths"}  # they tell gears
+    return replace(run, forces=forces, provenance=replace(run.provenance, notes=notes))
 
 
 def noisy(run: dc.Trajectory, relative: float, seed: int) -> dc.Trajectory:

@@ -23,6 +23,7 @@ SAMPLE = (
     "arm-3d com fore",
     "floating spring flap",
     "ball-chain inertia second",
+    "planar-arm mass+com lower",
 )
 
 
@@ -40,7 +41,7 @@ def test_a_fault_of_the_benchmark(label: str) -> None:
 def test_there_are_faults_enough() -> None:
     names = [(f.model, f.name, f.element) for f in faults()]
     assert len(names) == len(set(names)) >= 60
-    assert len({name for _, name, _ in names}) == 9
+    assert len({name for _, name, _ in names}) == 10
 
 
 @pytest.mark.slow

@@ -136,6 +136,50 @@ def test_a_force_at_a_point_of_a_floating_body() -> None:
     assert by_kind["body-torque"] == pytest.approx(0.3, rel=EXACT)
 
 
+@pytest.mark.parametrize(("moved", "heavier"), [(0.01, 1.02), (0.05, 1.3), (-0.06, 0.8)])
+def test_a_body_that_is_heavier_and_has_its_mass_centre_elsewhere(
+    moved: float, heavier: float
+) -> None:
+    """The product of both is in the residual: to first order, 0.05 m and 1.3 look like 0.065 m and 1.6."""
+    model = copy.copy(model_of(ARM))
+    model.body_ipos[2, 0] -= moved
+    model.body_mass[2] /= heavier
+    found = dc.explain_residual(model, arm_run())
+    assert found.kind == "explained", str(found)
+    values = {(c.kind, c.element, c.names): c.values[0] for c in found.causes}
+    planted = {
+        ("body-centre", "lower", ("x",)): moved,
+        ("body-mass", "lower", ("factor",)): heavier,
+    }
+    assert values == pytest.approx(planted, rel=EXACT)
+    assert f"is moved by {moved:g} " in str(found)  # without brackets
+
+
+def test_another_mass_centre_mass_and_inertia_of_one_body() -> None:
+    """One by one none of them explains much: body by body they are tried together."""
+    model = with_changes(ARM, body_mass=[1, 1, 1 / 1.1], body_inertia=[1, 1, 1 / 1.2])
+    model.body_ipos[2, 0] -= 0.02
+    found = dc.explain_residual(model, arm_run())
+    values = {c.kind: c.values[0] for c in found.causes}
+    planted = {"body-centre": 0.02, "body-mass": 1.1, "body-moments": 1.2}
+    assert values == pytest.approx(planted, rel=EXACT), str(found)
+    named = [{(c.kind, c.names) for c in other} for other in (found.causes, *found.alternatives)]
+    assert all(named.count(one) == 1 for one in named)
+
+
+def test_what_causes_of_a_body_say_does_not_contradict() -> None:
+    """Its mass with its inertia, and its inertia besides, would be two factors on one number."""
+    model = with_changes(ARM, body_mass=[1, 1, 1 / 1.3], body_inertia=[1, 1, 0.8])
+    found = dc.explain_residual(model, arm_run())
+    for causes in (found.causes, *found.alternatives):
+        kinds = {c.kind for c in causes if c.element == "lower"}
+        assert not {"body-inertia", "body-mass"} <= kinds
+        assert not {"body-inertia", "body-moments"} <= kinds
+    values = {c.kind: c.values[0] for c in found.causes}
+    assert values["body-mass"] == pytest.approx(1.3, rel=EXACT)
+    assert values["body-moments"] == pytest.approx(1.25, rel=EXACT)
+
+
 # --- several, noise, no accelerations -------------------------------------------------------------------
 
 

@@ -18,6 +18,7 @@ from deltac.diagnosis.explanation.equations import LEAST_ROWS
 from deltac.diagnosis.explanation.explain import EXPLAINS, explanation
 from deltac.diagnosis.explanation.search import MOST
 from deltac.diagnosis.findings import Finding, percent
+from deltac.diagnosis.foreign import foreign_channels, foreign_notes
 from deltac.diagnosis.judgement import Measures, judge
 from deltac.diagnosis.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.models import load_model
@@ -234,6 +235,8 @@ def audit(
     findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.assumed_zero_finding(missing)
     findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
+    works = foreign_channels(mechanism, log_read.consecutive, loaded.import_report)
+    findings += foreign_notes(works, ledger.turnover)
     terms = None
     if basis["u̇"] == "measured" and len(mechanism.free.u):
         terms = equation_terms(mechanism, run)

@@ -107,7 +107,10 @@ def judge(
     if causes == {"constraint-drift"}:
         return verdict("integration-error", "medium", balance, equations, _smaller_step(measures))
     if causes:
-        return verdict("equation-error", "high", balance, equations, *_slight(measures))
+        closed = terms is not None and not terms.significant.any()
+        # Equations closed by forces as logged do not speak for the model.
+        told = () if closed else (equations, *_slight(measures))
+        return verdict("equation-error", "high", balance, *told)
     if terms is not None and terms.significant.any():
         share = float(np.abs(terms.share_of_energy).max())
         if float(terms.relative.max()) > measures.tolerance or (

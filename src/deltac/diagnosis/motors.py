@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,31 +29,56 @@ def differing_gears(
     energy than the tolerance.
     """
     found: list[Finding] = []
-    theirs, ours = _strengths(run), import_report.strengths if import_report else {}
-    for name in theirs.keys() & ours.keys():
-        logged, model = np.array(theirs[name]), np.array(ours[name])
-        channel = f"actuator {name}"
-        if logged.shape == model.shape and np.allclose(logged, model, rtol=SAME, atol=0.0):
-            continue
-        factor = _factor(logged, model)
-        power = np.abs(ledger.power.get(channel, np.zeros(len(ledger.t))))
-        energy = abs(1.0 - (1.0 / factor if factor else 0.0)) * float(np.trapezoid(power, ledger.t))
+    for gear in other_gears(run, import_report):
+        power = np.abs(ledger.power.get(gear.channel, np.zeros(len(ledger.t))))
+        energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
+            np.trapezoid(power, ledger.t)
+        )
         share = percent(energy / ledger.turnover) if ledger.turnover > 0.0 else "nothing"
         found.append(
             Finding(
                 "channel-differs",
-                f"the logged force of {channel!r} is "
-                + (f"{factor:.5g} times the model's" if factor else "not the model's")
-                + " at the same control: the simulator had another gear or gain",
-                f"force per unit of control: log {_shown(logged)}, model {_shown(model)}; {energy:.3g} J "
-                f"went through the difference, {share} of the turnover",
+                str(gear),
+                f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
+                f"{energy:.3g} J went through the difference, {share} of the turnover",
                 "Give the model the gear that the simulator used",
                 "cause" if energy > tolerance * ledger.turnover else "note",
-                channel,
-                factor,
+                gear.channel,
+                gear.factor,
             )
         )
-    return sorted(found, key=lambda f: f.element)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Gear:
+    """A motor with another force per unit of control in the log than in the model, and their ratio.
+
+    `factor` is None where no single number turns one into the other.
+    """
+
+    channel: str
+    logged: np.ndarray
+    model: np.ndarray
+    factor: float | None
+
+    def __str__(self) -> str:
+        ratio = f"{self.factor:.5g} times the model's" if self.factor else "not the model's"
+        return (
+            f"the logged force of {self.channel!r} is {ratio} at the same control: the simulator had another "
+            "gear or gain"
+        )
+
+
+def other_gears(run: Trajectory, import_report: ImportReport | None) -> list[Gear]:
+    """Motors of which run and model tell different strengths."""
+    found: list[Gear] = []
+    theirs, ours = _strengths(run), import_report.strengths if import_report else {}
+    for name in sorted(theirs.keys() & ours.keys()):
+        logged, model = np.array(theirs[name]), np.array(ours[name])
+        if logged.shape != model.shape or not np.allclose(logged, model, rtol=SAME, atol=0.0):
+            found.append(Gear(f"actuator {name}", logged, model, _factor(logged, model)))
+    return found
 
 
 def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ...]:

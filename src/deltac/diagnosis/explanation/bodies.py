@@ -100,9 +100,9 @@ def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
     L, Q = L[kept], Q[kept]
     gyration = np.sqrt(0.5 * float(np.trace(b.central)) / b.mass) if b.mass else 0.0
     limit = max(3.0 * gyration, float(np.linalg.norm(b.centre)))  # it stays within the body
-    groups = [[0], [1], [2], [0, 1, 2]]
-    for group in groups:
-        if L[:, group].any():
+    shown = [k for k in range(3) if L[:, k].any()]  # of planar motion, not the axis across
+    for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
+        if group:
             yield Candidate(
                 "body-centre", b.name, at, L[:, group], tuple("xyz"[k] for k in group),
                 np.zeros(len(group)), ("m",) * len(group), "any", Q[:, group][:, :, group],

@@ -49,6 +49,18 @@ PREFERENCE = (
 """Of causes that explain the same by as many numbers, the one that comes first is named first."""
 
 
+_TELLS = {
+    "mass-scale": "mJ",
+    "body-inertia": "mJ",
+    "body-mass": "m",
+    "body-centre": "c",
+    "body-moments": "J",
+    "body-moment": "J",
+    "body-tensor": "J",
+}
+"""Which of a body's mass, mass centre and central inertia a cause tells."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A cause that may be.
@@ -101,6 +113,33 @@ class Candidate:
             return self.linear
         both = self.quadratic + self.quadratic.transpose(0, 2, 1)
         return np.asarray(self.linear + np.einsum("aij,j->ai", both, theta))
+
+    def scales(self, other: Candidate) -> float:
+        """By how much the coefficients of another cause grow with a unit of this one's number.
+
+        A mass that is larger and moved has its product in the residual; so have gear and delay of a
+        motor, stiffness and rest angle of a spring.
+        """
+        if other.kind == "body-centre" and (
+            self.kind == "mass-scale"
+            or (self.kind in ("body-mass", "body-inertia") and self.element == other.element)
+        ):
+            return 1.0
+        if self.element != other.element:
+            return 0.0
+        if (self.kind, other.kind) == ("actuator-gear", "actuator-delay"):
+            return 1.0
+        if (self.kind, other.kind) == ("stiffness", "rest-angle"):
+            return float(1.0 / self.base[0])
+        return 0.0
+
+    def excludes(self, other: Candidate) -> bool:
+        """Whether both together would tell one number of a body twice, in sentences that contradict."""
+        here, there = _TELLS.get(self.kind, ""), _TELLS.get(other.kind, "")
+        same = self.element == other.element or "mass-scale" in (self.kind, other.kind)
+        if self.kind == other.kind == "body-moment":
+            return self.names == other.names
+        return same and any(told in there for told in here)
 
     def plausible(self, theta: Array) -> bool:
         """Whether the world could have it: dampers brake, masses stay within a decade."""

@@ -14,6 +14,8 @@ from deltac.diagnosis.explanation.result import Cause, Explanation, Kind
 from deltac.diagnosis.explanation.search import MOST, Found, search
 from deltac.diagnosis.explanation.separate import advice
 from deltac.diagnosis.explanation.words import sentence
+from deltac.diagnosis.foreign import foreign_channels, foreign_words
+from deltac.diagnosis.motors import Gear, other_gears
 from deltac.diagnosis.names import in_model_order
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -41,7 +43,9 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     """Name the few changes of a model that explain what a log leaves of its equations of motion.
 
     Springs and dampers are taken from the model, also where the log holds them, so that what model
-    and run have differently is found; all other logged forces are taken as they are. Without measured
+    and run have differently is found; all other logged forces are taken as they are, and channels among
+    them that the model does not have are noted. Motors of which a recorded run tells another strength
+    than the model's are causes too, although their logged forces close the equations. Without measured
     accelerations the equations are integrated over short windows (the weak form).
 
     Args:
@@ -73,7 +77,32 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
     derived = "udot" in run.provenance.notes.get("derived", "").split(";")
-    return explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
+    found = explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
+    works = foreign_channels(mechanism, run, loaded.import_report)
+    notes = tuple(foreign_words(name, work) for name, work in works.items())
+    return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
+
+
+def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:
+    """Also the motors whose strengths differ: their logged forces close the equations all the same."""
+    named = {(c.kind, c.element) for other in (found.causes, *found.alternatives) for c in other}
+    also = tuple(
+        Cause(
+            "actuator-gear", gear.channel, (gear.factor,), (0.0,), ("factor",), ("1",), (1.0,), 0.0,
+            str(gear),
+        )
+        for gear in gears
+        if gear.factor and ("actuator-gear", gear.channel) not in named
+    )  # fmt: skip
+    if not also or found.kind == "unexplained":
+        return found
+    return replace(
+        found,
+        kind="explained" if found.kind == "nothing" else found.kind,
+        causes=(*found.causes, *also),
+        explained=1.0 if found.kind == "nothing" else found.explained,
+        alternatives=tuple((*other, *also) for other in found.alternatives),
+    )
 
 
 def explanation(

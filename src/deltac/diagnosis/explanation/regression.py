@@ -18,8 +18,8 @@ from deltac.diagnosis.explanation.candidates import Candidate
 
 Array: TypeAlias = NDArray[np.float64]
 
-STEPS = 8
-"""Steps of Gauss–Newton for causes that are not linear; they converge in two or three."""
+STEPS = 20
+"""Steps of Gauss–Newton for causes that are not linear; most converge in two or three."""
 
 SURE = 6.0
 """Standard errors by which a cause must stand out to be named."""
@@ -86,7 +86,7 @@ class Regression:
         edges = np.concatenate([[0], np.cumsum([c.size for c in parts])]).astype(int)
         theta = np.zeros(edges[-1])
         heavier = len(parts) > 1 and any(c.kind == "gravity" for c in parts)
-        curved = heavier or any(c.quadratic is not None for c in parts)
+        curved = heavier or _products(parts) or any(c.quadratic is not None for c in parts)
         for _ in range(STEPS if curved else 1):
             c, J = self._linearised(parts, edges, theta)
             e = self.R[:, :-1] @ c + self.R[:, -1]
@@ -108,6 +108,13 @@ class Regression:
         for part, a, b in zip(parts, edges[:-1], edges[1:]):
             np.add.at(c, list(part.columns), part.coefficients(theta[a:b]))
             np.add.at(J[:, a:b], list(part.columns), part.tangent(theta[a:b]))
+        for i, k, weight in _products(parts):  # what is heavier and moved is more than both
+            place, a, b = edges[i], edges[k], edges[k + 1]
+            at, factor = list(parts[k].columns), weight * theta[place]
+            moved = parts[k].coefficients(theta[a:b])
+            np.add.at(c, at, factor * moved)
+            np.add.at(J[:, a:b], at, factor * parts[k].tangent(theta[a:b]))
+            np.add.at(J[:, place], at, weight * moved)
         for part, a in zip(parts, edges[:-1]):  # another gravity pulls at the other masses
             if part.kind == "gravity" and self.weights:
                 mass, weight = list(self.weights), list(self.weights.values())
@@ -189,6 +196,12 @@ class Fit:
     chosen: tuple[int, ...]
     theta: tuple[Array, ...]
     left: float
+
+
+def _products(parts: Sequence[Candidate]) -> list[tuple[int, int, float]]:
+    """Pairs of causes whose product is in the residual: the factor, what it scales, by how much."""
+    pairs = ((i, k, a.scales(b)) for i, a in enumerate(parts) for k, b in enumerate(parts))
+    return [pair for pair in pairs if pair[2]]
 
 
 def factored(blocks: Sequence[Array]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -54,6 +55,7 @@ class Explanation:
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
+        notes: what the log's forces hide: channels that the model does not have.
     """
 
     kind: Kind
@@ -66,10 +68,15 @@ class Explanation:
     residual: float
     noise: float
     samples: int
+    notes: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """The outcome in a sentence or two."""
+        return ". Note: ".join((self._outcome, *self.notes))
+
+    @property
+    def _outcome(self) -> str:
         if self.kind == "nothing":
             return (
                 f"There is nothing to explain: the equations of motion hold to {self.residual:.1g} of their "
@@ -83,6 +90,9 @@ class Explanation:
             )
         told = "; ".join(c.sentence for c in self.causes)
         told = f"{told[:1].upper()}{told[1:]}"
+        if not any(c.share for c in self.causes):
+            closed = f"the equations hold to {self.residual:.1g} of their terms"
+            return f"{told}. With the forces as logged, {closed}"
         that = "Together that" if len(self.causes) > 1 else "That"
         said = f"{told}. {that} explains {percent(self.explained)} of the residual"
         if self.kind == "ambiguous":
@@ -92,6 +102,15 @@ class Explanation:
             said += f"; or {more} more" if more > 0 else ""
             said += f". {self.separating}" if self.separating else ""
         return said
+
+    def explain(self, width: int = 96) -> str:
+        """All of it in words: the outcome, the causes with their numbers, notes, what was not seen."""
+        lines = [f"{self.kind}. {self._outcome}."]
+        lines += [f"Note: {note}." for note in self.notes]
+        if self.unseen:
+            lines.append(f"Not seen in this log: {', '.join(self.unseen)}.")
+        told = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
+        return "\n".join([*told, self.table()] if self.causes else told)
 
     def rows(self) -> list[tuple[str, ...]]:
         """Cause, element, value in the run, its error, value in the model, unit, share; as text."""

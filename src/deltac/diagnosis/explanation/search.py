@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import islice, product
 
 import numpy as np
 
@@ -27,6 +28,9 @@ PROGRESS = 0.98
 PRICE_OF_A_NUMBER = 0.2
 PRICE_OF_A_CAUSE = 0.5
 """A number more must take so much of the logarithm of what is left; a cause more, so much besides."""
+
+WHOLE = ("body-mass", "body-centre", "body-moments")
+"""All of a body; it is tried together, since the search one by one may not get there."""
 
 CLOSED = 1.5
 SLIGHT = 1e-6
@@ -52,6 +56,8 @@ def search(regression: Regression, most: int = MOST) -> Found:
     left = regression.total
     for count in range(1, most + 1):
         paths = _extended(regression, paths, count > MANY)
+        if count == len(WHOLE):
+            paths += _whole_bodies(regression, {fit.chosen for fit in paths})
         every += paths
         possible = sorted(
             (fit for fit in paths if plausible(regression, fit)),
@@ -131,9 +137,10 @@ def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]
         Q = np.linalg.qr(J)[0] if J.shape[1] else J
         left = _left(regression, Q, e)
         cost = np.log(left + floor + 1e-300) + PRICE_OF_A_NUMBER * sizes
-        for k in np.argsort(cost)[:tried]:
-            if np.isfinite(cost[k]) and int(k) not in path.chosen:
-                key = tuple(sorted((*path.chosen, int(k))))
+        able = (int(k) for k in np.argsort(cost) if _compatible(regression, path, int(k)))
+        for k in islice(able, tried):
+            if np.isfinite(cost[k]):
+                key = tuple(sorted((*path.chosen, k)))
                 promising[key] = min(promising.get(key, math.inf), float(cost[k]))
     chosen = sorted(promising, key=lambda key: promising[key])[:tried]
     fits = [regression.fit(key) for key in chosen]
@@ -142,6 +149,24 @@ def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]
     # A damper that drives may turn with a further cause; masses that vanish close any equation.
     other = [fit for fit in fits if not plausible(regression, fit) and _massive(regression, fit)]
     return good[:most_paths] + other[: most_paths // 3]
+
+
+def _whole_bodies(regression: Regression, known: set[tuple[int, ...]]) -> list[Fit]:
+    """Fits of another mass, mass centre and inertia of one body, which hide each other one by one."""
+    of_body: dict[str, list[list[int]]] = {}
+    for k, c in enumerate(regression.candidates):
+        if c.kind in WHOLE:
+            of_body.setdefault(c.element, [[] for _ in WHOLE])[WHOLE.index(c.kind)].append(k)
+    keys = (tuple(sorted(key)) for parts in of_body.values() for key in product(*parts))
+    return [regression.fit(key) for key in keys if key not in known]
+
+
+def _compatible(regression: Regression, path: Fit, k: int) -> bool:
+    """Whether a cause may join those of a path."""
+    new = regression.candidates[k]
+    return k not in path.chosen and not any(
+        new.excludes(regression.candidates[j]) for j in path.chosen
+    )
 
 
 def _left(regression: Regression, Q: np.ndarray, e: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ WORTH_SAYING = 1e-7
 def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> str:
     """One cause with its numbers, as what the run has and the model does not."""
     value, shown = c.base + theta, _numbers(c, theta, error)
+    several = f"({shown})" if c.size > 1 else shown
     element = f"`{c.element}`"
     factor = float(value[0])
     match c.kind:
@@ -28,7 +29,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             ours, theirs = f"{g:.6g}", f"{g * factor:.6g}{_error(g * factor, g * error[0])}"
             return f"gravity in the run is {theirs} m/s² instead of {ours} m/s²"
         case "gravity-vector":
-            return f"gravity in the run is ({shown}) m/s², not ({_plain(c.base)})"
+            ours = _plain(c.base) if c.size == 1 else f"({_plain(c.base)})"
+            return f"gravity in the run is {several} m/s², not {ours}"
         case "mass-scale":
             return f"all masses and inertias in the run are {shown} times those of the model{_more(factor)}"
         case "body-inertia":
@@ -49,7 +51,7 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)"
         case "body-centre":
             axes = ", ".join(c.names)
-            return f"the mass centre of {element} in the run is moved by ({shown}) m along {axes} of the body"
+            return f"the mass centre of {element} in the run is moved by {several} m along {axes} of the body"
         case "actuator-gear":
             return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
         case "channel-factor" if abs(factor) < 3.0 * error[0]:
@@ -87,7 +89,7 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
     frame = "the body" if c.kind in ("thrust", "body-torque") else "the world"
     noun_of = "moment" if c.kind in ("applied-moment", "body-torque") else "force"
     return (
-        f"a constant {noun_of} of ({shown}) {c.units[0]} along {along} of {frame} acts on {element}"
+        f"a constant {noun_of} of {several} {c.units[0]} along {along} of {frame} acts on {element}"
     )
 
 

@@ -117,10 +117,10 @@ class Regression:
             np.add.at(J[:, place], at, weight * moved)
         for part, a in zip(parts, edges[:-1]):  # another gravity pulls at the other masses
             if part.kind == "gravity" and self.weights:
-                mass, weight = list(self.weights), list(self.weights.values())
-                c[weight] += theta[a] * c[mass]
-                J[weight] += theta[a] * J[mass]
-                J[weight, a] += c[mass]
+                masses, pulled = list(self.weights), list(self.weights.values())
+                c[pulled] += theta[a] * c[masses]
+                J[pulled] += theta[a] * J[masses]
+                J[pulled, a] += c[masses]
         return c, J
 
     def tangents(self, fit: Fit) -> tuple[Array, Array]:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.diagnosis.repair.outcome import Repair
 from deltac.diagnosis.repair.program import read
 from deltac.diagnosis.repair.repair import repair_source
 from deltac.diagnosis.repair.rows import in_rows
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source
+from deltac.diagnosis.repair.symptoms import terms
 
 ARM = """\
 import numpy as np
@@ -102,3 +104,19 @@ def test_mistakes_stay_in_their_rows(target: Target) -> None:
         assert off[wrong] > 1e-3 and off[1 - wrong] < RIGHT
         plain = np.abs(program.run() - program.samples.acceleration).max(axis=1)
         assert (plain > 1e-3).all()  # where both accelerations are wrong
+
+
+def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) -> None:
+    """Three mistakes: the equations are the model's but for factors, so nobody asks whose they are."""
+    edits = [
+        ("l2**2 / 3", "l2**2 / 12"),
+        ("m1 / 3 + m2", "m1 / 12 + m2"),
+        ("m1 / 2 + m2", "m1 + m2"),
+    ]
+    wrong = read(Source("eom.py", mistaken(edits), "rhs"), target)
+    found = terms(wrong, target)
+    assert len(found) == 2
+    assert found[1].startswith("equation 2 (b): the inertia term") and "0.25" in found[1]
+    repair = Repair("eom.py", "rhs", wrong.wrong, ("a", "b"), (), False, (), (), True, 1.0, found)
+    said = " ".join(repair.explain().split())
+    assert found[1] in said and "Is it the function" not in said

@@ -108,13 +108,13 @@ class Regression:
         for part, a, b in zip(parts, edges[:-1], edges[1:]):
             np.add.at(c, list(part.columns), part.coefficients(theta[a:b]))
             np.add.at(J[:, a:b], list(part.columns), part.tangent(theta[a:b]))
-        for i, k, weight in _products(parts):  # what is heavier and moved is more than both
-            place, a, b = edges[i], edges[k], edges[k + 1]
-            at, factor = list(parts[k].columns), weight * theta[place]
-            moved = parts[k].coefficients(theta[a:b])
+        for i, k, per in _products(parts):  # what is heavier and moved is more than both
+            place, start, end = int(edges[i]), int(edges[k]), int(edges[k + 1])
+            at, factor = list(parts[k].columns), per * theta[place]
+            moved = parts[k].coefficients(theta[start:end])
             np.add.at(c, at, factor * moved)
-            np.add.at(J[:, a:b], at, factor * parts[k].tangent(theta[a:b]))
-            np.add.at(J[:, place], at, weight * moved)
+            np.add.at(J[:, start:end], at, factor * parts[k].tangent(theta[start:end]))
+            np.add.at(J[:, place], at, per * moved)
         for part, a in zip(parts, edges[:-1]):  # another gravity pulls at the other masses
             if part.kind == "gravity" and self.weights:
                 masses, pulled = list(self.weights), list(self.weights.values())

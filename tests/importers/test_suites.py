@@ -58,8 +58,23 @@ def compare(model: Any) -> None:
     assert not any("missing" in remark.consequence for remark in report.ignored)
 
 
+LARGE = ("fruitfly", "dog_v2")
+"""Models of a hundred joints and more."""
+
+
+def sized(case: Any) -> Any:
+    """The same parameter, marked slow if its model is large."""
+    if any(name in str(case.id) for name in LARGE):
+        return pytest.param(*case.values, id=case.id, marks=pytest.mark.slow)
+    return case
+
+
 @pytest.mark.parametrize(
-    "path", files("gymnasium", "envs/mujoco/assets/*.xml") + files("dm_control", "**/*.xml")
+    "path",
+    [
+        *files("gymnasium", "envs/mujoco/assets/*.xml"),
+        *map(sized, files("dm_control", "**/*.xml")),
+    ],
 )
 def test_model_file(path: Path) -> None:
     try:

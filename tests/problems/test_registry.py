@@ -56,9 +56,18 @@ def case_of(case: str) -> Case:
     return Case(p, run, fine, ledger)
 
 
-# All tests of a case go to one process, which solves it once.
+#: variants that test again what another case does, by other means
+SLOW = ("told as a body", "tipped over hard", "Hertz", "upright")
+
+
+def marks(case: str) -> list[pytest.MarkDecorator]:
+    """All tests of a case go to one process, which solves it once."""
+    slow = [pytest.mark.slow] if case.endswith(SLOW) else []
+    return [pytest.mark.xdist_group(case), *slow]
+
+
 every_case = pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=pytest.mark.xdist_group(case)) for case in CASES]
+    "case", [pytest.param(case, marks=marks(case)) for case in CASES]
 )
 
 

@@ -62,7 +62,7 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
         yield Finding(
             "stiff-step",
             f"{'the step' if len(stiff) == 1 else 'steps'} {', '.join(f'{r.step:g}' for r in stiff)} s "
-            f"{'is' if len(stiff) == 1 else 'are'} too large for friction or contact",
+            f"{'is' if len(stiff) == 1 else 'are'} too large for the fast parts of the mechanism",
             stiff[-1].stiff.rstrip("."),
             "What converges at such steps says little of the motion",
         )

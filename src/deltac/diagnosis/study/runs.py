@@ -188,7 +188,7 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
     stiff = ""
     for warning in caught:
         if issubclass(warning.category, StiffStep):
-            stiff = str(warning.message)
+            stiff = stiff or str(warning.message)  # the first names the element
         elif not issubclass(warning.category, SimulationStopped):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno

@@ -101,7 +101,7 @@ def swinging() -> tuple[dc.Mechanism, dc.State]:
 @pytest.mark.parametrize(
     "make", [undriven, four_bar, swinging, pytest.param(disc, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("h", [1e-2, 2.5e-2])
+@pytest.mark.parametrize("h", [1e-2, pytest.param(2.5e-2, marks=pytest.mark.slow)])
 def test_discrete_gradient_closes_the_energy(make: Any, h: float) -> None:
     """Torques, dampers, M(q), quaternions, loops, rolling: K + V − Q to Newton's tolerance (1e-13 a step)."""
     mechanism, state = make()

@@ -125,7 +125,7 @@ class Audit:
             row("Q", change - float(delta_c[-1]), "the works, without those of V"),
             row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), self._bar()),
         ]
-        if self.left_over is not delta_c:
+        if not np.array_equal(self.left_over, delta_c):
             rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
         return tuple(rows)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from kernel_sizes import chain
@@ -21,14 +22,17 @@ from deltac.kernels import Kernel
 SNAPSHOT = Path(__file__).with_name("instructions.json")
 
 
+def _problem(name: str) -> dc.Mechanism:
+    return dc.problems.load(name).mechanism
+
+
 def counts() -> dict[str, dict[str, int]]:
     """By mechanism: instructions of the accelerations, and of the energies and powers."""
     makers: dict[str, Callable[[], dc.Mechanism]] = {
-        f"random chain of {dof}": lambda dof=dof: chain(dof)  # type: ignore[misc]
-        for dof in (3, 10, 30)
+        f"random chain of {dof}": partial(chain, dof) for dof in (3, 10, 30)
     }
     for name in ("simple-pendulum", "triple-pendulum", "heavy-top", "bricard", "andrews-squeezer"):
-        makers[name] = lambda name=name: dc.problems.load(name).mechanism  # type: ignore[misc]
+        makers[name] = partial(_problem, name)
     return {name: _of(make()) for name, make in makers.items()}
 
 

@@ -15,8 +15,9 @@ from measure import contest
 from numpy.typing import NDArray
 
 import deltac as dc
+from deltac.simulation.course import Course
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import Course, FixedStepper
+from deltac.simulation.fixed import FixedStepper
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 

@@ -12,6 +12,7 @@ import deltac as dc
 from deltac.kernels import kernel as kernels
 from deltac.kernels.kept import Kept
 from deltac.simulation import SimulationStopped, fixed
+from deltac.simulation.course import Course
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from machines import pendulum, robot, workshop
@@ -42,7 +43,7 @@ def test_results_do_not_depend_on_the_steps_in_a_call(
         monkeypatch.setattr(fixed, "MOST_STEPS_PER_CALL", most)
         stepper = fixed.FixedStepper(flow, find_solver(solver))
         assert stepper.steps_per_call == most
-        tables.append(stepper.run(fixed.Course(p, x0, 0.0, 0.01, 20)))
+        tables.append(stepper.run(Course(p, x0, 0.0, 0.01, 20)))
     one, three = tables
     assert len(three.t) == 21  # 20 is no multiple of 3: the rest of the last call is dropped
     np.testing.assert_array_equal(one.t, three.t)
@@ -72,9 +73,7 @@ def test_compiled_steps_equal_steps_from_python() -> None:
     compiled = dc.simulate(mechanism, state, 0.2, 0.01)
     flow = build_flow(mechanism, ("wang", "liu-huston"))
     x0, p = flow.start(state, np.empty(0)), np.empty(0)
-    motion = fixed.run_in_python(
-        flow, find_solver("ode5"), None, fixed.Course(p, x0, 0.0, 0.01, 20)
-    )
+    motion = fixed.run_in_python(flow, find_solver("ode5"), None, Course(p, x0, 0.0, 0.01, 20))
     free = mechanism.free
     found = np.concatenate([compiled.q[:, free.q], compiled.u[:, free.u]], axis=1)
     np.testing.assert_allclose(motion.x[:, : found.shape[1]], found, rtol=0, atol=1e-13)

@@ -8,8 +8,8 @@ from deltac.recorders.mujoco_recorder import (
     MujocoRecorder,
     integrator_names,
     record_mujoco,
-    run_mujoco,
 )
+from deltac.recorders.mujoco_run import run_mujoco
 from deltac.recorders.mujoco_simulator import MujocoSimulator, mujoco_simulator
 
 __all__ = [

@@ -12,7 +12,8 @@ import numpy as np
 from deltac.errors import InputError, closest
 from deltac.importers.names import coordinate_names, speed_names
 from deltac.mechanism import State
-from deltac.recorders.mujoco_recorder import compiled_model, integrator_names, run_mujoco
+from deltac.recorders.mujoco_recorder import integrator_names
+from deltac.recorders.mujoco_run import compiled_model, run_mujoco
 from deltac.recorders.optional import simulator
 from deltac.trajectories import Trajectory
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.laws import is_smooth
+from deltac.simulation.course import Motion, Progress
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import Motion, Progress, Settle, StageRate
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.solvers.solver import Solver
+from deltac.simulation.stages import Settle, StageRate
 
 Array = NDArray[np.float64]
 IMPLICIT = ("Radau", "BDF", "LSODA")

@@ -18,18 +18,13 @@ from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.simulation.careful import CarefulStep
-from deltac.simulation.fixed import (
-    MOST_INSTRUCTIONS,
-    MOST_STEPS_PER_CALL,
-    FixedStepper,
-    numeric_masks,
-    settle_kernel,
-)
+from deltac.simulation.fixed import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, FixedStepper
 from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver
 from deltac.simulation.solvers.explicit import TABLEAUS
 from deltac.simulation.solvers.solver import Parts
+from deltac.simulation.stages import numeric_masks, settle_kernel
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from deltac.errors import DeltacError
 from deltac.kernels import Kernel
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.careful import LeastSquares
-from deltac.simulation.fixed import Motion
+from deltac.simulation.course import Motion
 from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.trajectories import Provenance, Trajectory

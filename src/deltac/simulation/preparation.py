@@ -15,9 +15,9 @@ from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.fixed import StageRate
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
+from deltac.simulation.stages import StageRate
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.correction import check_correction_held
+from deltac.simulation.course import Course
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.events.running import Outcome
 from deltac.simulation.events.simulating import (
@@ -26,7 +27,7 @@ from deltac.simulation.events.simulating import (
     with_occurrences,
 )
 from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import LONG_RUN, Course, FixedStepper, run_in_python
+from deltac.simulation.fixed import LONG_RUN, FixedStepper, run_in_python
 from deltac.simulation.flow import Flow, Stabilisation, build_flow
 from deltac.simulation.implicit import ImplicitStepper, check_radius
 from deltac.simulation.observation import observer, recorded, while_assembled

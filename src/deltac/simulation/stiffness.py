@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.simulation.fixed import Motion
+from deltac.simulation.course import Motion
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers.explicit import TABLEAUS, growth
 from deltac.simulation.solvers.solver import Solver

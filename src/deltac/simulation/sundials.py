@@ -15,11 +15,12 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
 from deltac.errors import InputError
+from deltac.simulation.course import Motion, Progress
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import Motion, Progress, Settle
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.implicit.form import Form, Point, Settings
 from deltac.simulation.solvers.solver import Solver
+from deltac.simulation.stages import Settle
 
 Array: TypeAlias = NDArray[np.float64]
 SUNDIALS = ("CVODES", "IDAS")

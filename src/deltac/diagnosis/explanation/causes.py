@@ -9,8 +9,16 @@ import numpy as np
 from deltac.diagnosis.equations import Evaluator
 from deltac.diagnosis.explanation.bodies import of_bodies
 from deltac.diagnosis.explanation.candidates import Candidate, Places, one
-from deltac.diagnosis.explanation.columns import Column
+from deltac.diagnosis.explanation.columns import Column, What
 from deltac.mechanism.forces import JointDamper, JointSpring
+
+PUSHES: tuple[tuple[What, str, str], ...] = (
+    ("force", "applied-force", "N"),
+    ("moment", "applied-moment", "N·m"),
+    ("body-force", "thrust", "N"),
+    ("body-moment", "body-torque", "N·m"),
+)
+"""Forces and moments on a body that a model may lack: in world components, and turning with the body."""
 
 
 def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candidate, ...]:
@@ -63,8 +71,8 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         damper, spring = own.get(JointDamper), own.get(JointSpring)
         acting = {c.element for c in places.of if c.what == "channel"}
 
-        def at(what: str, name: str = entry.name) -> tuple[int, ...] | None:
-            return places(Column(what, name))  # type: ignore[arg-type]
+        def at(what: What, name: str = entry.name) -> tuple[int, ...] | None:
+            return places(Column(what, name))
 
         has_damper = single and (damper is not None or f"damper {joint.name}" in acting)
         if not has_damper:
@@ -153,16 +161,9 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     for link in evaluator.symbols.system.links:
         body = link.joint.child
-        for what, kind, unit in (
-            ("force", "applied-force", "N"),
-            ("moment", "applied-moment", "N·m"),
-            ("body-force", "thrust", "N"),
-            ("body-moment", "body-torque", "N·m"),
-        ):
+        for what, kind, unit in PUSHES:
             found = [
-                (k, p[0])
-                for k in range(3)
-                if (p := places(Column(what, body, k))) is not None  # type: ignore[arg-type]
+                (k, p[0]) for k in range(3) if (p := places(Column(what, body, k))) is not None
             ]
             groups = [[f] for f in found] + ([found] if len(found) > 1 else [])
             for group in groups:

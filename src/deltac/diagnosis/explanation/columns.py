@@ -203,14 +203,14 @@ def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
             nothing = ca.SX(3, 1)
-            for what, wrench in (
-                ("force", ca.vertcat(cross(link.centre, world), world)),
-                ("moment", ca.vertcat(world, nothing)),
-                ("body-force", ca.vertcat(cross(link.centre, own), own)),
-                ("body-moment", ca.vertcat(own, nothing)),
-            ):
-                kind: What = what  # type: ignore[assignment]
-                found[Column(kind, body, axis)] = gather(s, {k: wrench})[s.free_u]
+            wrenches: dict[What, SX] = {
+                "force": ca.vertcat(cross(link.centre, world), world),
+                "moment": ca.vertcat(world, nothing),
+                "body-force": ca.vertcat(cross(link.centre, own), own),
+                "body-moment": ca.vertcat(own, nothing),
+            }
+            for what, wrench in wrenches.items():
+                found[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
     return found
 
 

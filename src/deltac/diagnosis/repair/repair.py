@@ -202,7 +202,7 @@ def _fixes(program: Program, groups: Sequence[Found]) -> tuple[Fix, ...]:
         fixes.append(
             Fix(
                 file=source.name,
-                lines=tuple(source.nodes[e.place].lineno for e in edits),  # type: ignore[attr-defined]
+                lines=tuple(getattr(source.nodes[e.place], "lineno", 0) for e in edits),
                 words=tuple(e.words for e in edits),
                 kinds=tuple(e.kind for e in edits),
                 cost=round(sum(e.cost for e in edits), 3),

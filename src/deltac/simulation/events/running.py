@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import DeltacError
+from deltac.simulation.course import Motion
 from deltac.simulation.events.accumulation import Accumulation
 from deltac.simulation.events.colliding import Collider
 from deltac.simulation.events.locating import EPS, End, crossing, may_cross
 from deltac.simulation.events.stepping import Step, Stepper
 from deltac.simulation.events.watching import Sight, Watch
-from deltac.simulation.fixed import Motion
 
 Array = NDArray[np.float64]
 TOUCHING = 1e-10

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from deltac.simulation.careful import CarefulStep
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import FixedStepper, Settle, StageRate, numeric_masks
+from deltac.simulation.fixed import FixedStepper
 from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver
+from deltac.simulation.stages import Settle, StageRate, numeric_masks
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from deltac.errors import InputError
 from deltac.kernels import Kernel
+from deltac.simulation.course import Course, Motion
 from deltac.simulation.equations import Controller
-from deltac.simulation.fixed import Course, Motion, Settle, StageRate, march
 from deltac.simulation.flow import Flow
 from deltac.simulation.implicit.form import Form, Settings
 from deltac.simulation.implicit.newton import Newton, Outcome
 from deltac.simulation.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.solvers.solver import Solver
+from deltac.simulation.stages import Settle, StageRate, march
 
 Array: TypeAlias = NDArray[np.float64]
 DEFAULT_RADIUS = 0.8

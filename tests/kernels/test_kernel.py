@@ -209,12 +209,12 @@ def test_outputs_may_be_empty(evaluator: str) -> None:
     assert Kernel({"x": x}, {})(x=[1, 2]) == {}
 
 
-def test_compact_mode_gives_the_same_values(evaluator: str) -> None:
+def test_inline_code_gives_the_same_values(evaluator: str) -> None:
     x = casadi.SX.sym("x", 2)
     y = casadi.sin(x) * casadi.cos(x[0])
     values = np.random.default_rng(0).normal(size=(2, 9))
-    plain, compact = Kernel({"x": x}, {"y": y}), Kernel({"x": x}, {"y": y}, compact=True)
-    np.testing.assert_allclose(compact.flat(values), plain.flat(values), rtol=4e-16, atol=1e-16)
+    plain, inline = Kernel({"x": x}, {"y": y}), Kernel({"x": x}, {"y": y}, inline=True)
+    np.testing.assert_allclose(inline.flat(values), plain.flat(values), rtol=8e-16, atol=1e-16)
 
 
 @pytest.mark.parametrize(
@@ -277,3 +277,22 @@ def test_unknown_evaluator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTAC_EVALUATOR", "heioka")
     with pytest.raises(InputError, match="'heioka'; did you mean 'heyoka'"):
         evaluator_name()
+
+
+def test_named_evaluation_in_blocks_is_the_flat_one(evaluator: str) -> None:
+    x, p = casadi.SX.sym("x", 2), casadi.SX.sym("p")
+    outputs = {"column": p * x, "matrix": x @ x.T + p, "scalar": x[0] / p, "none": casadi.SX(0, 1)}
+    kernel = Kernel({"x": x}, outputs, p)
+    rng = np.random.default_rng(1)
+    rows, values = rng.normal(size=(2500, 2)), rng.uniform(1, 2, size=(2500, 1))
+    for parameters in (values, values[7]):
+        flat = kernel.flat(rows.T, parameters.T)
+        found = kernel(parameters, x=rows)
+        np.testing.assert_array_equal(found["column"], flat[:2].T)
+        np.testing.assert_array_equal(
+            found["matrix"], flat[2:6].T.reshape(-1, 2, 2).transpose(0, 2, 1)
+        )
+        np.testing.assert_array_equal(found["scalar"], flat[6])
+        assert found["none"].shape == (2500, 0)
+    with pytest.raises(InputError, match=r"parameters have shape \(2499, 1\).*\(2500, 1\)"):
+        kernel(values[1:], x=rows)

@@ -196,9 +196,9 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     done: list[str] = []
     compile_function = kernels.compile_function
 
-    def counting(function: Any, compact: bool = False) -> Any:
+    def counting(function: Any, inline: bool = False) -> Any:
         done.append(str(function.n_instructions()))
-        return compile_function(function, compact)
+        return compile_function(function, inline)
 
     monkeypatch.setattr(kernels, "compile_function", counting)
     return done

@@ -48,13 +48,13 @@ def evaluator_name() -> str:
     return forced or ("heyoka" if installed else "casadi")
 
 
-def compile_function(function: Any, compact: bool = False) -> Evaluator:
+def compile_function(function: Any, inline: bool = False) -> Evaluator:
     """Compile a CasADi function with two dense columns in, (x, p), and one out.
 
     Args:
         function: the `casadi.Function`, of `SX` expressions.
-        compact: keep loops in the machine code, which compiles faster and runs slower; for more
-            than about 100 degrees of freedom (heyoka only).
+        inline: write sines and cosines out in the machine code, which compiles more slowly and makes
+            batches faster; for what runs millions of times (heyoka only).
 
     Raises:
         InputError: as `evaluator_name`; an operation that heyoka does not have.
@@ -62,7 +62,7 @@ def compile_function(function: Any, compact: bool = False) -> Evaluator:
     if evaluator_name() == "heyoka":
         from deltac.kernels.heyoka_evaluator import HeyokaEvaluator
 
-        return HeyokaEvaluator(function, compact)
+        return HeyokaEvaluator(function, inline)
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
     return CasadiEvaluator(function)

@@ -22,17 +22,16 @@ class HeyokaEvaluator:
     columns left over at the end (`width` is the size of a vector) it puts through scalar code.
     """
 
-    def __init__(self, function: Any, compact: bool = False) -> None:
+    def __init__(self, function: Any, inline: bool = False) -> None:
         """Compile a function of dense columns (x, p)."""
         prepare_cache()
         variables = [hy.expression(f"x{i}") for i in range(function.nnz_in(0))]
         parameters = [hy.par[i] for i in range(function.nnz_in(1))]
-        (outputs,) = to_heyoka(function, [variables, parameters])
+        (outputs,) = to_heyoka(function, [variables, parameters], inline)
         self.width = simd_width()
         self._compiled: Any = hy.cfunc(
             outputs,
             vars=variables,
-            compact_mode=compact,
             batch_size=self.width,
             force_avx512=self.width > hy.recommended_simd_size(),
         )

@@ -17,6 +17,11 @@ from deltac.kernels.evaluators import Evaluator, compile_function
 Array: TypeAlias = NDArray[np.float64]
 SX: TypeAlias = Any  # casadi.SX
 
+AT_ONCE = 1032
+"""States in a block of a named evaluation: they stay in a core's cache on the way through the kernel, and
+their rows are not a power of two apart.
+"""
+
 
 class Kernel:
     """A function from named columns (and parameters) to named columns or matrices.
@@ -42,7 +47,7 @@ class Kernel:
         outputs: Mapping[str, SX],
         parameters: SX | None = None,
         *,
-        compact: bool = False,
+        inline: bool = False,
         name: str = "kernel",
     ) -> None:
         """Simplify the expressions; compilation waits for the first call.
@@ -52,14 +57,14 @@ class Kernel:
             outputs: expressions of these and of the parameters, by name.
             parameters: a symbolic column of what changes between runs, such as a mass that varies;
                 what is a number in the expressions is folded into the code, and is much faster.
-            compact: see `compile_function`.
+            inline: see `compile_function`.
             name: what errors call it.
 
         Raises:
             InputError: an input that is not a symbolic column, or an output with unknown symbols.
         """
         self.name = name
-        self._compact = compact
+        self._inline = inline
         columns = {key: casadi.SX(value) for key, value in inputs.items()}
         results = {key: casadi.SX(value) for key, value in outputs.items()}
         p = casadi.SX(0, 1) if parameters is None else casadi.SX(parameters)
@@ -103,7 +108,7 @@ class Kernel:
 
     @cached_property
     def _evaluator(self) -> Evaluator:
-        return compile_function(self.function, self._compact)
+        return compile_function(self.function, self._inline)
 
     def compile(self) -> Kernel:
         """Compile now, rather than at the first call; returns the kernel."""
@@ -204,13 +209,24 @@ class Kernel:
         if len(set(lengths.values())) > 1:
             raise InputError(f"{self.name}: inputs differ in their number of times: {lengths}")
         times = next(iter(lengths.values()), 1)
-        x = np.empty((self.n_in, times))
-        for key, where in self.input_slices.items():
-            x[where] = rows[key].T
-        if parameters is not None and np.ndim(parameters) == 2:
-            parameters = np.asarray(parameters, dtype=np.float64).T
-        y = self.flat(x, parameters)
-        return {key: self._time_first(key, y[where]) for key, where in self.output_slices.items()}
+        p = None if parameters is None else np.asarray(parameters, dtype=np.float64)
+        varying = p is not None and p.ndim == 2
+        if p is not None and varying and len(p) != times:
+            raise InputError(
+                f"{self.name}: parameters have shape {p.shape}, expected ({self.n_parameters},) or "
+                f"({times}, {self.n_parameters})"
+            )
+        found = {key: self._empty(key, times) for key in self.output_slices}
+        for start in range(0, times, AT_ONCE):
+            here = slice(start, min(start + AT_ONCE, times))
+            x = np.empty((self.n_in, here.stop - start))
+            for key, where in self.input_slices.items():
+                x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][here]).T
+            y = self.flat(x, p[here].T if varying and p is not None else p)
+            for key, where in self.output_slices.items():
+                shape = found[key].shape[:0:-1]  # of a matrix (T, rows, columns): column by column
+                found[key][here] = y[where].reshape(*shape, y.shape[1]).T
+        return found
 
     def _rows(self, key: str, value: ArrayLike) -> Array:
         """The values of an input as `(T, n)`, with T = 1 for one that stays the same."""
@@ -225,13 +241,12 @@ class Kernel:
             )
         return array
 
-    def _time_first(self, key: str, y: Array) -> Array:
+    def _empty(self, key: str, times: int) -> Array:
+        """Room for an output at so many times, time first."""
         rows, columns = self.output_shapes[key]
-        if (rows, columns) == (1, 1):
-            return y.reshape(-1)
         if columns == 1:
-            return np.ascontiguousarray(y.T)
-        return np.ascontiguousarray(y.reshape(columns, rows, -1).transpose(2, 1, 0))
+            return np.empty(times if rows == 1 else (times, rows))
+        return np.empty((times, rows, columns))
 
     def _batch_parameters(self, parameters: ArrayLike | None, batch: int) -> Array | None:
         n = self.n_parameters

@@ -12,13 +12,14 @@ selects, so that a NaN in the branch not taken does not spread; `fmin` and `fmax
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, TypeAlias
 
 import casadi
 
 from deltac.errors import InputError
+from deltac.kernels.trigonometry import cosine, sine
 
 Function: TypeAlias = Any  # casadi.Function
 Scalar: TypeAlias = Any  # a scalar of the target algebra
@@ -31,19 +32,22 @@ class Algebra:
 
     name: str
     constant: Callable[[float], Scalar]
-    operations: Mapping[int, Operation]
+    operations: dict[int, Operation]
 
 
-def to_heyoka(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
+def to_heyoka(
+    function: Function, arguments: Sequence[Sequence[Scalar]], inline: bool = False
+) -> list[list[Scalar]]:
     """`function` on heyoka expressions: one list of arguments per input, one list per output.
 
     Inputs are listed by their structural nonzeros (all entries, when dense); outputs are whole
-    matrices, column by column, structural zeros included.
+    matrices, column by column, structural zeros included. With `inline`, sine and cosine are
+    written out (see `trigonometry`): for values only, not for Taylor series.
 
     Raises:
         InputError: an operation heyoka cannot express, or arguments that do not fit the inputs.
     """
-    return lower(function, arguments, _heyoka())
+    return lower(function, arguments, _heyoka_inline() if inline else _heyoka())
 
 
 def to_sympy(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
@@ -167,6 +171,18 @@ def _heyoka() -> Algebra:
             casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
         },
     )
+
+
+@cache
+def _heyoka_inline() -> Algebra:
+    import heyoka as hy
+
+    called = _heyoka()
+    written = {
+        casadi.OP_SIN: lambda x: sine(x, hy.select, hy.lt),
+        casadi.OP_COS: lambda x: cosine(x, hy.select, hy.lt),
+    }
+    return replace(called, operations=called.operations | written)
 
 
 @cache

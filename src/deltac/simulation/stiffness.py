@@ -134,11 +134,11 @@ def _growth(solver: Solver, z: complex) -> float:
 
 def _within_measure(motion: Motion, x0: Array, n: int) -> Motion:
     """The motion up to where its state has grown absurdly."""
-    size = np.abs(motion.x[:, :n]).max(axis=1, initial=0.0)
-    beyond = size > ABSURD * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
-    if not beyond.any():
+    x, most = motion.x[:, :n], ABSURD * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
+    if not max(x.max(initial=0.0), -x.min(initial=0.0)) > most:
         return motion
-    k = max(int(np.argmax(beyond)), 1)
+    size = np.abs(x).max(axis=1)
+    k = max(int(np.argmax(size > most)), 1)
     message = (
         f"stopped at t = {motion.t[k - 1]:.9g} s: the state then grows to {size[k]:.2g}, "
         "beyond all measure"

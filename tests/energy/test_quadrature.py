@@ -83,6 +83,18 @@ def test_order_of_the_powers_alone(spacing: str) -> None:
     assert np.log2(errors[0] / errors[1]) > quadrature.SAMPLED - 1.5
 
 
+@pytest.mark.parametrize("count", [9, 31, 32, 33, 55, 56, 800, 1600])
+@pytest.mark.parametrize("start", [0.0, -1e3])
+def test_equidistant_samples_share_their_weights(count: int, start: float) -> None:
+    """Degree 7 exactly, wherever blocks and bands of windows end, and whatever the time of the start."""
+    t = start + np.linspace(-1, 1, count)
+    x = t - start
+    found = lagrange(Samples(t, {}, {}, {}), x[None, :] ** np.arange(8)[:, None])
+    degree = np.arange(1, 9)[:, None]
+    exact = (x[None, :] ** degree - (-1.0) ** degree) / degree
+    np.testing.assert_allclose(found, exact, atol=2e-15 * np.sqrt(count) * max(1.0, abs(start)))
+
+
 def test_the_powers_alone_serve_where_the_log_is_smooth_and_dense() -> None:
     dense = integrate(analytic(np.linspace(0, 2, 1001)), integrand)
     assert dense.rule == "samples"

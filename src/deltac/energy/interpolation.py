@@ -135,6 +135,43 @@ def weighted_windows(values: Array, weights: Array, bands: Array, out: Array) ->
     out.reshape(len(out), count, size)[...] = product.transpose(1, 0, 2)
 
 
+def equidistant(t: Array) -> bool:
+    """Whether times differ from equidistant ones by no more than their rounding."""
+    even = np.linspace(t[0], t[-1], len(t))
+    return bool(np.abs(t - even).max() <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
+
+
+def cumulating_matrix(weights: Array, size: int) -> Array:
+    """Sums over one, two, … `size` neighbouring windows with the same weights (window,).
+
+    The matrix is (size + window − 1, size).
+    """
+    bands = band_matrices(1, size, len(weights))[0]
+    for k in range(size):
+        bands[k : k + len(weights), k] = weights
+    return np.cumsum(bands, axis=1)
+
+
+def cumulated_windows(values: Array, matrix: Array, sums: Array) -> None:
+    """Continue `sums` (m, n + 1) from their first column, by `cumulating_matrix` over `values`.
+
+    `values` are (m, n + window − 1) or longer.
+    """
+    m, n = len(sums), sums.shape[1] - 1
+    each, size = values.itemsize, matrix.shape[1]
+    count, rest = divmod(n, size)
+    if count:
+        strides = (size * each, values.strides[0], each)
+        cut = np.lib.stride_tricks.as_strided(values, (count, m, len(matrix)), strides)
+        product = np.matmul(cut, matrix)
+        before = np.concatenate([sums[None, :, 0], product[:-1, :, -1]]).cumsum(axis=0)
+        product += before[:, :, None]
+        sums[:, 1 : 1 + count * size].reshape(m, count, size)[...] = product.transpose(1, 0, 2)
+    if rest:
+        last = values[:, count * size : count * size + len(matrix) - size + rest]
+        sums[:, -rest:] = sums[:, [-rest - 1]] + last @ matrix[: last.shape[1], :rest]
+
+
 def window_times(t: Array, start: int, first: int, z: Array, width: Array) -> None:
     """Write the times of the windows (window, B), in units of their intervals, and the widths (1, B)."""
     window, size = z.shape

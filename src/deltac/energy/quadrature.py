@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 from deltac.energy.interpolation import (
     band_matrices,
     blocks,
+    cumulated_windows,
+    cumulating_matrix,
+    equidistant,
     hermite_kernel,
     lagrange_kernel,
     weighted_windows,
@@ -77,8 +80,16 @@ def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> N
     sums[:, 0] = 0.0
     part = np.empty((len(rows), BAND * BANDS))
     bands = band_matrices(BANDS, BAND, window)
+    even = None
+    if equidistant(t):  # the same weights everywhere but near the ends
+        z = np.arange(window) - max(0.0, window // 2 - 1)
+        weights = kernel(z=z, width=(t[-1] - t[0]) / (len(t) - 1))["weights"][0]
+        even = cumulating_matrix(weights, BAND)
     for start, stop, first in blocks(len(t), window, BAND * BANDS):
         size = stop - start
+        if even is not None and size > 1:
+            cumulated_windows(powers[:, first:], even, sums[:, start : stop + 1])
+            continue
         x = np.empty((kernel.n_in, size))
         window_times(t, start, first, x[:window], x[window:])
         weights = kernel.flat(x)

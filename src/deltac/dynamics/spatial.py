@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -23,9 +24,7 @@ def skew(a: SX) -> SX:
 
 def cross(a: SX, b: SX) -> SX:
     """The vector product of two 3-vectors."""
-    return ca.vertcat(
-        a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    )
+    return ca.cross(a, b)
 
 
 def cross_motion(V: SX, W: SX) -> SX:
@@ -107,28 +106,42 @@ class Turn:
 
     def __matmul__(self, v: SX) -> SX:
         """E v, 3 by any number."""
-        i, j, k = self.places
-        rows = [v[n, :] for n in range(3)]
-        turned = [rows[n] for n in range(3)]
-        turned[i], turned[j] = (
-            self.c * rows[i] + self.s * rows[j],
-            self.c * rows[j] - self.s * rows[i],
-        )
-        return ca.vertcat(*turned)
+        return _turned(self.axis, v.shape[1])(self.c, self.s, v)
 
     def matrix_back(self, A: SX, symmetric: bool) -> SX:
         """Eᵀ A E."""
-        i, j, k = self.places
-        B, back = ca.densify(ca.SX(A)), self.back
-        half = self.s * (A[j, j] - A[i, i]) - self.c * (A[i, j] + A[j, i])
-        B[i, i], B[j, j] = A[i, i] + self.s * half, A[j, j] - self.s * half
-        B[i, j] = -self.c * half - A[j, i]
-        B[j, i] = B[i, j] if symmetric else -self.c * half - A[i, j]
-        column = back @ A[:, k]
-        row = column if symmetric else back @ A[k, :].T
-        for n in (i, j):
-            B[n, k], B[k, n] = column[n], row[n]
-        return B
+        return _turned_back(self.axis, symmetric)(self.c, self.s, A)
+
+
+# Recursions turn thousands of vectors: a call of a CasADi function costs as much as a single operation.
+
+
+@cache
+def _turned(axis: int, columns: int) -> Any:
+    """(c, s, v) -> E v of a `Turn`."""
+    c, s, v = ca.SX.sym("c"), ca.SX.sym("s"), ca.SX.sym("v", 3, columns)
+    i, j, _ = Turn(axis, c, s).places
+    rows = ca.vertsplit(v)
+    rows[i], rows[j] = c * rows[i] + s * rows[j], c * rows[j] - s * rows[i]
+    return ca.Function("turned", [c, s, v], [ca.vertcat(*rows)])
+
+
+@cache
+def _turned_back(axis: int, symmetric: bool) -> Any:
+    """(c, s, A) -> Eᵀ A E of a `Turn`."""
+    c, s, A = ca.SX.sym("c"), ca.SX.sym("s"), ca.SX.sym("A", 3, 3)
+    turn = Turn(axis, c, s)
+    i, j, k = turn.places
+    B, back = ca.SX(A), turn.back
+    half = s * (A[j, j] - A[i, i]) - c * (A[i, j] + A[j, i])
+    B[i, i], B[j, j] = A[i, i] + s * half, A[j, j] - s * half
+    B[i, j] = -c * half - A[j, i]
+    B[j, i] = B[i, j] if symmetric else -c * half - A[i, j]
+    column = back @ A[:, k]
+    row = column if symmetric else back @ A[k, :].T
+    for n in (i, j):
+        B[n, k], B[k, n] = column[n], row[n]
+    return ca.Function("turned_back", [c, s, A], [B])
 
 
 @dataclass(frozen=True)

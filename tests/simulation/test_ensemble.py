@@ -67,7 +67,7 @@ def test_a_member_depends_on_itself_alone(fused: int, monkeypatch: pytest.Monkey
 def test_parameters_vary_between_members() -> None:
     mechanism, masses = double_pendulum(), np.array([0.5, 1.0, 2.0])
     state = mechanism.state({"shoulder": 1.0})
-    runs = dc.simulate_ensemble(mechanism, state, 0.5, 0.01, vary={"m": masses})
+    runs = dc.simulate_ensemble(mechanism, state, 0.5, 0.01, "ode4", vary={"m": masses})
     for k, m in enumerate(masses):
         other = mechanism.with_parameters(m=float(m))
         one = dc.simulate(other, state, 0.5, 0.01, "ode4")

@@ -111,7 +111,7 @@ def simulate_ensemble(
     states: State | tuple[ArrayLike, ArrayLike],
     duration: float,
     step: ArrayLike,
-    solver: str | Sequence[str] = "ode4",
+    solver: str | Sequence[str] = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
     vary: Mapping[str, ArrayLike] | None = None,

@@ -46,7 +46,7 @@ def member_solvers(solver: str | Sequence[str]) -> list[Solver]:
     for one in found:
         if one.family != "fixed":
             raise InputError(
-                f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode4' or 'ode8'"
+                f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode5' or 'ode8'"
             )
     return found
 

@@ -137,7 +137,8 @@ def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
         offset = KINDS[joint.kind].quaternion
         if offset is not None:
             start = q_place.start + offset
-            norm = np.linalg.norm(run.q[:, start : start + 4], axis=1)
+            quaternion = run.q[:, start : start + 4]
+            norm = np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))  # norm(axis=1), but fast
             found[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
     found.update(_constraint_violations(mechanism, run))
     return found

@@ -31,6 +31,7 @@ from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.pieces import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
+from deltac.kernels.parallel import spread
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -75,11 +76,20 @@ def columns(values: np.ndarray, places: Sequence[int] | np.ndarray) -> np.ndarra
 
 
 def _any_nonzero(force: np.ndarray) -> np.ndarray:
-    """Which columns of (T, n) have something in them (n,), several rows at a time."""
+    """Which columns of (T, n) have something in them (n,), several rows at a time and on all cores."""
+    rows, n = force.shape
     at_once = 64  # rows of a few columns are too short for loops over them to be fast
-    rows = len(force) // at_once * at_once
-    bulk = (force[:rows].reshape(-1, at_once * force.shape[1]) != 0.0).any(axis=0)
-    return np.asarray(bulk.reshape(at_once, -1).any(axis=0) | (force[rows:] != 0.0).any(axis=0))
+    block = 1024 * at_once
+    found = np.zeros((-(-rows // block), n), dtype=bool)
+
+    def look(k: int) -> None:
+        part = force[k * block : (k + 1) * block]
+        whole = len(part) // at_once * at_once
+        bulk = (part[:whole].reshape(-1, at_once * n) != 0.0).any(axis=0)
+        found[k] = bulk.reshape(at_once, n).any(axis=0) | (part[whole:] != 0.0).any(axis=0)
+
+    spread(look, range(len(found)))
+    return np.asarray(found.any(axis=0))
 
 
 @dataclass(frozen=True)

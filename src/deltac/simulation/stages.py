@@ -113,6 +113,7 @@ class StageRate:
         self._rate, self._state = _rate_kernels(flow)
         self.parameters = p
         self._in, self._out = np.empty(self._rate.n_in), np.empty(self._rate.n_out)
+        self._places = self._rate.input_slices
         self.held = np.zeros(flow.inputs.shape[0])
 
     def hold(self, t: float, x: Array) -> Array:
@@ -123,15 +124,15 @@ class StageRate:
 
     def __call__(self, t: float, x: Array) -> Array:
         """ẋ."""
-        flow = self._flow
-        values = self.held
-        if self._controller is not None and not self._controller.hold:
-            values = self._asked(t, x)
-        given: Array = np.empty(0)
-        if flow.equations is not None and not flow.traced:
+        flow, places = self._flow, self._places
+        self._in[0], self._in[places["x"]] = t, x
+        if "inputs" in places:
+            asked = self._controller is not None and not self._controller.hold
+            self._in[places["inputs"]] = self._asked(t, x) if asked else self.held
+        if "given" in places:
+            assert flow.equations is not None
             q, u, _ = flow.parts
-            given = flow.equations(t, x[q].copy(), x[u].copy())
-        self._in[:] = np.concatenate([[t], x, values, given])
+            self._in[places["given"]] = flow.equations(t, x[q].copy(), x[u].copy())
         p = self.parameters if len(self.parameters) else None
         return self._rate.single(self._in, self._out, p).copy()
 

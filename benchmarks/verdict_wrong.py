@@ -25,11 +25,11 @@ FOREIGN = ("accelerations", "positions and speeds")
 
 
 def mutated(seed: int, each: int) -> Iterator[Case]:
-    """Single mistakes in the hand-written equations of the six cases of `equations`."""
+    """Single mistakes in the hand-written equations of the cases of `equations`."""
     for case in equations.CASES:
         text = (HERE / "equations" / f"{case}.py").read_text("utf-8")
         mechanism, coordinates = equations.load(case)
-        start, duration, step = _start(case, mechanism)
+        start, duration, step = start_of(case, mechanism)
         draw = random.Random(f"{case} {seed}")
         right = _function(text, case)
         pool = mutants(text, "rhs", seed=seed)
@@ -58,11 +58,13 @@ def mutated(seed: int, each: int) -> Iterator[Case]:
                 break
 
 
-def _start(case: str, mechanism: dc.Mechanism) -> tuple[dc.State, float, float]:
+def start_of(case: str, mechanism: dc.Mechanism) -> tuple[dc.State, float, float]:
     """Where the motions of a hand-written case start, how long they last and at which step."""
     if case == "heavy_top":
         speeds = {"tip.wx": 1.0, "tip.wy": 8.0, "tip.wz": -2.0}
         return mechanism.state({}, speeds=speeds), 1.0, 0.005
+    if case == "two_link_arm":
+        return mechanism.state({"a": 1.2, "b": -0.7}), 2.0, 0.01
     problem = dc.problems.load(case.replace("_", "-"))
     return problem.state, 2.0, 0.01
 

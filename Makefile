@@ -11,6 +11,7 @@ ARGS ?=
 CORE := $(VENV)/.deltac-core
 TEST := $(VENV)/.deltac-test
 DEV := $(VENV)/.deltac-dev
+BENCH := $(VENV)/.deltac-bench
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -50,7 +51,7 @@ check: lint types layers test-casadi test  ## all of the checks, as in continuou
 bench-explain: $(TEST)  ## how often a log's residual is explained rightly: planted faults
 	$(PY) benchmarks/explain.py $(ARGS)
 
-bench: $(TEST)  ## the benchmarks, beside other simulators
+bench: $(BENCH)  ## the benchmarks, beside other simulators
 	$(PY) benchmarks/run.py $(ARGS)
 
 bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false verdicts
@@ -68,7 +69,7 @@ docs: $(TEST)  ## run the examples in documents and docstrings, follow the links
 clean:  ## remove caches and build products, and install afresh next time
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
-	rm -f $(CORE) $(TEST) $(DEV)
+	rm -f $(CORE) $(TEST) $(DEV) $(BENCH)
 
 # --- the virtual environment ---------------------------------------------------------------------
 
@@ -105,3 +106,7 @@ $(TEST): pyproject.toml | $(PY)
 
 $(DEV): pyproject.toml | $(PY)
 	$(call install,.[dev],$(CORE) $(TEST) $(DEV))
+
+# The benchmarks' set stands beside the tests': it brings other programs, some of them large.
+$(BENCH): pyproject.toml | $(PY)
+	$(call install,.[bench],$(CORE) $(BENCH))

@@ -11,7 +11,6 @@ from typing import Any
 
 import humanoid
 import numpy as np
-import single_run
 from measure import contest
 from numpy.typing import NDArray
 
@@ -58,8 +57,10 @@ def told(found: dict[str, Any]) -> str:
 
 
 def _pendulum() -> Race:
+    from peers import Pendulum, mujoco_pendulum
+
     problem, rng = dc.problems.load("triple-pendulum"), np.random.default_rng(1)
-    model = single_run.MuJoCo(problem).model
+    model = mujoco_pendulum.model(Pendulum(problem, 1000 * STEP, STEP))
     Q = problem.state.q + 0.1 * rng.standard_normal((MEMBERS, 3))
     U = problem.state.u + 0.1 * rng.standard_normal((MEMBERS, 3))
     return Race("triple pendulum", problem.mechanism, model, Q, U, 1000, 80.0, 1e-9)

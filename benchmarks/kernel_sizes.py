@@ -57,6 +57,13 @@ def chain(dof: int, seed: int = 1) -> dc.Mechanism:
     return dc.Mechanism(bodies, joints, gravity=(0.0, 0.0, -9.81), name=f"chain of {dof}")
 
 
+def accelerations(mechanism: dc.Mechanism) -> Kernel:
+    """u̇ by articulated bodies, written out and not compiled yet."""
+    system = trace(mechanism)
+    columns = {"q": system.q, "u": system.u}
+    return Kernel(columns, {"udot": forward(system, channels(system)).udot})
+
+
 def _measured(dof: int, rounds: int, gflops: float) -> dict[str, Any]:
     mechanism = chain(dof)
     kernels: dict[str, Kernel] = {}
@@ -85,38 +92,16 @@ def _measured(dof: int, rounds: int, gflops: float) -> dict[str, Any]:
         "udot_ns_per_state": 1e9 * per_state,
         "udot_ns_per_state_and_dof": 1e9 * per_state / dof,
         "of_peak": 1e-9 * motion.instructions / per_state / gflops,
-        **_pinocchio(mechanism, x[:, 0], out[:, 0], rounds),
+        **_pinocchio(mechanism, x, out, rounds),
     }
 
 
 def _pinocchio(
     mechanism: dc.Mechanism, x: np.ndarray, udot: np.ndarray, rounds: int
-) -> dict[str, float]:
-    """Time of a call of Pinocchio's aba, whose accelerations must be ours; nothing without it."""
+) -> dict[str, Any]:
+    """Its time of a state: called from Python, and of a batch; nothing without it."""
     try:
-        import pinocchio as pin
+        from peers import pinocchio_chain
     except ImportError:
         return {}
-    model, places = pin.Model(), {"ground": 0}
-    for joint in mechanism.joints:
-        body = mechanism.body(joint.child)
-        kind = pin.JointModelRevoluteUnaligned(np.array(joint.axes[0]))
-        place = pin.SE3(np.array(joint.rotation), np.array(joint.position, dtype=float))
-        places[joint.child] = model.addJoint(places[joint.parent], kind, place, joint.name)
-        inertia = pin.Inertia(
-            float(body.mass), np.array(body.mass_centre, float), np.array(body.inertia, float)
-        )
-        model.appendBodyToJoint(places[joint.child], inertia, pin.SE3.Identity())
-    model.gravity.linear = np.array(mechanism.gravity, dtype=float)
-    data, (q, u) = model.createData(), np.split(x.copy(), 2)
-    tau = np.zeros(len(q))
-    found = pin.aba(model, data, q, u, tau)
-    off = np.abs(found - udot).max() / np.abs(udot).max()
-    assert off < 1e-6, f"{mechanism.name}: deltac and Pinocchio differ by {off:.1e}"
-    calls = 200
-
-    def repeat() -> None:
-        for _ in range(calls):
-            pin.aba(model, data, q, u, tau)
-
-    return {"pinocchio_ns": 1e9 * median_seconds(repeat, rounds) / calls, "pinocchio_off": off}
+    return pinocchio_chain.measured(mechanism, x, udot, rounds)

@@ -12,21 +12,28 @@ from typing import Any
 
 # Times of compilation mean something only when nothing was compiled before.
 os.environ.setdefault("DELTAC_CACHE", "off")
+# Exudyn's build without range checks, where the processor has what it needs.
+os.environ.setdefault("EXUDYN_MODULE", "fast")
 
 import accuracy_run
 import ensemble_run
 import hardware
 import kernel_sizes
 import ledger_run
+import limits_run
 import single_run
 import squeezer_run
+import startup_run
 from counts import counts
 from measure import machine
 
 from deltac.kernels import evaluator_name
 
 LONG_ROUNDS = 3  # of what takes half a minute
-PACKAGES = ("deltac", "numpy", "scipy", "casadi", "heyoka", "mujoco", "pin")
+PACKAGES = (
+    *("deltac", "numpy", "scipy", "casadi", "heyoka", "sympy"),
+    *("mujoco", "pin", "exudyn", "drake", "pydy"),
+)
 
 
 def main() -> None:
@@ -43,12 +50,17 @@ def main() -> None:
         f"{allowed['gbytes_per_s']:.1f} GB/s copying"
     )
     rounds, few = options.rounds, min(options.rounds, LONG_ROUNDS)
-    contests: list[dict[str, Any]] = []
+    trajectory = single_run.run(rounds, few)
+    contests = [row for row in trajectory if "target" in row]
+    for one in contests:
+        print(_told(one, single_run.told))
+    print(single_run.table(trajectory), flush=True)
+    limits = limits_run.run(few)
+    print(limits_run.table(limits), flush=True)
     for module, found in (
-        (single_run, lambda: [single_run.run(rounds)]),
         (ensemble_run, lambda: ensemble_run.run(few)),
         (accuracy_run, lambda: [accuracy_run.run(rounds)]),
-        (squeezer_run, lambda: [squeezer_run.run(rounds)]),
+        (squeezer_run, lambda: squeezer_run.run(rounds, few)),
         (ledger_run, lambda: [ledger_run.run(options.samples, few)]),
     ):
         for one in found():
@@ -57,11 +69,16 @@ def main() -> None:
     kernels = kernel_sizes.run(tuple(options.dof), few, allowed["gflops"])
     print(_table(kernels))
     print(f"  {kernel_sizes.growth(kernels)}")
+    startup = startup_run.run(few)
+    print(startup_run.told(startup))
     content = {
         "machine": about,
         "hardware": allowed,
         "contests": contests,
+        "one_trajectory": trajectory,
+        "limits": limits,
         "kernels": kernels,
+        "startup": startup,
         "instructions": counts(),
     }
     _write(options.out, content)
@@ -121,8 +138,10 @@ def _table(kernels: list[dict[str, Any]]) -> str:
             f"{k['udot_ns_per_state_and_dof']:13.2f}{peak:13.0%}"
         )
         if "pinocchio_ns" in k:
+            batch = k.get("pinocchio_batch_ns")
             lines.append(
-                f"{'':15}a call of Pinocchio's aba from Python: {k['pinocchio_ns']:.0f} ns"
+                f"{'':15}Pinocchio's aba: a call from Python {k['pinocchio_ns']:.0f} ns"
+                + (f", a state of a batch on all cores {batch:.0f} ns" if batch else "")
             )
     return "\n".join(lines)
 

@@ -1,12 +1,15 @@
-"""Andrews' squeezing mechanism to 1e-8 rad, beside SUNDIALS' IDA on the same compiled equations.
+"""Andrews' squeezing mechanism to 1e-8 rad, beside SUNDIALS' IDA and Exudyn.
 
-Both sides get their equations ready before the clock starts: we a step of ode5 with projection, IDA (by
-CasADi's `integrator`) the accelerations ẋ as an expression, with exact Jacobians. Each takes the coarsest
-step or tolerance of its list whose end is within 1e-8 rad of a run in far smaller steps.
+IDA (by CasADi's `integrator`) gets the same equations, the accelerations ẋ as an expression, with exact
+Jacobians; Exudyn gets the mechanism as its own bodies and joints. All sides get ready before the clock
+starts. Each takes the coarsest step or tolerance whose end is within 1e-8 rad of a run in far smaller
+steps; Exudyn's method is of second order, so that its step follows from the error of a coarse run.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -26,67 +29,114 @@ WITHIN = 1e-8  # rad
 STEPS = (150, 200, 300, 400, 600, 800, 1200)
 FINE = 8000
 TOLERANCES = (1e-9, 1e-10, 1e-11, 3e-12, 1e-12, 3e-13, 1e-13)
+COARSE = 20_000
+"""Exudyn's steps of the run from which the others follow."""
+MARGIN = 1.05
 TARGET = 1.0
 CALLS = 10
 """Runs in a measurement: one takes a few milliseconds."""
 
 
-def run(rounds: int) -> dict[str, Any]:
-    """Find what each side needs for the accuracy, then time that."""
-    problem, solver = dc.problems.load("andrews-squeezer"), find_solver("ode5")
-    mechanism, end, nothing = problem.mechanism, problem.duration, np.empty(0)
-    rows = constraint_start(mechanism, problem.state, solver, None, "projection")
-    flow = build_flow(mechanism, ("wang",), rows=rows)
-    stepper, start = FixedStepper(flow, solver), flow.start(problem.state, nothing)
-    angles = flow.parts[0]
-
-    def ours(steps: int) -> Array:
-        return stepper.run(Course(nothing, start, 0.0, end / steps, steps, steps)).x[-1][angles]
-
-    exact = ours(FINE)
-    steps = next(n for n in STEPS if _off(ours(n), exact) < WITHIN)
-    free = build_flow(mechanism, ("wang",), rows=rows, stabilisation="none")
-    x0 = free.start(problem.state, nothing)
-
-    def rival(name: str, tolerance: float) -> Any:
-        options = {"reltol": tolerance, "abstol": tolerance / 10, "max_num_steps": 10**6}
-        equations = {"x": free.x, "t": free.t, "ode": free.xdot}
-        return ca.integrator("rival", name, equations, 0.0, end, options)
-
-    def last(integrator: Any) -> Array:
-        return np.array(integrator(x0=x0)["xf"]).ravel()[angles]
-
-    tolerance, ida = next(
-        (tolerance, made)
-        for tolerance in TOLERANCES
-        for made in [rival("idas", tolerance)]
-        if _off(last(made), exact) < WITHIN
-    )
-    measured = contest(
-        lambda: [ours(steps) for _ in range(CALLS)],
-        lambda: [last(ida) for _ in range(CALLS)],
-        rounds,
-    ).summary()
-    for side in ("ours_s", "theirs_s"):
-        measured[side] /= CALLS
-    return {
-        "name": f"Andrews' squeezer to {WITHIN:g} rad: deltac ode5 / SUNDIALS IDA",
-        "target": TARGET,
-        **measured,
-        "steps": steps,
-        "tolerance": tolerance,
-        "our_error_rad": _off(ours(steps), exact),
-        "their_error_rad": _off(last(ida), exact),
-    }
+def run(rounds: int, few: int) -> list[dict[str, Any]]:
+    """Find what each side needs for the accuracy, then time that: `few` times beside Exudyn."""
+    squeezer = Squeezer()
+    return [_beside_ida(squeezer, rounds), _beside_exudyn(squeezer, few)]
 
 
 def told(found: dict[str, Any]) -> str:
     """What is particular to this contest, in words."""
     return (
-        f"{found['steps']} steps, error {found['our_error_rad']:.0e} rad; IDA at {found['tolerance']:g}, "
+        f"{found['steps']} steps, error {found['our_error_rad']:.0e} rad; the other: {found['needs']}, "
         f"error {found['their_error_rad']:.0e} rad"
     )
 
 
-def _off(found: Array, exact: Array) -> float:
-    return float(np.abs(found - exact).max())
+class Squeezer:
+    """Our side: a compiled step, the end it leads to, and how many steps the accuracy takes."""
+
+    def __init__(self) -> None:
+        self.problem, solver = dc.problems.load("andrews-squeezer"), find_solver("ode5")
+        mechanism = self.problem.mechanism
+        self.rows = constraint_start(mechanism, self.problem.state, solver, None, "projection")
+        flow = build_flow(mechanism, ("wang",), rows=self.rows)
+        self.stepper = FixedStepper(flow, solver)
+        self.start = flow.start(self.problem.state, np.empty(0))
+        self.angles = flow.parts[0]
+        self.exact = self.end(FINE)
+        self.steps = next(n for n in STEPS if self.error(self.end(n)) < WITHIN)
+
+    def end(self, steps: int) -> Array:
+        """The angles at the end of a run in so many steps (rad)."""
+        h = self.problem.duration / steps
+        course = Course(np.empty(0), self.start, 0.0, h, steps, steps)
+        return self.stepper.run(course).x[-1][self.angles]
+
+    def error(self, end: Array) -> float:
+        """Largest difference from the end of a run in far smaller steps (rad)."""
+        return float(np.abs(end - self.exact).max())
+
+    def beside(self, rival: Callable[[], Array], rounds: int, calls: int) -> dict[str, Any]:
+        """Our run and the rival's in turn; `calls` of the rival's runs in a measurement."""
+        ours = [self.end(self.steps), rival()]
+        errors = [self.error(end) for end in ours]
+        assert max(errors) < WITHIN, f"errors are {errors} rad, less than {WITHIN:g} expected"
+        measured = contest(
+            lambda: [self.end(self.steps) for _ in range(CALLS)],
+            lambda: [rival() for _ in range(calls)],
+            rounds,
+        ).summary()
+        scale = CALLS / calls
+        return {
+            "target": TARGET,
+            **measured,
+            "ours_s": measured["ours_s"] / CALLS,
+            "theirs_s": measured["theirs_s"] / calls,
+            "ratio": measured["ratio"] * scale,
+            "ratio_range": [ratio * scale for ratio in measured["ratio_range"]],
+            "steps": self.steps,
+            "our_error_rad": errors[0],
+            "their_error_rad": errors[1],
+        }
+
+
+def _beside_ida(squeezer: Squeezer, rounds: int) -> dict[str, Any]:
+    problem = squeezer.problem
+    free = build_flow(problem.mechanism, ("wang",), rows=squeezer.rows, stabilisation="none")
+    x0 = free.start(problem.state, np.empty(0))
+
+    def rival(tolerance: float) -> Callable[[], Array]:
+        options = {"reltol": tolerance, "abstol": tolerance / 10, "max_num_steps": 10**6}
+        equations = {"x": free.x, "t": free.t, "ode": free.xdot}
+        made = ca.integrator("rival", "idas", equations, 0.0, problem.duration, options)
+        return lambda: np.array(made(x0=x0)["xf"]).ravel()[squeezer.angles]
+
+    tolerance, ida = next(
+        (tolerance, made)
+        for tolerance in TOLERANCES
+        for made in [rival(tolerance)]
+        if squeezer.error(made()) < WITHIN
+    )
+    return {
+        "name": f"Andrews' squeezer to {WITHIN:g} rad: deltac ode5 / SUNDIALS IDA",
+        **squeezer.beside(ida, rounds, CALLS),
+        "needs": f"tolerance {tolerance:g}",
+        "tolerance": tolerance,
+    }
+
+
+def _beside_exudyn(squeezer: Squeezer, rounds: int) -> dict[str, Any]:
+    name = f"Andrews' squeezer to {WITHIN:g} rad: deltac ode5 / Exudyn TrapezoidalIndex2"
+    try:
+        from peers import exudyn_squeezer
+    except ImportError:
+        return {"name": name, "skipped": "Exudyn is not installed (the extra 'exudyn' brings it)"}
+    rival = exudyn_squeezer.Squeezer(squeezer.problem)
+    refined = (squeezer.error(rival.run(COARSE)) / WITHIN) ** (1 / exudyn_squeezer.ORDER)
+    steps = math.ceil(MARGIN * COARSE * refined)
+    found = squeezer.beside(lambda: rival.run(steps), rounds, 1)
+    return {
+        "name": name,
+        **found,
+        "needs": f"{steps} steps of {1e6 * found['theirs_s'] / steps:.0f} µs",
+        "their_steps": steps,
+    }

@@ -1,0 +1,167 @@
+"""What deltac adds to the compiled code it stands on: whole runs beside the bare calls inside them.
+
+The bare side has no trajectory to fill, no checks, no report: heyoka's compiled steps in an empty loop, which
+write over the same numbers, and heyoka's own Taylor integrator, made before the clock starts. What CasADi's
+evaluator, which takes heyoka's place where that has no wheels, does with the same steps stands beside.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from measure import contest
+from numpy.typing import NDArray
+
+import deltac as dc
+from deltac.kernels import evaluator_name, to_heyoka
+from deltac.simulation.course import Course
+from deltac.simulation.fixed import FixedStepper
+from deltac.simulation.flow import build_flow
+from deltac.simulation.solvers import find_solver
+
+Array = NDArray[np.float64]
+DURATION, STEP = 10.0, 1e-4
+TESTING = ("wang", "liu-huston")
+EVERY = 0.01
+"""Seconds between the rows of the Taylor method's runs: what is in between is its own affair."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A whole run of deltac's, the bare calls beside it, and how many steps or rows each makes."""
+
+    name: str
+    whole: Callable[[], Any]
+    bare: Callable[[], Any]
+    count: int
+    unit: str
+
+
+def run(rounds: int) -> list[dict[str, Any]]:
+    """Both sides in turn; {"skipped": why} without heyoka."""
+    if evaluator_name() != "heyoka":
+        return [{"name": "what deltac adds to heyoka", "skipped": "heyoka is not the evaluator"}]
+    problem = dc.problems.load("triple-pendulum")
+    return [
+        _measured(pair, rounds) for pair in (_steps(problem), _taylor(problem), _casadi(problem))
+    ]
+
+
+def table(found: list[dict[str, Any]]) -> str:
+    """A line each."""
+    lines = ["\nwhat a run takes beside the compiled code alone, triple pendulum"]
+    for one in found:
+        if "skipped" in one:
+            lines.append(f"  {one['name']}: skipped: {one['skipped']}")
+            continue
+        low, high = one["ratio_range"]
+        lines.append(
+            f"  {one['name']}: {one['whole_us']:.2f} µs and {one['bare_us']:.2f} µs {one['unit']}, "
+            f"{one['ratio']:.2f} ({low:.2f} to {high:.2f})"
+        )
+    return "\n".join(lines)
+
+
+def _measured(pair: Pair, rounds: int) -> dict[str, Any]:
+    found = contest(pair.bare, pair.whole, rounds).summary()
+    return {
+        "name": pair.name,
+        "unit": pair.unit,
+        "whole_us": 1e6 * found["theirs_s"] / pair.count,
+        "bare_us": 1e6 * found["ours_s"] / pair.count,
+        "ratio": found["ratio"],
+        "ratio_range": found["ratio_range"],
+        "rounds": found["rounds"],
+    }
+
+
+def _steps(problem: dc.problems.Problem) -> Pair:
+    """simulate, and the very kernel it calls."""
+    steps = round(DURATION / STEP)
+    stepper = _stepper(problem)
+    single, out = stepper.kernel.compile().single, np.empty(stepper.kernel.n_out)
+    x = np.concatenate([_start(problem, stepper), [0.0, 0.0, STEP]])  # the state, k, t0, h
+    calls = steps // stepper.steps_per_call
+
+    def bare() -> None:
+        for _ in range(calls):
+            single(x, out)
+
+    return Pair(
+        f"ode5 with testing functions / heyoka's code for {stepper.steps_per_call} steps a call",
+        lambda: dc.simulate(problem.mechanism, problem.state, DURATION, STEP, "ode5", TESTING),
+        bare,
+        steps,
+        "per step",
+    )
+
+
+def _taylor(problem: dc.problems.Problem) -> Pair:
+    """simulate with the Taylor method, and heyoka's integrator of the same equations."""
+    import heyoka as hy
+
+    flow = build_flow(problem.mechanism)
+    x = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
+    rate = ca.Function("xdot", [flow.t, flow.x], [ca.cse(ca.densify(flow.xdot))])
+    (rates,) = to_heyoka(rate, [[hy.time], x])
+    start = flow.start(problem.state, np.empty(0))
+    method = hy.taylor_adaptive(list(zip(x, rates)), start, compact_mode=True)
+    times = np.arange(0.0, DURATION + EVERY / 2, EVERY)
+
+    def whole() -> dc.Trajectory:
+        return dc.simulate(problem.mechanism, problem.state, DURATION, EVERY, "taylor", testing=())
+
+    def bare() -> Array:
+        method.time, method.state[:] = 0.0, start
+        return np.asarray(method.propagate_grid(times)[-1])
+
+    off = float(np.abs(bare()[-1, :3] - whole().q[-1]).max())
+    assert off < 1e-10, f"deltac's Taylor run and heyoka's own end {off:.1e} rad apart"
+    return Pair("taylor / heyoka's taylor_adaptive", whole, bare, len(times) - 1, "per row")
+
+
+def _casadi(problem: dc.problems.Problem) -> Pair:
+    """The same steps on either evaluator."""
+    steps = round(DURATION / STEP) // 10
+    fast = _stepper(problem)
+    with _evaluator("casadi"):
+        slow = _stepper(problem)
+        slow.kernel.compile()
+    course = Course(np.empty(0), _start(problem, fast), 0.0, STEP, steps)
+    ends = [stepper.run(course).x[-1] for stepper in (fast, slow)]
+    off = float(np.abs(ends[0] - ends[1]).max())
+    assert off < 1e-10, f"the two evaluators end {off:.1e} apart"
+    return Pair(
+        "ode5 with testing functions on CasADi's evaluator / on heyoka",
+        lambda: slow.run(course),
+        lambda: fast.run(course),
+        steps,
+        "per step",
+    )
+
+
+def _stepper(problem: dc.problems.Problem) -> FixedStepper:
+    return FixedStepper(build_flow(problem.mechanism, TESTING), find_solver("ode5"), long=True)
+
+
+def _start(problem: dc.problems.Problem, stepper: FixedStepper) -> Array:
+    return stepper.flow.start(problem.state, np.empty(0))
+
+
+@contextmanager
+def _evaluator(name: str) -> Iterator[None]:
+    """What is compiled meanwhile is compiled by that evaluator."""
+    before = os.environ.get("DELTAC_EVALUATOR")
+    os.environ["DELTAC_EVALUATOR"] = name
+    try:
+        yield
+    finally:
+        del os.environ["DELTAC_EVALUATOR"]
+        if before is not None:
+            os.environ["DELTAC_EVALUATOR"] = before

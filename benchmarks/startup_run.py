@@ -1,0 +1,110 @@
+"""How long one waits: for the first verdict in a fresh process, and for kernels that were compiled before.
+
+A process each, with a cache folder of its own: cold is the first in an empty folder, warm the next one there.
+`python benchmarks/startup_run.py DOF` is such a process: it compiles a chain's accelerations.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from kernel_sizes import accelerations, chain
+from measure import seconds
+
+from deltac.kernels import evaluator_name
+
+STUDY = ("study", "triple-pendulum", "--steps", "0.02,0.01,0.005", "--json")
+VERDICT_WITHIN = {"cold": 3.0, "warm": 1.5}  # s
+SIZES = (30, 100)
+LOADED_WITHIN = 0.3  # s
+
+
+def run(rounds: int) -> dict[str, Any]:
+    """Seconds, cold and warm, of the first verdict and of the kernels of chains."""
+    verdicts: dict[str, list[float]] = {"cold": [], "warm": []}
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            for kind in verdicts:
+                verdicts[kind].append(_first_verdict(folder))
+    return {
+        "command": "deltac " + " ".join(STUDY),
+        "verdict_s": {kind: statistics.median(taken) for kind, taken in verdicts.items()},
+        "verdict_wanted_s": VERDICT_WITHIN,
+        # CasADi's evaluator compiles nothing, and keeps nothing.
+        "kernels": [_loaded(dof, rounds) for dof in SIZES if evaluator_name() == "heyoka"],
+        "loaded_wanted_s": LOADED_WITHIN,
+        "rounds": rounds,
+    }
+
+
+def told(found: dict[str, Any]) -> str:
+    """All of it in words."""
+    lines = [f"\nwaiting, fresh processes (medians of {found['rounds']})"]
+    for kind, taken in found["verdict_s"].items():
+        wanted = found["verdict_wanted_s"][kind]
+        lines.append(
+            f"  {found['command']}, cache {kind}: {taken:.2f} s; "
+            f"less than {wanted:g} s wanted: {_met(taken, wanted)}"
+        )
+    for kernel in found["kernels"]:
+        loaded, wanted = kernel["loaded_s"], found["loaded_wanted_s"]
+        lines.append(
+            f"  accelerations of a chain of {kernel['dof']}: written out in {kernel['trace_s']:.2f} s, "
+            f"compiled in {kernel['compiled_s']:.2f} s, from the cache in {loaded:.3f} s; "
+            f"less than {wanted:g} s wanted: {_met(loaded, wanted)}"
+        )
+    return "\n".join(lines)
+
+
+def kernel_times(dof: int) -> dict[str, float]:
+    """Seconds to write out the accelerations of a chain, and to compile them or find them in the cache."""
+    import heyoka  # noqa: F401  # its import is no part of either
+
+    kernels: list[Any] = []
+    traced = seconds(lambda: kernels.append(accelerations(chain(dof))))
+    return {"trace_s": traced, "compile_s": seconds(kernels[0].compile)}
+
+
+def _met(taken: float, wanted: float) -> str:
+    return "met" if taken < wanted else "MISSED"
+
+
+def _first_verdict(folder: str) -> float:
+    """Wall time of the whole process (s); its verdict must be right."""
+    start = time.perf_counter()
+    said = _process(["-m", "deltac", *STUDY], folder)
+    taken = time.perf_counter() - start
+    kind = json.loads(said)["verdict"]
+    assert kind == "consistent", f"{' '.join(STUDY)}: the verdict is {kind!r}"
+    return taken
+
+
+def _loaded(dof: int, rounds: int) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        times = [json.loads(_process([__file__, str(dof)], folder)) for _ in range(1 + rounds)]
+    return {
+        "dof": dof,
+        "trace_s": statistics.median(one["trace_s"] for one in times),
+        "compiled_s": times[0]["compile_s"],
+        "loaded_s": statistics.median(one["compile_s"] for one in times[1:]),
+    }
+
+
+def _process(arguments: list[str], folder: str) -> str:
+    """What a Python process says, which has this folder as its cache."""
+    environment = {**os.environ, "DELTAC_CACHE": "on", "DELTAC_CACHE_DIR": folder}
+    command = [sys.executable, *arguments]
+    return subprocess.run(
+        command, env=environment, check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
+
+
+if __name__ == "__main__":
+    print(json.dumps(kernel_times(int(sys.argv[1]))))

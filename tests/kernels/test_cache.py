@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from deltac.errors import InputError
-from deltac.kernels import cache_info, clear_cache
+from deltac.kernels import cache_info, clear_cache, compiled
 from deltac.kernels.cache import LIMIT
 
 needs_heyoka = pytest.mark.heyoka
@@ -57,30 +57,26 @@ def run(folder: Path, code: str = RUN, **environment: str) -> str:
     return done.stderr
 
 
-def entries(folder: Path) -> list[tuple[int, int]]:
-    """(hash, time of last use) of each entry."""
-    connection = sqlite3.connect(folder / "cache.db")
-    rows = connection.execute("SELECT hash, last_access FROM cache ORDER BY hash").fetchall()
-    connection.close()
-    return rows
-
-
-def edit(folder: Path, statement: str, *values: object) -> None:
-    connection = sqlite3.connect(folder / "cache.db")
-    with connection:
-        connection.execute(statement, values)
-    connection.close()
+def entries(folder: Path) -> dict[str, float]:
+    """When each file was last used, by its name."""
+    return {file.name: file.stat().st_mtime for file in folder.glob("*.kernel")}
 
 
 @needs_heyoka
 def test_second_process_finds_the_kernel(tmp_path: Path) -> None:
     assert run(tmp_path) == ""
     first = entries(tmp_path)
-    assert first
+    assert len(first) == 1
+    for file in tmp_path.iterdir():
+        os.utime(file, (1e9, 1e9))
     assert run(tmp_path) == ""
     second = entries(tmp_path)
-    assert [h for h, _ in second] == [h for h, _ in first]
-    assert max(t for _, t in second) > max(t for _, t in first), "the entries were not used"
+    assert second.keys() == first.keys()
+    assert min(second.values()) > 1e9, "the entry was not used"
+
+
+def empty(file: Path) -> None:
+    file.write_bytes(b"")
 
 
 def garble(file: Path) -> None:
@@ -91,93 +87,96 @@ def truncate(file: Path) -> None:
     os.truncate(file, file.stat().st_size // 2)
 
 
-def overwrite_header(file: Path) -> None:
-    file.write_bytes(b"nothing SQLite knows" + file.read_bytes()[20:])
-
-
-def overwrite_middle(file: Path) -> None:
+def flip_a_bit_of_code(file: Path) -> None:
     data = bytearray(file.read_bytes())
-    data[len(data) // 2 : len(data) // 2 + 2000] = bytes(2000)
+    data[len(data) // 3] ^= 1
     file.write_bytes(data)
 
 
-def flip_a_bit_of_code(file: Path) -> None:
-    """What SQLite cannot see, and a processor would run."""
-    connection = sqlite3.connect(file)
-    for key, code in connection.execute("SELECT hash, obj FROM cache").fetchall():
-        flipped = bytearray(code)
-        flipped[len(code) // 3] ^= 1
-        connection.execute("UPDATE cache SET obj = ? WHERE hash = ?", (bytes(flipped), key))
-    connection.commit()
-    connection.close()
+def seal_something_else(file: Path) -> None:
+    """A right digest of what cannot be unpickled, as another version may have written it."""
+    code = b"no pickle"
+    file.write_bytes(hashlib.blake2b(code, digest_size=32).digest() + code)
 
 
 @needs_heyoka
 @pytest.mark.parametrize(
-    "damage", [garble, truncate, overwrite_header, overwrite_middle, flip_a_bit_of_code]
+    "damage", [empty, garble, truncate, flip_a_bit_of_code, seal_something_else]
 )
-def test_damaged_cache_is_emptied_with_a_warning(
-    tmp_path: Path, damage: Callable[[Path], None]
+def test_a_damaged_file_is_made_anew(tmp_path: Path, damage: Callable[[Path], None]) -> None:
+    run(tmp_path)
+    (file,) = tmp_path.iterdir()
+    whole = file.stat().st_size
+    damage(file)
+    assert run(tmp_path) == ""
+    assert [f.name for f in tmp_path.iterdir()] == [file.name]
+    assert file.stat().st_size == pytest.approx(whole, rel=0.01)
+
+
+def test_code_of_another_version_has_another_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(tmp_path)
-    damage(tmp_path / "cache.db")
-    told = run(tmp_path)
-    assert "was damaged" in told
-    assert str(tmp_path) in told
-    assert run(tmp_path) == ""  # and the next one is in order again
-    assert entries(tmp_path)
+    assert compiled("sources, version 1", lambda: 1, tmp_path) == 1
+    assert compiled("sources, version 2", lambda: 2, tmp_path) == 2
+    monkeypatch.setattr("deltac.kernels.cache.processor", lambda: (("machine", "another"),))
+    assert compiled("sources, version 1", lambda: 3, tmp_path) == 3
+    monkeypatch.undo()
+    assert compiled("sources, version 1", lambda: 4, tmp_path) == 1
+    assert len(entries(tmp_path)) == 3
+
+
+def test_what_was_used_longest_ago_goes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 4000)
+    monkeypatch.setattr("deltac.kernels.cache.KEPT", 3000)
+    for k in range(4):
+        compiled(f"{k}", lambda: bytes(900), tmp_path)
+        for age, file in enumerate(sorted(tmp_path.iterdir(), key=os.path.getmtime)):
+            os.utime(file, (1e9 + age, 1e9 + age))
+    compiled("0", lambda: pytest.fail("it is still there"), tmp_path)  # used now
+    compiled("4", lambda: bytes(900), tmp_path)  # too much: 1 and 2 go
+    assert len(entries(tmp_path)) == 3
+    for k in (0, 3, 4):
+        compiled(f"{k}", lambda: pytest.fail("it was used later"), tmp_path)
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    old, new = tmp_path / "old.part", tmp_path / "new.part"
+    for file in (old, new):
+        file.write_bytes(b"unfinished")
+    os.utime(old, (1e9, 1e9))
+    compiled("anything", lambda: 1, tmp_path)
+    assert not old.exists()
+    assert new.exists()  # another process may be writing it
 
 
 @needs_heyoka
-def test_entries_without_a_seal_are_compiled_again(tmp_path: Path) -> None:
-    run(tmp_path)
-    before = entries(tmp_path)
-    (tmp_path / "seals.db").unlink()
-    edit(tmp_path, "UPDATE cache SET obj = zeroblob(length(obj))")  # cannot run, if used
-    assert run(tmp_path) == ""
-    assert [h for h, _ in entries(tmp_path)] == [h for h, _ in before]
-
-
-@needs_heyoka
-def test_damaged_seals_are_no_obstacle(tmp_path: Path) -> None:
-    run(tmp_path)
-    garble(tmp_path / "seals.db")
-    assert "was damaged" in run(tmp_path)
-    assert run(tmp_path) == ""
-
-
-@needs_heyoka
-def test_tables_of_another_heyoka_are_left_alone(tmp_path: Path) -> None:
-    run(tmp_path)
-    edit(tmp_path, "UPDATE config SET value = 999 WHERE key = 'schema_version'")
-    run(tmp_path)  # runs, whatever heyoka makes of it
-
-
-@needs_heyoka
-def test_unusable_folder_only_costs_time(tmp_path: Path) -> None:
+def test_unusable_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "file"
     file.write_text("in the way")
-    told = run(file)
-    assert "cannot be used" in told
-    assert "DELTAC_CACHE=off" in told
+    assert run(file) == ""
     assert file.read_text() == "in the way"
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(file))
+    assert not cache_info().writable
 
 
 @needs_heyoka
 def test_cache_that_vanishes_in_a_run_only_costs_time(tmp_path: Path) -> None:
-    vanish = "from deltac.kernels.cache import cache_folder, prepare_cache; prepare_cache()\n"
-    vanish += "for file in cache_folder().iterdir(): file.unlink()\n"
+    vanish = "import shutil, deltac.kernels.heyoka_evaluator\n"
+    vanish += f"shutil.rmtree({str(tmp_path)!r})\n"
     assert run(tmp_path, vanish + RUN) == ""
 
 
 @needs_heyoka
-def test_read_only_folder_only_costs_time(tmp_path: Path) -> None:
-    run(tmp_path)
+def test_read_only_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tmp_path.chmod(0o555)
     try:
         if os.access(tmp_path, os.W_OK):
             pytest.skip("this user may write everywhere")
-        assert "cannot be used" in run(tmp_path)
+        assert run(tmp_path) == ""
+        monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
+        assert not cache_info().writable
     finally:
         tmp_path.chmod(0o755)
 
@@ -195,8 +194,9 @@ def test_info_and_clear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("DELTAC_CACHE", "on")
     info = cache_info()
-    written = sum(f.stat().st_size for f in tmp_path.glob("*.db"))
-    assert (info.path, info.enabled, info.limit_bytes) == (tmp_path, True, LIMIT)
+    written = sum(f.stat().st_size for f in tmp_path.glob("*.kernel"))
+    assert (info.path, info.enabled, info.writable) == (tmp_path, True, True)
+    assert (info.entries, info.limit_bytes) == (1, LIMIT)
     assert info.size_bytes == written > 0
     clear_cache()
     assert cache_info().size_bytes == 0
@@ -216,3 +216,10 @@ def test_unknown_setting_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTAC_CACHE", "never")
     with pytest.raises(InputError, match="DELTAC_CACHE='never': expected 'on' or 'off'"):
         cache_info()
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="users have no numbers here")
+def test_code_of_another_user_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled("anything", lambda: 1, tmp_path)
+    monkeypatch.setattr(os, "getuid", lambda: -7)
+    assert compiled("anything", lambda: 2, tmp_path) == 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -81,16 +80,15 @@ def test_full_disk_only_costs_time(tmp_path: Path, expected: str) -> None:
 
 
 def test_entries_of_another_processor_are_not_used(tmp_path: Path, expected: str) -> None:
-    """heyoka keeps code by processor: entries of others stay, though they hold no code that could run."""
-    output(start(tmp_path))
-    connection = sqlite3.connect(tmp_path / "cache.db")
-    with connection:
-        connection.execute(
-            "UPDATE cache SET env_fingerprint = 'of another processor', obj = zeroblob(length(obj))"
-        )
-    connection.close()
+    """Code is kept by processor: that of others stays, though it is none that could run here."""
+    other = "import deltac.kernels.cache as cache\ncache.processor = lambda: (('machine', 'another'),)\n"
+    assert output(start(tmp_path, other + RUN)) == expected
+    files = sorted(tmp_path.iterdir())
+    for file in files:
+        file.write_bytes(b"code that this processor cannot run")
     assert output(start(tmp_path)) == expected
-    assert output(start(tmp_path)) == expected
+    assert set(files) < set(tmp_path.iterdir())
+    assert all(file.read_bytes().startswith(b"code that") for file in files)
 
 
 def test_widths_are_kept_apart(tmp_path: Path) -> None:

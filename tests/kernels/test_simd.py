@@ -43,7 +43,7 @@ def test_width_suits_the_processor(
 ) -> None:
     hy = pytest.importorskip("heyoka")
     monkeypatch.delenv("DELTAC_SIMD", raising=False)
-    monkeypatch.setattr(simd, "_flags", lambda: flags)
+    monkeypatch.setattr(simd, "flags", lambda: flags)
     monkeypatch.setattr(hy, "recommended_simd_size", lambda: 4)
     simd._suited.cache_clear()
     try:

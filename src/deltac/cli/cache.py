@@ -24,13 +24,19 @@ def command(
             {
                 "path": None if info.path is None else str(info.path),
                 "enabled": info.enabled,
+                "writable": info.writable,
+                "entries": info.entries,
                 "size_bytes": info.size_bytes,
                 "limit_bytes": info.limit_bytes,
             }
         )
         return
     where = "nowhere: there is no home folder" if info.path is None else str(info.path)
-    typer.echo(f"cache:   {where}{'' if info.enabled else ' (off)'}")
+    state = "" if info.enabled else " (off)"
+    if info.enabled and not info.writable:
+        state = " (cannot be written: kernels are compiled afresh; set DELTAC_CACHE_DIR to another folder)"
+    typer.echo(f"cache:   {where}{state}")
     typer.echo(
-        f"size:    {info.size_bytes / 2**20:.1f} MB of at most {info.limit_bytes / 2**20:.0f} MB"
+        f"size:    {info.size_bytes / 2**20:.1f} MB of at most {info.limit_bytes / 2**20:.0f} MB, "
+        f"{info.entries} kernels"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from deltac.kernels.cache import CacheInfo, cache_info, clear_cache, prepare_cache
+from deltac.kernels.cache import CacheInfo, cache_info, clear_cache, compiled, prepare_heyoka
 from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_name
 from deltac.kernels.kernel import Kernel
 from deltac.kernels.lowering import to_heyoka, to_sympy
@@ -15,7 +15,8 @@ __all__ = [
     "clear_cache",
     "compile_function",
     "evaluator_name",
-    "prepare_cache",
+    "compiled",
+    "prepare_heyoka",
     "to_heyoka",
     "to_sympy",
 ]

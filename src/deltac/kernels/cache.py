@@ -1,44 +1,60 @@
-"""The disk cache of compiled kernels: heyoka's own, placed, bounded and kept from breaking a run.
+"""The disk cache of compiled code: a file each, placed, bounded, and silent.
 
 Environment: `DELTAC_CACHE_DIR` names the folder (default: `deltac` in the user's cache folder, by
 the XDG rules); `DELTAC_CACHE=off` turns the disk cache off.
 
-heyoka refuses a database that SQLite finds malformed, and goes on with every compile failing to
-reach it; code damaged inside a well-formed database it loads and runs. `prepare_cache` looks first
-(see `seals`), empties a damaged cache, and switches off one that cannot be used; both with a
-warning. A disk that fills up later costs the saved work only.
+A file is named after all that its code was made from: the instructions, the compiler and its version, the
+processor. It appears whole or not at all, so processes share a folder without locks. It begins with a
+digest of the rest: a flipped bit in machine code is wrong numbers or a crash, and what is not as it was
+written is removed and compiled anew. No state of the cache fails a run; a folder that cannot be written
+costs time only, and `deltac cache` says so.
+
+heyoka's objects are kept whole, pickled: its own cache keeps machine code only, and writing out what it
+looks up there takes half a second for a robot of 30 joints, five times as long as all of this. Machine
+code or pickle, what is read is run: so files of other users are not.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
-import sys
-import warnings
+import pickle
+import tempfile
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing.util import Finalize  # unlike atexit, runs in multiprocessing children too
 from pathlib import Path
+from typing import Any, TypeVar
 
 from deltac.errors import InputError
-from deltac.kernels import seals
+from deltac.kernels.processor import processor
+
+T = TypeVar("T")
 
 LIMIT = 256 * 2**20
-"""Bytes that the cache takes at most, SQLite's journal beside it included."""
+"""Bytes that the cache takes at most; beyond it, what was not used for longest goes."""
 
-EVICTED_FROM = LIMIT // 4 * 3
-"""Size of the database above which heyoka evicts the entries used longest ago; a journal of a quarter
-of that was seen beside it."""
+KEPT = LIMIT // 4 * 3
+"""Bytes that are left after that."""
 
-_DAMAGE = ("corrupt", "malformed", "not a database")
+SUFFIX = ".kernel"
+UNFINISHED = ".part"
+ABANDONED = 3600.0
+"""Age (s) from which an unfinished file is taken to be left over from a process that was killed."""
+
+_DIGEST = 32
 
 
 @dataclass(frozen=True)
 class CacheInfo:
-    """Where the kernel cache is (None: nowhere), whether it is wanted, its size and its limit."""
+    """The folder of the cache (None: nowhere), whether it is wanted and can be written, files and bytes."""
 
     path: Path | None
     enabled: bool
+    writable: bool
+    entries: int
     size_bytes: int
     limit_bytes: int
 
@@ -71,11 +87,15 @@ def cache_wanted() -> bool:
 def cache_info() -> CacheInfo:
     """The state of the cache on disk; compiles nothing and loads no compiler."""
     folder = cache_folder()
-    size = 0
-    for file in _files(folder):
-        with suppress(OSError):
-            size += file.stat().st_size
-    return CacheInfo(folder, cache_wanted() and folder is not None, size, LIMIT)
+    files = _files(folder, SUFFIX)
+    return CacheInfo(
+        folder,
+        cache_wanted() and folder is not None,
+        folder is not None and _writable(folder),
+        len(files),
+        sum(size for _, size, _ in files),
+        LIMIT,
+    )
 
 
 def clear_cache() -> None:
@@ -85,88 +105,116 @@ def clear_cache() -> None:
         InputError: the files cannot be removed.
     """
     folder = cache_folder()
+    for file, _, _ in _files(folder, SUFFIX, UNFINISHED):
+        try:
+            file.unlink(missing_ok=True)
+        except OSError as error:
+            raise InputError(f"the kernel cache in {folder} cannot be cleared: {error}") from error
+
+
+def compiled(source: str, make: Callable[[], T], folder: Path | None = None) -> T:
+    """What `make` compiles from `source`: from the cache if it is there, else made, and put there.
+
+    Args:
+        source: all that decides what is made, but for the processor.
+        make: what it returns can be pickled.
+        folder: another one than the cache's.
+    """
+    folder = folder or (cache_folder() if cache_wanted() else None)
     if folder is None:
-        return
-    if "heyoka" in sys.modules:
-        with suppress(RuntimeError):
-            _close(folder)
-    try:
-        _remove_files(folder)
-    except OSError as error:
-        raise InputError(f"the kernel cache in {folder} cannot be cleared: {error}") from error
+        return make()
+    key = hashlib.blake2b(repr((source, processor())).encode(), digest_size=20).hexdigest()
+    file = folder / f"{key}{SUFFIX}"
+    found: T | None = _read(file)
+    if found is None:
+        found = make()
+        _write(file, found)
+    return found
 
 
 @cache
-def prepare_cache() -> None:
-    """Direct heyoka's disk cache to our folder, once in a process, before the first compile."""
+def prepare_heyoka() -> str:
+    """Silence heyoka and leave caching to us, once in a process; returns what tells its code from others'."""
     import heyoka as hy
 
     hy.set_logger_level_error()  # its warnings go to standard output, among the results
-    folder = cache_folder()
-    if folder is None or not cache_wanted():
-        hy.llvm_state.set_diskcache_enabled(False)
+    hy.llvm_state.set_diskcache_enabled(False)
+    ours = sorted(Path(__file__).parent.glob("*.py"))  # how expressions are put to heyoka
+    digest = hashlib.blake2b(b"".join(file.read_bytes() for file in ours), digest_size=8)
+    return f"heyoka {hy.__version__}, {digest.hexdigest()}"
+
+
+def _read(file: Path) -> Any:
+    """What the file holds; None if there is none, or it is not what was written."""
+    try:
+        if hasattr(os, "getuid") and file.stat().st_uid != os.getuid():
+            return None  # nobody runs another user's code
+        content = file.read_bytes()
+    except OSError:
+        return None
+    digest, code = content[:_DIGEST], memoryview(content)[_DIGEST:]
+    if hashlib.blake2b(code, digest_size=_DIGEST).digest() == digest:
+        with suppress(Exception):  # whatever pickle and heyoka may find wrong with it
+            found = pickle.loads(code)
+            with suppress(OSError):
+                os.utime(file)  # last used now
+            return found
+    with suppress(OSError):
+        file.unlink()
+    return None
+
+
+def _write(file: Path, made: Any) -> None:
+    """Put it in the file, then make room; a folder that is full or cannot be written stays as it is."""
+    code = pickle.dumps(made, protocol=5)
+    part = None
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(UNFINISHED, dir=file.parent)
+        part = Path(name)
+        with open(handle, "wb") as stream:
+            stream.write(hashlib.blake2b(code, digest_size=_DIGEST).digest())
+            stream.write(code)
+        part.replace(file)
+        _evict(file.parent)
+    except OSError:
+        if part is not None:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+
+
+def _evict(folder: Path) -> None:
+    """Remove what was used longest ago if there is too much, and what was never finished."""
+    now = time.time()
+    for file, _, used in _files(folder, UNFINISHED):
+        if now - used > ABANDONED:
+            file.unlink(missing_ok=True)
+    files = sorted(_files(folder, SUFFIX), key=lambda entry: entry[2])
+    size = sum(entry[1] for entry in files)
+    if size <= LIMIT:
         return
-    try:
-        _open_or_rebuild(folder)
-    except (OSError, RuntimeError, seals.Error) as error:
-        hy.llvm_state.set_diskcache_enabled(False)
-        warnings.warn(
-            f"the kernel cache in {folder} cannot be used ({error}); kernels are compiled afresh. "
-            "Set DELTAC_CACHE_DIR to a writable folder, or DELTAC_CACHE=off.",
-            RuntimeWarning,
-            stacklevel=2,
-        )
-    else:
-        Finalize(None, _seal_at_exit, (folder,), exitpriority=0)
-
-
-def _open_or_rebuild(folder: Path) -> None:
-    try:
-        _open(folder)
-    except (RuntimeError, seals.Error) as error:
-        if not any(sign in str(error) for sign in _DAMAGE):
-            raise
-        _close(folder)
-        _remove_files(folder)
-        _open(folder)
-        warnings.warn(
-            f"the kernel cache in {folder} was damaged ({error}); it has been emptied, "
-            "and kernels are compiled anew.",
-            RuntimeWarning,
-            stacklevel=4,
-        )
-
-
-def _open(folder: Path) -> None:
-    import heyoka as hy
-
-    folder.mkdir(parents=True, exist_ok=True)
-    seals.verify(folder)
-    hy.llvm_state.set_diskcache_path(folder)
-    hy.llvm_state.set_diskcache_limit(EVICTED_FROM)  # opens the database: errors show here
-    hy.llvm_state.set_diskcache_enabled(True)
-
-
-def _close(folder: Path) -> None:
-    import heyoka as hy
-
-    hy.llvm_state.set_diskcache_path(folder)  # closes the database until the next compile
-
-
-def _seal_at_exit(folder: Path) -> None:
-    with suppress(OSError, RuntimeError, seals.Error):  # unsealed entries are compiled again
-        _close(folder)
-        seals.seal(folder)
-
-
-def _files(folder: Path | None) -> list[Path]:
-    """What heyoka and we may have written, and nothing else: the folder may be the user's."""
-    if folder is None:
-        return []
-    suffixes = ("", "-wal", "-shm", "-journal")
-    return [folder / f"{name}{s}" for name in (seals.DATABASE, seals.SEALS) for s in suffixes]
-
-
-def _remove_files(folder: Path) -> None:
-    for file in _files(folder):
+    for file, own, _ in files:
+        if size <= KEPT:
+            break
         file.unlink(missing_ok=True)
+        size -= own
+
+
+def _files(folder: Path | None, *suffixes: str) -> list[tuple[Path, int, float]]:
+    """Ours among the files of the folder, which may be the user's: (file, bytes, last used)."""
+    found = []
+    with suppress(OSError):
+        for file in folder.iterdir() if folder is not None else ():
+            if file.suffix in suffixes:
+                with suppress(OSError):  # another process may have removed it
+                    about = file.stat()
+                    found.append((file, about.st_size, about.st_mtime))
+    return found
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made in the folder, or in the nearest above it that there is."""
+    for place in (folder, *folder.parents):
+        if place.exists():
+            return place.is_dir() and os.access(place, os.W_OK | os.X_OK)
+    return False

@@ -8,7 +8,7 @@ import heyoka as hy
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.kernels.cache import prepare_cache
+from deltac.kernels.cache import compiled, prepare_heyoka
 from deltac.kernels.lowering import to_heyoka
 from deltac.kernels.simd import simd_width
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 class HeyokaEvaluator:
-    """`f(x, p) -> y`, compiled.
+    """`f(x, p) -> y`, compiled, or read from the disk cache.
 
     heyoka cuts large batches into blocks of whole SIMD vectors and spreads them over threads. The
     columns left over at the end (`width` is the size of a vector) it puts through scalar code.
@@ -24,20 +24,23 @@ class HeyokaEvaluator:
 
     def __init__(self, function: Any, inline: bool = False) -> None:
         """Compile a function of dense columns (x, p)."""
-        prepare_cache()
+        self.width = simd_width()
+        source = (prepare_heyoka(), self.width, inline, function.serialize())
+        self._compiled: Any = compiled(repr(source), lambda: self._made(function, inline))
+        # heyoka counts parameters up to the last one that occurs, and takes no more than that.
+        self._n_parameters: int = self._compiled.nparams
+        self._uses_all = self._n_parameters == function.nnz_in(1)
+
+    def _made(self, function: Any, inline: bool) -> Any:
         variables = [hy.expression(f"x{i}") for i in range(function.nnz_in(0))]
         parameters = [hy.par[i] for i in range(function.nnz_in(1))]
         (outputs,) = to_heyoka(function, [variables, parameters], inline)
-        self.width = simd_width()
-        self._compiled: Any = hy.cfunc(
+        return hy.cfunc(
             outputs,
             vars=variables,
             batch_size=self.width,
             force_avx512=self.width > hy.recommended_simd_size(),
         )
-        # heyoka counts parameters up to the last one that occurs, and takes no more than that.
-        self._n_parameters: int = self._compiled.nparams
-        self._uses_all = self._n_parameters == len(parameters)
 
     def single(self, x: Array, out: Array, parameters: Array | None) -> None:
         """One state, or (heyoka goes by the number of dimensions) many."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import os
 from functools import cache
-from pathlib import Path
 
 from deltac.errors import InputError
+from deltac.kernels.processor import flags
 
 WIDTHS = (1, 2, 4, 8)
 AVX512_WIDTH = 8
@@ -39,13 +39,4 @@ def _suited() -> int:
     import heyoka as hy
 
     recommended = int(hy.recommended_simd_size())
-    return max(recommended, AVX512_WIDTH) if _flags() >= _AVX512 else recommended
-
-
-def _flags() -> set[str]:
-    """What Linux says that the processor can do; nothing elsewhere."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return set()
-    return set(next((line for line in lines if line.startswith("flags")), "").split())
+    return max(recommended, AVX512_WIDTH) if flags() >= _AVX512 else recommended

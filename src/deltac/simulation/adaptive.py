@@ -135,23 +135,9 @@ def run_taylor(
         raise InputError(
             "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
         ) from None
-    from deltac.kernels import prepare_cache, to_heyoka
-
-    prepare_cache()
     real = hy.real128 if quad else float
-    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [ca.cse(ca.densify(flow.xdot))])
-    names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
-    constants = [hy.expression(float(value)) for value in p]
-    (rates,) = to_heyoka(function, [[hy.time], names, constants])
-    options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
-    method = hy.taylor_adaptive(
-        list(zip(names, rates)),
-        x0.astype(real),
-        time=real(times[0]),
-        fp_type=real,
-        compact_mode=True,
-        **options,
-    )
+    method = _taylor_method(flow, p, tolerance, real)
+    method.state[:], method.time = x0.astype(real), real(times[0])
     states: list[Array] = [x0[None, :]]
     message = ""
     places = [] if flow.own is not None else quaternions(flow.system.mechanism)
@@ -174,6 +160,28 @@ def run_taylor(
     for place in places:
         x[:, place] /= np.linalg.norm(x[:, place], axis=1, keepdims=True)
     return Motion(times[: len(x)], x, np.empty((len(x), 0)), message)
+
+
+def _taylor_method(flow: Flow, p: Array, tolerance: float | None, real: Any) -> Any:
+    """Heyoka's integrator of the flow, at no state in particular; compiled, or from the disk cache."""
+    import heyoka as hy
+
+    from deltac.kernels import compiled, prepare_heyoka, to_heyoka
+
+    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [ca.cse(ca.densify(flow.xdot))])
+    source = (prepare_heyoka(), real.__name__, tolerance, p.tolist(), function.serialize())
+
+    def made() -> Any:
+        names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
+        constants = [hy.expression(float(value)) for value in p]
+        (rates,) = to_heyoka(function, [[hy.time], names, constants])
+        options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
+        nowhere = np.zeros(len(names)).astype(real)
+        return hy.taylor_adaptive(
+            list(zip(names, rates)), nowhere, fp_type=real, compact_mode=True, **options
+        )
+
+    return compiled(repr(source), made)
 
 
 def _first_step(method: Any, x0: Array, times: Array, real: Any) -> float:

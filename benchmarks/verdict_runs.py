@@ -72,9 +72,9 @@ def delivery(run: Callable[[float], dc.Trajectory], how: str) -> Callable[[float
             case "no accelerations":
                 return _without_accelerations(made)
             case "positions and speeds":
-                return replace(made, udot=None, integrals=bare, events=())
+                return _foreign(replace(made, udot=None, integrals=bare, events=()))
             case "float32":
-                return _rounded(replace(made, integrals=bare))
+                return _foreign(_rounded(replace(made, integrals=bare)))
             case _:
                 return replace(made, integrals=bare).every(4)
 
@@ -84,6 +84,12 @@ def delivery(run: Callable[[float], dc.Trajectory], how: str) -> Callable[[float
 def _without_accelerations(run: dc.Trajectory) -> dc.Trajectory:
     events = tuple(replace(e, udot_before=None, udot_after=None) for e in run.events)
     return replace(run, udot=None, events=events)
+
+
+def _foreign(run: dc.Trajectory) -> dc.Trajectory:
+    """Without events, the run is none of ours any more: ours would have told of them."""
+    source = dc.Provenance("another program", step=run.provenance.step)
+    return replace(run, provenance=source)
 
 
 def _rounded(run: dc.Trajectory) -> dc.Trajectory:

@@ -209,3 +209,25 @@ def test_a_motion_that_runs_away_is_not_one_row_old() -> None:
 
     found = of_runs(mechanism, run, udot=True)
     assert "stale-stage" not in kinds(found), found.verdict.explain()
+
+
+# --- impacts that nobody wrote down ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coarse", [0.64, 0.01])
+@pytest.mark.parametrize("udot", [True, False])
+def test_impacts_that_the_runs_do_not_tell_of(coarse: float, udot: bool) -> None:
+    """Between rows far apart no speed is seen to jump; but the model says that a ball may bounce."""
+    ball = dc.problems.load("bouncing-ball")
+
+    def bare(step: float) -> Trajectory:
+        run = dc.simulate(ball.mechanism, ball.state, 3.84, step, "ode4")
+        return log(replace(run, forces={}, events=()), udot)
+
+    steps = (coarse, coarse / 2, coarse / 4)
+    study = dc.study(ball.mechanism, simulator=bare, steps=steps, order=4)
+    assert study.verdict.kind == "unresolved"
+    assert "impacts" in kinds(study)
+    audit = dc.audit(ball.mechanism, bare(coarse))
+    assert audit.verdict.kind == "unresolved"
+    assert "impacts" in {f.kind for f in audit.findings}

@@ -234,6 +234,7 @@ def audit(
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive)
     findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.assumed_zero_finding(missing)
+    findings += checks.impacts_not_held(mechanism, run)
     findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
     works = foreign_channels(mechanism, log_read.consecutive, loaded.import_report)
     findings += foreign_notes(works, ledger.turnover)

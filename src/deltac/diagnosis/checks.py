@@ -328,6 +328,24 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     ]
 
 
+def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
+    """A run of another program without events, of a model in which things hit each other."""
+    names = [event.name for event in mechanism.events if event.impulsive]
+    channels = (*run.forces, *run.integrals)
+    held = run.events or any(name.partition(" ")[0] == "impact" for name in channels)
+    if not names or held or run.provenance.simulator == "deltac":
+        return []
+    return [
+        Finding(
+            "impacts",
+            "the model has impacts, and the run does not say whether there were any",
+            f"{', '.join(map(repr, names))} in the model; no events, no channel 'impact …' in the run",
+            "Hand over the run with its events, or leave the impacts out of the model if nothing was hit",
+            element=names[0],
+        )
+    ]
+
+
 def suspicious_conventions(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     """What the log betrays of units and conventions: degrees, the order of quaternions, gaps."""
     found: list[Finding] = []

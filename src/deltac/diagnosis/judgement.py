@@ -152,6 +152,9 @@ def judge(
             "The log has no measured accelerations, so an error of the equations cannot be told from one "
             "of the integration: log udot.<speed> of the same instants (MuJoCo: qacc)",
         )
+    impacts = next((f for f in findings if f.kind == "impacts"), None)
+    if impacts is not None:
+        return verdict("unresolved", "high", balance, equations, f"{impacts}")
     return verdict("integration-error", "high", balance, equations, _smaller_step(measures))
 
 

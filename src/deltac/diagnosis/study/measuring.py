@@ -85,7 +85,7 @@ def studied(
     if not own_solver:
         missing = assumed_zero(motions[-1], loaded.import_report)
         findings += assumed_zero_finding(missing)
-        findings += noticed.of_jumps(mechanism, motions[-1])
+        findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.diagnosis.checks import impacts_not_held
 from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
@@ -218,7 +219,13 @@ def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator
             )
 
 
-def of_jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
+def of_impacts(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
+    """Impacts whose work the run does not hold: seen in its speeds, or else to be feared of its model."""
+    seen = list(_jumps(mechanism, run))
+    yield from seen or impacts_not_held(mechanism, run)
+
+
+def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     """Speeds that jump between two rows, as in an impact that no channel holds."""
     if len(run) < 5 or any(n.partition(" ")[0] in ("impact", "contact") for n in run.forces):
         return

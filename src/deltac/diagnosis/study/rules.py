@@ -88,9 +88,8 @@ def judge_study(m: StudyMeasures) -> Verdict:
             return verdict("equation-error", "medium", _wrong_momentum(astray))
         return verdict("consistent", _sure(m), _small(m))
     if m.has("impacts") and m.energy.trend != "falls to zero":
-        return unresolved(
-            "speeds jump between rows, as in impacts, and the work of an impact is not in the runs"
-        )
+        told = next(f.what for f in m.findings if f.kind == "impacts")
+        return unresolved(f"{told}: what impacts took is not in the runs")
     if m.energy.trend == "falls to zero":
         if m.constrained and not m.equations_right and m.has("order-below-nominal"):
             return unresolved(_mended(m), _advice(m))

@@ -15,7 +15,7 @@ SAMPLE = (
     "planar-arm armature elbow",
     "cart-pole mass pole",
     "arm-3d gear actuator m4",
-    "arm-3d com fore",
+    pytest.param("arm-3d com fore", marks=pytest.mark.slow),
     "floating spring flap",
     "ball-chain inertia second",
     "planar-arm mass+com lower",

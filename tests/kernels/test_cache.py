@@ -15,6 +15,7 @@ import pytest
 from deltac.errors import InputError
 from deltac.kernels import cache_info, clear_cache
 from deltac.kernels.cache import LIMIT
+from slow import repeated
 
 needs_heyoka = pytest.mark.heyoka
 
@@ -114,7 +115,12 @@ def flip_a_bit_of_code(file: Path) -> None:
 
 @needs_heyoka
 @pytest.mark.parametrize(
-    "damage", [garble, truncate, overwrite_header, overwrite_middle, flip_a_bit_of_code]
+    "damage",
+    repeated(
+        [garble, truncate, overwrite_header, overwrite_middle, flip_a_bit_of_code],
+        garble,
+        flip_a_bit_of_code,
+    ),
 )
 def test_damaged_cache_is_emptied_with_a_warning(
     tmp_path: Path, damage: Callable[[Path], None]

@@ -17,6 +17,7 @@ from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
 from linkages import ALL, disc, four_bars, linkage, worst
+from slow import ONE_OF_A_KIND, repeated
 
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 PROJECTABLE = ["RK45", "DOP853", "Radau"]
@@ -83,7 +84,7 @@ def one_four_bar() -> tuple[dc.Mechanism, dc.State]:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", STEPPING)
+@pytest.mark.parametrize("name", repeated(STEPPING, *ONE_OF_A_KIND))
 @pytest.mark.parametrize(
     ("make", "T"),
     [(one_four_bar, 0.6), pytest.param(disc, 0.4, marks=pytest.mark.slow)],
@@ -105,7 +106,10 @@ def test_order_with_projection(name: str, make: Make, T: float) -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("name", "first"), [("ode2", 128), ("ode4", 32), ("ode5", 32)])
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [("ode2", 128), pytest.param("ode4", 32, marks=pytest.mark.slow), ("ode5", 32)],
+)
 @pytest.mark.parametrize(
     "stabilisation", ["projection", pytest.param("none", marks=pytest.mark.slow), (20.0, 20.0)]
 )
@@ -170,7 +174,7 @@ def test_baumgarte_calms_and_none_drifts() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", PROJECTABLE)
+@pytest.mark.parametrize("name", repeated(PROJECTABLE, "DOP853", "Radau"))
 def test_adaptive_solvers_with_projection(name: str) -> None:
     mechanism, state = disc()
     run = dc.simulate(mechanism, state, 0.4, 0.1, name, ALL, tolerance=1e-8)

@@ -4,7 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 PYTEST := $(PY) -m pytest
-SPREAD := -n 2 --dist loadgroup
+# A file's tests go to one process, which compiles once what they share.
+SPREAD := -n 2 --dist loadfile
 ARGS ?=
 
 # One stamp per set of requirements: reinstalled when pyproject.toml changes, or after `make clean`.

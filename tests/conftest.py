@@ -1,20 +1,37 @@
-"""What every test runs under: reproducible random examples, no display, no missing evaluator."""
+"""What every test runs under: reproducible random examples, shared kernels, no display."""
 
 from __future__ import annotations
 
 import os
+import tempfile
+from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 
-import pytest
-from hypothesis import HealthCheck, settings
-
+# Before NumPy is loaded: each process is one of two, and matrices here are small.
+for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+import pytest  # noqa: E402
+from hypothesis import HealthCheck, settings  # noqa: E402
+
+TESTS = Path(__file__).parent
 
 # A first call compiles kernels, so a slow example says nothing about the code under test.
 _PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", max_examples=14, derandomize=True, **_PATIENT)
 settings.register_profile("thorough", max_examples=500, print_blob=True, **_PATIENT)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What one process of the session compiles is there for the others, and gone with the session."""
+    if "DELTAC_CACHE" in os.environ or "DELTAC_CACHE_DIR" in os.environ:
+        return  # chosen by the user, or by the process that started this one
+    folder = tempfile.TemporaryDirectory(prefix="deltac-tests-", ignore_cleanup_errors=True)
+    config.add_cleanup(folder.cleanup)
+    os.environ["DELTAC_CACHE_DIR"] = folder.name
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -25,3 +42,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("heyoka"):
             item.add_marker(skip)
+
+
+END_TO_END = ("cli", "test_docs.py")
+"""What runs there runs as users have it."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_step_per_call(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Unrolled steps take long to compile, for runs as short as these; the tests of fusing unroll."""
+    from deltac.simulation import fixed
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.relative_to(TESTS).parts[0] not in END_TO_END:
+            patch.setattr(fixed, "MOST_STEPS_PER_CALL", 1)
+        yield

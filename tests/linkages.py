@@ -9,6 +9,14 @@ import numpy as np
 import deltac as dc
 from deltac.mechanism import Mechanism, State
 
+ALL = ("wang", "liu-huston", "kane-levinson-1990")
+"""The testing functions that hold on constrained mechanisms."""
+
+
+def worst(ledger: Any, level: str) -> float:
+    """The largest violation of any constraint at that level (position or velocity), over the run."""
+    return max(float(v.max()) for name, v in ledger.violation.items() if name.startswith(level))
+
 
 def linkage(**options: Any) -> tuple[Mechanism, State]:
     """A crank-rocker: crank 0.4 m, coupler 1 m, rocker 0.9 m, ground 1 m; it is nowhere singular."""

@@ -26,46 +26,24 @@ from deltac.mechanism import (
     Mechanism,
     body,
     box,
-    contact,
     cylindrical,
     disc,
     fixed,
     frame,
     free,
-    friction_law,
-    gravity_compensation,
-    joint_damper,
-    joint_friction,
-    joint_spring,
-    joint_torque,
     planar,
-    point_force,
-    point_friction,
     point_mass,
     prismatic,
     revolute,
     rod,
-    rotation,
     screw,
-    shapes,
     sphere,
     spherical,
-    spring_damper,
-    tendon,
     universal,
 )
-from deltac.mechanism.contact import Contact
-from deltac.mechanism.forces import (
-    GravityCompensation,
-    JointDamper,
-    JointSpring,
-    JointTorque,
-    PointForce,
-    SpringDamper,
-    Tendon,
-)
-from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS
+from random_forces import drawn_forces
+from random_geometry import random_direction, random_rotation
 
 Array = NDArray[Any]
 
@@ -181,7 +159,9 @@ def _sample(draw: DrawFn, options: Options) -> Sample:
     bodies = _bodies(draw, rng, parents, joints, options)
     mechanism = Mechanism(bodies, joints, gravity=rng.normal(0, 5, 3), parameters=parameters)
     if options.forces:
-        mechanism = replace(mechanism, forces=_forces(draw, rng, mechanism, options))
+        mechanism = replace(
+            mechanism, forces=drawn_forces(draw, rng, mechanism, options.time_in_potentials)
+        )
     return random_state(mechanism, rng)
 
 
@@ -210,18 +190,6 @@ def name_of(k: int) -> str:
     return GROUND if k < 0 else f"b{k}"
 
 
-def _direction(rng: np.random.Generator) -> Any:
-    """Half of all axes are coordinate axes, whose zeros and ones take other paths."""
-    if rng.random() < 0.5:
-        return str(rng.choice(["x", "y", "z", "-x", "-y", "-z"]))
-    return tuple(rng.normal(size=3))
-
-
-def random_rotation(rng: np.random.Generator) -> Any:
-    """A random rotation matrix."""
-    return rotation(tuple(rng.normal(size=3)), float(rng.uniform(-3, 3)))
-
-
 def tree_joints(
     draw: DrawFn, rng: np.random.Generator, parents: Sequence[int], options: Options
 ) -> list[Joint]:
@@ -245,11 +213,11 @@ def tree_joints(
                 given["child_rotation"] = random_rotation(rng)
         match kind:
             case "revolute" | "prismatic" | "cylindrical":
-                given["axis"] = _direction(rng)
+                given["axis"] = random_direction(rng)
             case "screw":
-                given.update(axis=_direction(rng), pitch=float(rng.normal()))
+                given.update(axis=random_direction(rng), pitch=float(rng.normal()))
             case "universal":
-                given.update(first=_direction(rng), second=tuple(rng.normal(size=3)))
+                given.update(first=random_direction(rng), second=tuple(rng.normal(size=3)))
         shape = KINDS[kind]
         may_be_driven = options.prescribed and kind in PRESCRIBABLE
         drawn = may_be_driven and draw(st.integers(0, 3), label=f"driven {k}") == 0
@@ -317,173 +285,3 @@ def _shape(rng: np.random.Generator, shape: str, name: str) -> Body:
     a, b, c = size
     inertia = turned @ np.diag([b + c, a + c, a + b]) @ turned.T  # any a, b, c > 0 can be a body
     return body(name, mass, ((inertia + inertia.T) / 2).tolist(), centre)
-
-
-def _law(rng: np.random.Generator, mechanism: Mechanism) -> str:
-    """A smooth law of t, a coordinate and a speed."""
-    terms = [f"{rng.normal():.3f}*cos(w_p*t)"]
-    if len(mechanism.coordinates):
-        terms.append(f"{rng.normal():.3f}*sin(q.{rng.choice(mechanism.coordinates.names)})")
-    if len(mechanism.speeds):
-        terms.append(f"{rng.normal():.3f}*u.{rng.choice(mechanism.speeds.names)}**2")
-    return " + ".join(terms)
-
-
-ELEMENTS: dict[type, tuple[str, ...]] = {
-    JointSpring: ("potential", "rest"),
-    JointDamper: ("damper",),
-    JointTorque: ("torque",),
-    PointForce: ("force", "moment"),
-    SpringDamper: ("damped", "centred", "driven"),
-    Tendon: ("cord", "coupling"),
-    GravityCompensation: ("lift",),
-    JointFriction: ("joint friction",),
-    PointFriction: ("point friction",),
-    Contact: ("ball on plane", "ball in box", "box on box", "capsules", "capsule in box"),
-}
-"""What `random_force` can make of every type of force element."""
-
-EVERY_FORCE = [what for some in ELEMENTS.values() for what in some]
-
-
-def _forces(
-    draw: DrawFn, rng: np.random.Generator, mechanism: Mechanism, options: Options
-) -> list[Any]:
-    wanted = draw(
-        st.lists(st.sampled_from(EVERY_FORCE), max_size=4),
-        label="forces",
-    )
-    made = []
-    for k, what in enumerate(wanted):
-        element = random_force(rng, mechanism, what, f"f{k}", options.time_in_potentials)
-        made += [element] if element is not None else []
-    return made
-
-
-def random_force(
-    rng: np.random.Generator, mechanism: Mechanism, what: str, name: str, in_time: bool = True
-) -> Any:
-    """A random force element of the kind `what`, or None where the mechanism has no place for it."""
-    moving = [joint for joint in mechanism.joints if joint.speeds]
-    plain = [joint for joint in moving if KINDS[joint.kind].rates]
-    joint: Any = None
-    if what in ("torque", "damper", "joint friction"):
-        if not moving:
-            return None
-        joint = moving[rng.integers(len(moving))]
-    elif what in ("potential", "rest", "coupling"):
-        if not plain:
-            return None
-        joint = plain[rng.integers(len(plain))]
-
-    def law() -> str:
-        return _law(rng, mechanism)
-
-    one, other = _two_bodies(rng, mechanism)
-    points = {"point1": rng.normal(0, 0.5, 3), "point2": rng.normal(0, 2, 3)}
-    swing = "*(1 + 0.3*sin(t))" if in_time else ""
-    match what:
-        case "torque":
-            return joint_torque(name, joint.name, [law() for _ in joint.speeds])
-        case "damper":
-            return joint_damper(name, joint.name, [0.7] * len(joint.speeds))
-        case "potential":
-            s = " + ".join(f"q.{c}" for c in joint.coordinates)
-            return joint_spring(name, joint.name, potential=f"k_p*(1 - cos({s})){swing} + ({s})**4")
-        case "rest":
-            count = len(joint.coordinates)
-            return joint_spring(name, joint.name, [f"k_p{swing}"] * count, [f"0.2{swing}"] * count)
-        case "force":
-            return point_force(
-                name,
-                other,
-                [law(), 1.0, law()],
-                rng.normal(size=3),
-                frame=str(rng.choice(["world", "body"])),
-            )
-        case "moment":
-            return point_force(
-                name, other, moment=[law(), "w_p", 0.0], frame=str(rng.choice(["world", "body"]))
-            )
-        case "damped":
-            return spring_damper(
-                name, one, other, **points, stiffness="k_p", damping=0.8, length=0.3
-            )
-        case "centred":
-            return spring_damper(name, one, other, **points, stiffness=f"k_p{swing}")
-        case "driven":
-            return spring_damper(name, one, other, **points, stiffness=2.5, length=f"l_p{swing}")
-        case "cord":
-            third = str(rng.choice([GROUND, *(body.name for body in mechanism.bodies)]))
-            path = [(body, rng.normal(0, 1, 3)) for body in (one, other, third)]
-            more = [([(other, rng.normal(0, 1, 3)), (one, [2.0, "l_p", 0.0])], "l_p/2")]
-            band = [float(end) for end in np.sort(rng.uniform(0, 4, 2))]
-            return tendon(
-                name, path, branches=more, stiffness=["k_p", 0.4], damping=[0.3, 0.2], length=band
-            )
-        case "coupling":
-            weights = {c: float(rng.normal()) for c in joint.coordinates}
-            return tendon(
-                name,
-                coordinates=weights,
-                stiffness=[1.2, 0.3, 0.5],
-                damping=["k_p", 0.0, 0.7],
-                length=0.3,
-            )
-        case "lift":
-            return gravity_compensation(name, {other: 0.7})
-        case "joint friction":
-            strengths = ["k_p*(2 + sin(t))", *[0.4] * 5][: len(joint.speeds)]
-            return joint_friction(name, joint.name, strengths, viscous=0.2, width=0.3)
-        case "point friction":
-            rubbing = friction_law(0.5, static=0.8, stribeck=0.5, viscous=0.1, width="l_p")
-            point = rng.normal(0, 0.5, 3)
-            return point_friction(
-                name, other, law(), rubbing, point=point, on=one, normal=_direction(rng)
-            )
-        case _:
-            return random_contact(rng, what, name, one, other)
-
-
-def random_contact(rng: np.random.Generator, what: str, name: str, one: str, other: str) -> Any:
-    """A contact of shapes so large that they often overlap."""
-
-    def at() -> Array:
-        return rng.normal(0, 0.4, 3)
-
-    match what:
-        case "ball on plane":
-            pair = shapes.sphere(other, "1 + l_p", at()), shapes.half_space(one, _direction(rng))
-            given: dict[str, Any] = {"exponent": 1.5, "dissipation": 0.4, "friction": 0.6}
-        case "ball in box":
-            pair = shapes.sphere(other, 1.2, at()), shapes.box(one, (1, 2, "3*l_p"), at())
-            given = {"model": "kelvin-voigt", "dissipation": "0.1*k_p"}
-        case "box on box":
-            pair = (
-                shapes.box(one, (2, 1.5, 1), at(), random_rotation(rng)),
-                shapes.box(other, (1, 2, 1.4), at(), random_rotation(rng)),
-            )
-            given = {"friction": friction_law(0.3, viscous=0.2, width=0.1), "exponent": 1.25}
-        case "capsules":
-            pair = (
-                shapes.capsule(one, 0.7, "2*l_p", _direction(rng), at()),
-                shapes.capsule(other, 0.6, 1.3, _direction(rng), at()),
-            )
-            given = {"dissipation": 1.5, "friction": 0.8, "exponent": 2.0}
-        case "capsule in box":
-            pair = (
-                shapes.box(one, (2, 1.5, 1), at()),
-                shapes.capsule(other, 0.6, 1.3, _direction(rng), at()),
-            )
-            given = {"dissipation": 0.2}
-        case _:
-            raise ValueError(what)
-    return contact(name, *pair, "2*k_p", **given)
-
-
-def _two_bodies(rng: np.random.Generator, mechanism: Mechanism) -> tuple[str, str]:
-    """Two different bodies, the first possibly the ground."""
-    names = [body.name for body in mechanism.bodies]
-    other = str(rng.choice(names))
-    one = str(rng.choice([GROUND, *(name for name in names if name != other)]))
-    return one, other

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import deltac as dc
+from commands import command
 from deltac import cli
 
 MODEL = "triple-pendulum"
@@ -33,11 +35,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["audit", *arguments])
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
+run = partial(command, "audit")
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from deltac import cli
+from commands import command
 
 EOM = '''
 import numpy as np
@@ -52,11 +53,7 @@ def eom(tmp_path: Path) -> str:
     return str(path)
 
 
-def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["check", *arguments])
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
+run = partial(command, "check")
 
 
 @pytest.mark.parametrize(

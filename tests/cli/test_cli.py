@@ -10,16 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from commands import command as run
 from deltac import __version__, cli, problems
 from deltac.errors import InputError
-
-
-def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    """(exit status, standard output, standard error) of `deltac arguments`, in this process."""
-    with pytest.raises(SystemExit) as stop:
-        cli.main(arguments)
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
 
 
 def test_version_and_help_by_typers_runner() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import deltac as dc
+from commands import command
 from deltac import cli
 
 SHORT = ("triple-pendulum", "--duration", "1")
@@ -24,10 +25,8 @@ def frozen(t, q, u):
 
 
 def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["study", *arguments])
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), " ".join(out.split()), err
+    status, out, err = command("study", *arguments, capsys=capsys)
+    return status, " ".join(out.split()), err
 
 
 @pytest.fixture

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
 import deltac as dc
 
 pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from explain import covered, outcome  # noqa: E402
 from explain_models import faults, model_of, noisy, simulate  # noqa: E402
@@ -20,7 +15,7 @@ SAMPLE = (
     "planar-arm armature elbow",
     "cart-pole mass pole",
     "arm-3d gear actuator m4",
-    "arm-3d com fore",
+    pytest.param("arm-3d com fore", marks=pytest.mark.slow),
     "floating spring flap",
     "ball-chain inertia second",
     "planar-arm mass+com lower",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import equations
 import numpy as np
 import pytest
 
-import deltac as dc
 from deltac.diagnosis.repair.outcome import Repair
 from deltac.diagnosis.repair.program import read
 from deltac.diagnosis.repair.repair import repair_source
@@ -14,27 +16,7 @@ from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source
 from deltac.diagnosis.repair.symptoms import terms
 
-ARM = """\
-import numpy as np
-
-m1, m2, l1, l2, g = 1.3, 0.7, 0.6, 0.45, 9.81
-c1, c2, k = 0.11, 0.07, 2.3
-
-
-def rhs(t, q, u):
-    a, b = q
-    va, vb = u
-    M11 = (m1 / 3 + m2) * l1**2
-    M12 = m2 * l1 * l2 / 2 * np.cos(a - b)
-    M22 = m2 * l2**2 / 3
-    s = m2 * l1 * l2 / 2 * np.sin(a - b)
-    elbow = k * (b - a) + c2 * (vb - va)
-    f1 = -s * vb**2 - (m1 / 2 + m2) * g * l1 * np.sin(a) - c1 * va + elbow
-    f2 = s * va**2 - m2 * g * l2 / 2 * np.sin(b) - elbow
-    det = M11 * M22 - M12**2
-    return np.array([(M22 * f1 - M12 * f2) / det, (M11 * f2 - M12 * f1) / det])
-"""
-
+ARM = Path(equations.__file__).with_name("two_link_arm.py").read_text(encoding="utf-8")
 ELBOW = ("- c1 * va + elbow", "- c1 * va - elbow")
 BOTH = {
     "an inertia, a sign in the other row": [("l2**2 / 3", "l2**2 / 12"), ELBOW],
@@ -47,25 +29,7 @@ BOTH = {
 @pytest.fixture(scope="module")
 def target() -> Target:
     """Two rods with dampers and a spring at the elbow, in absolute angles."""
-    arm = dc.Mechanism(
-        bodies=[dc.rod("upper", "m1", "l1", along="-y"), dc.rod("lower", "m2", "l2", along="-y")],
-        joints=[
-            dc.revolute("a", "ground", "upper", damping="c1"),
-            dc.revolute("b", "upper", "lower", position=(0, "-l1", 0), damping="c2", stiffness="k"),
-        ],
-        gravity=(0, "-g", 0),
-        parameters={
-            "m1": 1.3,
-            "m2": 0.7,
-            "l1": 0.6,
-            "l2": 0.45,
-            "g": 9.81,
-            "c1": 0.11,
-            "c2": 0.07,
-            "k": 2.3,
-        },
-    )
-    return Target(arm, dc.CoordinateMap(("a", "b"), q={"a": "q.a", "b": "q.b - q.a"}))
+    return Target(*equations.load("two_link_arm"))
 
 
 def mistaken(edits: list[tuple[str, str]], text: str = ARM) -> str:

@@ -15,6 +15,7 @@ from deltac.diagnosis.equations import equation_terms
 from deltac.diagnosis.study.blow_up import before_blow_up
 from deltac.diagnosis.study.convergence import observed_order
 from machines import pendulum
+from slow import repeated
 
 STEPS = (0.01, 0.005, 0.0025)
 
@@ -74,7 +75,9 @@ def test_a_wrong_force_of_a_constraint(squares: str, udot: bool, expected: str) 
 
 @pytest.mark.parametrize("stabilisation", ["projection", "none", (20.0, 20.0)])
 @pytest.mark.parametrize("coarser", [4, 64])
-@pytest.mark.parametrize("name", ["ball-on-rising-table", "disc-on-moving-plane"])
+@pytest.mark.parametrize(
+    "name", repeated(["ball-on-rising-table", "disc-on-moving-plane"], "disc-on-moving-plane")
+)
 def test_no_stabilisation_is_taken_for_a_mistake(
     name: str, coarser: int, stabilisation: Any
 ) -> None:

@@ -11,6 +11,7 @@ import deltac as dc
 from deltac.energy import TESTING_FUNCTIONS, residuals
 from deltac.simulation.solvers import SOLVERS
 from machines import pendulum, robot, workshop
+from slow import ONE_OF_A_KIND, repeated
 
 NAMES = tuple(TESTING_FUNCTIONS)
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
@@ -77,7 +78,7 @@ def test_wrong_accelerations_show(name: str, motion: Any) -> None:
     np.testing.assert_allclose(epsilon[name], power, atol=1e-11 * max(1.0, np.abs(power).max()))
 
 
-@pytest.mark.parametrize("solver", STEPPING)
+@pytest.mark.parametrize("solver", repeated(STEPPING, *ONE_OF_A_KIND))
 def test_delta_c_falls_at_the_order_of_the_solver(solver: str) -> None:
     """Between p and p + 1 in every function: ΔC is the solver's own error of the energy."""
     conservative = solver == "discrete-gradient"  # refuses drives, and closes Wang's function

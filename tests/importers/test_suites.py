@@ -23,6 +23,17 @@ AGREEMENT = 1e-12
 """Relative, with up to 132 speeds; found: 3e-15."""
 
 
+LARGE = ("fruitfly", "dog_v2", "dog-run", "dog-stand", "dog-trot", "dog-walk")
+"""Models of a hundred joints and more, and those of the dog again on floors of other sizes."""
+
+
+def sized(case: Any) -> Any:
+    """The same parameter, marked slow if its model is large."""
+    if any(name in str(case.id) for name in LARGE):
+        return pytest.param(*case.values, id=case.id, marks=pytest.mark.slow)
+    return case
+
+
 def files(package: str, *patterns: str) -> list[Any]:
     """Model files of an installed package; without it one test, skipped with the reason."""
     found = find_spec(package)
@@ -43,11 +54,7 @@ def tasks() -> list[Any]:
     os.environ.setdefault("MUJOCO_GL", "disable")
     from dm_control import suite
 
-    # All tasks of a domain go to one process, which compares each model once.
-    return [
-        pytest.param(domain, task, id=f"{domain}-{task}", marks=pytest.mark.xdist_group(domain))
-        for domain, task in suite.ALL_TASKS
-    ]
+    return [sized(pytest.param(d, t, id=f"{d}-{t}")) for d, t in suite.ALL_TASKS]
 
 
 def compare(model: Any) -> None:
@@ -56,17 +63,6 @@ def compare(model: Any) -> None:
     assert max(found.values()) < AGREEMENT, found
     assert len(mechanism.coordinates) == model.nq and len(mechanism.speeds) == model.nv
     assert not any("missing" in remark.consequence for remark in report.ignored)
-
-
-LARGE = ("fruitfly", "dog_v2")
-"""Models of a hundred joints and more."""
-
-
-def sized(case: Any) -> Any:
-    """The same parameter, marked slow if its model is large."""
-    if any(name in str(case.id) for name in LARGE):
-        return pytest.param(*case.values, id=case.id, marks=pytest.mark.slow)
-    return case
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,6 @@
 from __future__ import annotations
 
-import os
-
 import pytest
-
-# Tests compile hundreds of kernels that nobody needs again.
-os.environ.setdefault("DELTAC_CACHE", "off")
 
 
 @pytest.fixture(params=["heyoka", "casadi"])

@@ -60,14 +60,9 @@ def case_of(case: str) -> Case:
 SLOW = ("told as a body", "tipped over hard", "Hertz", "upright")
 
 
-def marks(case: str) -> list[pytest.MarkDecorator]:
-    """All tests of a case go to one process, which solves it once."""
-    slow = [pytest.mark.slow] if case.endswith(SLOW) else []
-    return [pytest.mark.xdist_group(case), *slow]
-
-
 every_case = pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=marks(case)) for case in CASES]
+    "case",
+    [pytest.param(c, marks=[pytest.mark.slow] if c.endswith(SLOW) else []) for c in CASES],
 )
 
 

@@ -13,19 +13,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import deltac as dc
-from deltac.energy import balance, residuals
+from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from linkages import disc, four_bars, linkage
+from linkages import ALL, disc, four_bars, linkage, worst
+from slow import ONE_OF_A_KIND, repeated
 
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 PROJECTABLE = ["RK45", "DOP853", "Radau"]
-ALL = ("wang", "liu-huston", "kane-levinson-1990")
 Make = Callable[[], tuple[dc.Mechanism, dc.State]]
-
-
-def worst(ledger: Any, level: str) -> float:
-    return max(float(v.max()) for name, v in ledger.violation.items() if name.startswith(level))
 
 
 def pendulum_of(count: int, t: Any) -> Any:
@@ -88,7 +84,7 @@ def one_four_bar() -> tuple[dc.Mechanism, dc.State]:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", STEPPING)
+@pytest.mark.parametrize("name", repeated(STEPPING, *ONE_OF_A_KIND))
 @pytest.mark.parametrize(
     ("make", "T"),
     [(one_four_bar, 0.6), pytest.param(disc, 0.4, marks=pytest.mark.slow)],
@@ -110,7 +106,10 @@ def test_order_with_projection(name: str, make: Make, T: float) -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize(("name", "first"), [("ode2", 128), ("ode4", 32), ("ode5", 32)])
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [("ode2", 128), pytest.param("ode4", 32, marks=pytest.mark.slow), ("ode5", 32)],
+)
 @pytest.mark.parametrize(
     "stabilisation", ["projection", pytest.param("none", marks=pytest.mark.slow), (20.0, 20.0)]
 )
@@ -175,7 +174,7 @@ def test_baumgarte_calms_and_none_drifts() -> None:
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("name", PROJECTABLE)
+@pytest.mark.parametrize("name", repeated(PROJECTABLE, "DOP853", "Radau"))
 def test_adaptive_solvers_with_projection(name: str) -> None:
     mechanism, state = disc()
     run = dc.simulate(mechanism, state, 0.4, 0.1, name, ALL, tolerance=1e-8)
@@ -239,168 +238,6 @@ def test_a_start_in_a_singular_position_is_refused_in_words() -> None:
     state = mechanism.state({}, {"foot0": 2.0, "foot1": 2.0, "tip0": -2.0})
     with pytest.raises(InputError, match="'1 four-bars' is a singular configuration.*state nearby"):
         dc.simulate(mechanism, state, 0.1, 0.001, "ode5")
-
-
-# --- moving constraints -------------------------------------------------------------------------------
-
-
-def on_table(motion: str, turning: float) -> tuple[dc.Mechanism, dc.State]:
-    """A ball on a table that turns (a belt velocity of the ground's plane) and rises."""
-    ball = dc.sphere("ball", 0.5, 0.1)
-    contact = dc.rolling(
-        "contact",
-        "ball",
-        tube=0.1,
-        point=[0, 0, motion],
-        surface_velocity=[f"-{turning}*y", f"{turning}*x", 0],
-    )
-    mechanism = dc.Mechanism(
-        [ball], [dc.free("base", "ball")], constraints=[contact], gravity=[0, 0, -9.81]
-    )
-    guess = mechanism.state({"base.x": 0.5, "base.z": 0.1}, {"base.vx": 0.2})
-    return mechanism, dc.assemble(mechanism, guess, ("base.x", "base.y", "base.vx")).state
-
-
-def test_a_ball_on_a_turning_table_runs_on_a_circle() -> None:
-    """Weltner: the centre turns at 2/7 Ω; the table does work on it, so K + V alone fails."""
-    Omega = 2.0
-    mechanism, state = on_table("0", Omega)
-    run = dc.simulate(mechanism, state, 5.0, 0.005, "ode5", ALL)
-    ledger = balance(mechanism, run)
-    v0 = state.u[0] + 1j * state.u[1]
-    v = run.u[:, 0] + 1j * run.u[:, 1]
-    # v̇ = (2/7) Ω i v, so v turns at 2/7 Ω; ode5 has its own 1e-10 here.
-    np.testing.assert_allclose(v, v0 * np.exp(2j / 7 * Omega * run.t), atol=1e-9)
-    for function in ALL:
-        assert np.abs(ledger.delta_c[function]).max() < 1e-9
-    mechanical = ledger.kinetic + ledger.potential_energy
-    assert np.ptp(mechanical) > 1e-2
-    np.testing.assert_allclose(
-        mechanical - mechanical[0], ledger.work["constraint contact"], atol=1e-8
-    )
-
-
-def test_a_ball_on_a_rising_table_is_lifted_by_the_contact() -> None:
-    """m (g + z̈) ż is the power of the vertical multiplier: leaving it out fails by joules."""
-    mechanism, state = on_table("0.2*sin(2*t)", 2.0)
-    run = dc.simulate(mechanism, state, 2.0, 0.005, "ode5", ALL)
-    ledger = balance(mechanism, run)
-    t = run.t
-    lift = 0.5 * (9.81 - 0.8 * np.sin(2 * t)) * 0.4 * np.cos(2 * t)
-    level, at_rest = on_table("0", 2.0)
-    flat = balance(level, dc.simulate(level, at_rest, 2.0, 0.005, "ode5", ALL))
-    turned = flat.power["constraint contact"]
-    np.testing.assert_allclose(ledger.power["constraint contact"], lift + turned, atol=1e-8)
-    for function in ALL:
-        assert np.abs(ledger.delta_c[function]).max() < 1e-9
-    assert np.ptp(ledger.delta_c["wang"] + ledger.work["constraint contact"]) > 0.5
-
-
-def driven(how: str) -> tuple[dc.Mechanism, dc.State]:
-    """The crank-rocker driven by its crank, with a bob hanging on the coupler that is left to swing."""
-    plain, _ = linkage()
-    law = "1 + 0.8*sin(2*t)"
-    joints, constraints = list(plain.joints), list(plain.constraints)
-    if how == "joint":
-        joints[0] = dc.revolute("input", "ground", "crank", "z", motion=law)
-    else:
-        constraints.append(dc.holonomic("held", f"q.input - ({law})"))
-    joints.append(dc.revolute("swing", "coupler", "bob", "z", position=[0.5, 0, 0]))
-    bob = dc.point_mass("bob", 0.7, [0.3, 0, 0])
-    mechanism = dc.Mechanism(
-        [*plain.bodies, bob], joints, constraints=constraints, gravity=[0, -9.81, 0]
-    )
-    guess = {"knee": -0.4, "output": 1.5, "swing": -1.0}
-    if how == "constraint":
-        guess["input"] = 1.0
-    return mechanism, dc.assemble(mechanism, mechanism.state(guess), ("swing",)).state
-
-
-def test_the_same_drive_told_two_ways() -> None:
-    """A prescribed hinge inside a loop, and the same angle held by a constraint that moves."""
-    runs = {}
-    for how in ("joint", "constraint"):
-        mechanism, state = driven(how)
-        run = dc.simulate(mechanism, state, 1.0, 0.004, "ode8", ALL)
-        runs[how] = (run, balance(mechanism, run))
-        for function in ALL:
-            assert np.abs(runs[how][1].delta_c[function]).max() < 1e-10
-    (one, by_joint), (two, by_constraint) = runs["joint"], runs["constraint"]
-    places = [one.coordinates.index(name) for name in two.coordinates]
-    np.testing.assert_allclose(one.q[:, places], two.q, atol=1e-11)
-    # The multiplier is the driving torque.
-    np.testing.assert_allclose(
-        by_joint.power["prescribed input"], by_constraint.power["constraint held"], atol=1e-8
-    )
-    assert np.abs(by_joint.power["prescribed input"]).max() > 1.0
-
-
-# --- equations by hand --------------------------------------------------------------------------------
-
-
-def by_hand(sign: float) -> dc.Equations:
-    """A four-bar's pendulum equation in the three joint angles; `sign` −1 gets the coupler wrong."""
-    factor = 2 * 9.81 / (5 / 3)
-
-    def rhs(t: Any, q: Any, u: Any) -> Any:
-        swing = -factor * np.cos(q[0])
-        return np.array([swing, swing, -sign * swing])
-
-    return dc.Equations(rhs)
-
-
-def test_equations_by_hand_for_a_loop() -> None:
-    """In the joints' own coordinates: right ones close and keep the loop, wrong ones do neither."""
-    mechanism, state = four_bars(1)
-    right = balance(
-        mechanism,
-        dc.simulate(
-            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(1), stabilisation="none"
-        ),
-    )
-    wrong = balance(
-        mechanism,
-        dc.simulate(
-            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(-1), stabilisation="none"
-        ),
-    )
-    for function in ALL:
-        assert np.abs(right.delta_c[function]).max() < 1e-11
-        assert np.abs(wrong.delta_c[function]).max() > 0.1
-    assert worst(right, "position") < 1e-12 and worst(wrong, "position") > 0.1
-
-
-def test_equations_in_fewer_coordinates() -> None:
-    """One angle satisfies the loop by itself: the run is that of the model with multipliers."""
-    mechanism, state = four_bars(1)
-    laws = {"foot0": "q.theta", "foot1": "q.theta", "tip0": "-q.theta"}
-    minimal = dc.CoordinateMap(("theta",), q=laws, inverse={"theta": "q.foot0"})
-    equations = dc.Equations(lambda t, q, u: -11.772 * np.cos(q), coordinates=minimal)
-    run = dc.simulate(mechanism, state, 0.4, 0.001, "ode5", ALL, equations=equations)
-    own = dc.simulate(mechanism, state, 0.4, 0.001, "ode5", ALL)
-    assert np.abs(run.q - own.q).max() < 1e-10
-    for function in ALL:
-        assert np.abs(balance(mechanism, run).delta_c[function]).max() < 1e-10
-
-
-def test_equations_in_fewer_coordinates_need_their_inverse() -> None:
-    mechanism, state = four_bars(1)
-    laws = {"foot0": "q.theta", "foot1": "q.theta", "tip0": "-q.theta"}
-    unknown = dc.Equations(lambda t, q, u: -q, dc.CoordinateMap(("theta",), q=laws))
-    with pytest.raises(InputError, match="give inverse="):
-        dc.simulate(mechanism, state, 0.1, 0.01, "ode4", equations=unknown)
-    free = dc.problems.load("triple-pendulum")
-    few = dc.CoordinateMap(("a",), q={"joint1": "q.a", "joint2": "q.a", "joint3": "q.a"})
-    with pytest.raises(InputError, match="1 coordinates for 3 speeds"):
-        dc.simulate(free.mechanism, free.state, 0.1, 0.01, equations=dc.Equations(abs, few))
-
-
-def test_residuals_of_a_run_are_at_rounding() -> None:
-    mechanism, state = disc()
-    run = dc.simulate(mechanism, state, 0.2, 0.01, "ode4", ())
-    found = residuals(mechanism, run)
-    for name in (*ALL, "coordinates"):
-        assert np.abs(found[name]).max() < 1e-11
 
 
 # --- what cannot be run -------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ from deltac import (
     sphere,
     time_scales,
 )
+from slow import repeated
 
 MASS = 0.7
 
@@ -318,7 +319,9 @@ def test_a_step_too_large_is_told_with_the_time_scale() -> None:
         simulate(machine, state, 0.1, 1e-2, "DOP853")  # the step is only that of the samples
 
 
-@pytest.mark.parametrize("solver", ["generalized-alpha", "implicit-midpoint", "ode1be"])
+@pytest.mark.parametrize(
+    "solver", repeated(["generalized-alpha", "implicit-midpoint", "ode1be"], "generalized-alpha")
+)
 def test_implicit_steps_too_must_resolve_a_touch(solver: str) -> None:
     """A ball that falls on hard ground; one that lies there asks for nothing."""
     machine = crate(dissipation=0.3)

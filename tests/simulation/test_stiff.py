@@ -36,6 +36,15 @@ def stopped(*arguments: Any, **options: Any) -> tuple[dc.Trajectory, str]:
     return run, run.provenance.message
 
 
+def pushed(law: str) -> dc.Mechanism:
+    """A block of 1 kg on a straight track, pushed by a force of that law."""
+    return dc.Mechanism(
+        [dc.point_mass("block", 1.0)],
+        [dc.prismatic("x", "ground", "block", "x")],
+        [dc.joint_torque("push", "x", law)],
+    )
+
+
 # --- the governor of A05 --------------------------------------------------------------------------
 
 
@@ -82,11 +91,7 @@ def test_a_blow_up_that_events_keep_in_bounds_is_told() -> None:
 
 def test_a_step_that_is_short_enough_is_not_blamed() -> None:
     """A motion that blows up by itself, at a step that resolves it: u̇ = u³ without bound."""
-    mechanism = dc.Mechanism(
-        [dc.point_mass("m", 1.0)],
-        [dc.prismatic("x", "ground", "m", "x")],
-        [dc.joint_torque("push", "x", "u.x**3")],
-    )
+    mechanism = pushed("u.x**3")
     _, message = stopped(mechanism, mechanism.state(speeds={"x": 1.0}), 2.0, 1e-3, "ode4")
     assert "not finite" in message and "time scale" not in message
 
@@ -208,11 +213,7 @@ def test_kinks_are_got_over() -> None:
 @pytest.mark.parametrize("solver", [*IMPLICIT, *SUNDIALS])
 def test_failures_end_with_words_and_the_motion_so_far(solver: str) -> None:
     """A push of √(0.5 − x) ceases to be defined where the block passes 0.5 m, after about 0.9 s."""
-    mechanism = dc.Mechanism(
-        [dc.point_mass("block", 1.0)],
-        [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("push", "x", "sqrt(0.5 - q.x)")],
-    )
+    mechanism = pushed("sqrt(0.5 - q.x)")
     run, message = stopped(mechanism, mechanism.state(speeds={"x": 0.3}), 2.0, 0.01, solver)
     last = re.search(r"stopped at t = (\S+) s", message)
     # The last state may lie just beyond, where it has no acceleration, and is then left out.
@@ -232,11 +233,7 @@ def test_sundials_ends_in_our_words_alone(
     solver: str, law: str, reason: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """ẍ = eˣ is infinite at 1.35 s; −√x has no value once x < 0. SUNDIALS' own text is not spilled."""
-    mechanism = dc.Mechanism(
-        [dc.point_mass("block", 1.0)],
-        [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("push", "x", law)],
-    )
+    mechanism = pushed(law)
     run, message = stopped(mechanism, mechanism.state({"x": 1.0}), 3.0, 0.01, solver)
     assert reason in message and "SUNDIALS" not in message and "_ERR" not in message
     assert f"stopped at t = {run.t[-1]:.9g} s" in message
@@ -247,11 +244,7 @@ def test_sundials_ends_in_our_words_alone(
 @pytest.mark.parametrize("solver", IMPLICIT)
 def test_equations_without_a_solution(solver: str) -> None:
     """A push of 10 u² leaves u₁ = u₀ + 10 h u² without a real root once h u > 1/40: it blows up at 1 s."""
-    mechanism = dc.Mechanism(
-        [dc.point_mass("block", 1.0)],
-        [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("push", "x", "10*u.x**2")],
-    )
+    mechanism = pushed("10*u.x**2")
     run, message = stopped(mechanism, mechanism.state(speeds={"x": 0.1}), 2.0, 0.01, solver)
     assert "found no solution" in message or "not defined" in message or "singular" in message
     assert "'x'" in message and 0.8 < run.t[-1] < 1.1

@@ -1,9 +1,8 @@
-"""What every test runs under: reproducible random examples, shared kernels, no display."""
+"""What every test runs under: reproducible random examples, one thread, no display, no disk cache."""
 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +11,8 @@ from pathlib import Path
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Tests compile thousands of kernels that nobody needs again, and few that another file needs.
+os.environ.setdefault("DELTAC_CACHE", "off")
 
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
@@ -23,15 +24,6 @@ _PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", max_examples=14, derandomize=True, **_PATIENT)
 settings.register_profile("thorough", max_examples=500, print_blob=True, **_PATIENT)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """What one process of the session compiles is there for the others, and gone with the session."""
-    if "DELTAC_CACHE" in os.environ or "DELTAC_CACHE_DIR" in os.environ:
-        return  # chosen by the user, or by the process that started this one
-    folder = tempfile.TemporaryDirectory(prefix="deltac-tests-", ignore_cleanup_errors=True)
-    config.add_cleanup(folder.cleanup)
-    os.environ["DELTAC_CACHE_DIR"] = folder.name
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

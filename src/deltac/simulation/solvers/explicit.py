@@ -70,7 +70,7 @@ EXPLICIT = (*_WRITTEN_OUT, "ode8")
 
 @cache
 def tableau_of(name: str) -> Tableau | None:
-    """The coefficients of a solver, None if it has none. SciPy, which has ode8's, is loaded for them alone."""
+    """The coefficients of a solver, None if it has none. SciPy is loaded for ode8's alone."""
     return _dop853() if name == "ode8" else _WRITTEN_OUT.get(name)
 
 

@@ -10,10 +10,14 @@ import pytest
 import deltac
 
 HEAVY = {"casadi", "heyoka", "sympy", "scipy", "polars", "matplotlib"}
+UNASKED = {f"deltac.{name}" for name in ("report", "recorders", "importers", "diagnosis.repair")}
 
-HELP = """
+
+def _command(*arguments: str) -> str:
+    """Code that runs a command of deltac, which must end well."""
+    return f"""
 from deltac.cli import main
-sys.argv = ["deltac", "--help"]
+sys.argv = ["deltac", *{arguments!r}]
 try:
     main()
 except SystemExit as stop:
@@ -22,22 +26,27 @@ except SystemExit as stop:
 
 
 def _loaded_by(code: str) -> set[str]:
-    """The heavy packages that a fresh interpreter holds after running `code`."""
+    """The heavy packages and unasked parts of deltac that a fresh interpreter holds after `code`."""
     script = f"import sys\n{code}\nprint('loaded:', *sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     last = run.stdout.splitlines()[-1]
     assert last.startswith("loaded: ")
-    return HEAVY & set(last.split())
+    return (HEAVY | UNASKED) & set(last.split())
 
 
 @pytest.mark.parametrize(
     "code",
-    ["import deltac", "import deltac.mechanism", HELP],
+    ["import deltac", "import deltac.mechanism", _command("--help")],
     ids=["deltac", "deltac.mechanism", "deltac --help"],
 )
 def test_light_imports_load_no_heavy_package(code: str) -> None:
     assert _loaded_by(code) == set()
+
+
+def test_a_study_loads_what_it_computes_with() -> None:
+    study = _command("study", "triple-pendulum", "--steps", "0.02,0.01,0.005", "--json")
+    assert _loaded_by(study) <= {"casadi", "heyoka", "sympy"}
 
 
 def test_the_probe_sees_a_heavy_package() -> None:

@@ -11,9 +11,10 @@ import pytest
 import deltac as dc
 from deltac.kernels import kernel as kernels
 from deltac.kernels.kept import Kept
-from deltac.simulation import SimulationStopped, fixed
+from deltac.simulation import fixed
 from deltac.simulation.course import Course
 from deltac.simulation.flow import build_flow
+from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.solvers import find_solver
 from machines import pendulum, robot, workshop
 

@@ -17,7 +17,8 @@ from deltac.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import Audit, Explanation
+    from deltac.diagnosis.audit import Audit
+    from deltac.diagnosis.explanation import Explanation
     from deltac.importers import ImportReport
 
 SHOWN = 6
@@ -60,7 +61,7 @@ def command(
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
-    from deltac.diagnosis import audit, explain_residual
+    from deltac.diagnosis.audit import audit
 
     if figure is not None:
         from deltac.report import check_figure
@@ -69,7 +70,11 @@ def command(
     found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
-    explanation = explain_residual(model, log, mapping=mapping) if explain else None
+    explanation = None
+    if explain:
+        from deltac.diagnosis.explanation import explain_residual
+
+        explanation = explain_residual(model, log, mapping=mapping)
     if as_json:
         told = {} if explanation is None else {"explanation": explanation.to_dict()}
         shown = None if figure is None else str(figure)
@@ -127,7 +132,7 @@ def _print_import(report: ImportReport) -> None:
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis import load_model
+    from deltac.diagnosis.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)

@@ -10,7 +10,8 @@ import typer
 from deltac.cli.output import Json, new_table, number, print_json, print_table
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import EquationCheck, Repair
+    from deltac.diagnosis.check_result import EquationCheck
+    from deltac.diagnosis.repair import Repair
 
 
 def command(

@@ -66,6 +66,9 @@ def print_text(text: str) -> None:
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
     """A bar on standard error while the block runs, on terminals only."""
+    if not sys.stderr.isatty():
+        yield lambda fraction, what: None
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -10,8 +10,8 @@ import typer
 from deltac.cli.output import Json, new_table, number, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import Study
-    from deltac.simulation import Equations
+    from deltac.diagnosis.study import Study
+    from deltac.simulation.equations import Equations
 
 
 def command(
@@ -62,10 +62,11 @@ def command(
     Exit status 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
     cannot be told.
     """
-    from deltac.diagnosis import study
-    from deltac.report import check_figure
+    from deltac.diagnosis.study import study
 
     if figure is not None:
+        from deltac.report import check_figure
+
         check_figure(figure)
     with progress_bar() as progress:
         found = study(
@@ -105,7 +106,7 @@ def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
 def _equations(text: str) -> Equations:
     """What FILE.py:FUNCTION means: Equations, or the function u̇ = f(t, q, u) itself."""
     from deltac.diagnosis.models import load_callable
-    from deltac.simulation import Equations
+    from deltac.simulation.equations import Equations
 
     found: Any = load_callable(text)
     return found if isinstance(found, Equations) else Equations(found, name=text)

@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from deltac.diagnosis import checks, motors
 from deltac.diagnosis.equalities import withheld_equalities
 from deltac.diagnosis.equations import EquationTerms, equation_terms
-from deltac.diagnosis.explanation.equations import LEAST_ROWS
-from deltac.diagnosis.explanation.explain import EXPLAINS, explanation
-from deltac.diagnosis.explanation.search import MOST
 from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.foreign import foreign_channels, foreign_notes
 from deltac.diagnosis.judgement import Measures, judge
@@ -294,15 +291,27 @@ def _of_equations(
         return misread + checks.blame(terms)
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
-    # What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
     simple: list[Finding] = []
-    if terms.significant.any() and len(log.consecutive) >= LEAST_ROWS:
-        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-            run = log.consecutive
-            simple = explanation(mechanism, run, "samples", least, most=most).findings()
+    if terms.significant.any():
+        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
+
+
+def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
+    """The few causes that explain the residual of consecutive samples; none where these are too few.
+
+    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    """
+    from deltac.diagnosis.explanation.equations import LEAST_ROWS
+    from deltac.diagnosis.explanation.explain import EXPLAINS, explanation
+    from deltac.diagnosis.explanation.search import MOST
+
+    if len(run) >= LEAST_ROWS:
+        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            return explanation(mechanism, run, "samples", least, most=most).findings()
+    return []
 
 
 def _function(ledger: Ledger) -> str:

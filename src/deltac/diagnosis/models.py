@@ -70,7 +70,7 @@ def _named(text: str) -> Model:
     if colon and file.endswith(".py"):
         return _made(_callable(Path(file), name), text)
     if text in problems.names():
-        return Model(problems.load(text).mechanism, problems.load(text))
+        return load_model(problems.load(text))
     path = Path(text)
     if path.suffix.lower() in IMPORTED:
         if not path.is_file():

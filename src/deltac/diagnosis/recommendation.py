@@ -13,7 +13,7 @@ from deltac.diagnosis.settings import families
 from deltac.diagnosis.work_precision import Family, Refused, Trial, Trials, distance
 from deltac.errors import InputError
 from deltac.mechanism.state import State
-from deltac.simulation import Controller, Equations
+from deltac.simulation.equations import Controller, Equations
 
 Progress: TypeAlias = Callable[[float, str], None]
 

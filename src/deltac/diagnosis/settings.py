@@ -10,7 +10,8 @@ from deltac.diagnosis.work_precision import Family
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation import Controller, Equations, simulate
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import SOLVERS, Solver, find_solver
 from deltac.trajectories import Trajectory
 

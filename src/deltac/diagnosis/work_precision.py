@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import SimulationStopped, StiffStep
+from deltac.simulation.simulate import SimulationStopped
+from deltac.simulation.stiffness import StiffStep
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:

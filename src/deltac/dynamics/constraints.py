@@ -75,6 +75,9 @@ class Rows:
 
 def constraint_rows(system: System) -> Rows:
     """Write out all constraints. Rows that vanish identically (out of a planar loop's plane) are left out."""
+    if not system.mechanism.constraints:
+        none, free = ca.SX(0, 1), len(system.free_u)
+        return Rows((), (), none, none, ca.SX(0, system.u_all.shape[0]), ca.SX(0, free), none, none)
     twin = released(system)
     names: list[str] = []
     holonomic: list[bool] = []

@@ -43,6 +43,8 @@ def independence(system: System, rows: Rows, t: float, q: Array, p: Array) -> In
     is the generic rank, on whose rows equations of motion can be built.
     """
     free = system.free_u
+    if not len(rows):
+        return Independence((), (), len(free), singular=False)
     point = [system.t, system.q, system.p]
     M = crba(system)[free, free]
     W = ca.jacobian(system.qdot, system.u)
@@ -58,7 +60,7 @@ def independence(system: System, rows: Rows, t: float, q: Array, p: Array) -> In
     for _ in range(2):
         M_, G_, _, W_ = at(q)
         kernel = rng.standard_normal(len(free))
-        kernel -= np.linalg.lstsq(G_, G_ @ kernel, rcond=1e-10)[0] if len(rows) else 0.0
+        kernel -= np.linalg.lstsq(G_, G_ @ kernel, rcond=1e-10)[0]
         near = q + 1e-2 * W_ @ kernel
         for _ in range(20):
             _, G_near, phi_near, W_near = at(near)
@@ -74,8 +76,6 @@ def _independent(M: Array, G: Array) -> tuple[int, ...]:
     """Rows of G that span its range, found by pivoted QR in the mass metric, in their own order."""
     from scipy.linalg import qr, solve_triangular
 
-    if not G.shape[0]:
-        return ()
     scaled = solve_triangular(np.linalg.cholesky(M), without_rounding(G).T, lower=True)
     length = np.linalg.norm(scaled, axis=0)
     present = length > RANK_TOLERANCE * max(1e-300, length.max(initial=0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -144,6 +144,8 @@ class System:
 def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
     """Write a mechanism out in symbols; parameters named in `vary` stay symbols, others are folded in.
 
+    The same mechanism has the same symbols each time.
+
     Raises InputError for an unknown parameter.
     """
     for name in vary:
@@ -151,6 +153,11 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
             raise InputError(
                 f"vary: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
             )
+    return _written_out(mechanism, tuple(vary))
+
+
+@lru_cache(maxsize=16)
+def _written_out(mechanism: Mechanism, vary: tuple[str, ...]) -> System:
     t = ca.SX.sym("t")
     p = ca.SX.sym("p", len(vary))
     values: dict[str, SX] = {name: ca.SX(value) for name, value in mechanism.parameters.items()}
@@ -177,9 +184,7 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
             udot_all[start_u + k] = ca.jacobian(s_dot, t)
     count = sum(len(mechanism.joint(motor.joint).speeds) for motor in mechanism.motors)
     inputs = ca.SX.sym("inputs", count)
-    return _assembled(
-        mechanism, tuple(vary), t, q, u, udot, inputs, p, q_all, u_all, udot_all, values
-    )
+    return _assembled(mechanism, vary, t, q, u, udot, inputs, p, q_all, u_all, udot_all, values)
 
 
 def released(system: System) -> System:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -77,10 +78,14 @@ def _held(run: Rows) -> set[str]:
 
     In a log with fewer rows than steps such a force changed in between, as any other.
     """
-    step = run.provenance.step
-    if step is None or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01):
+    step, held = run.provenance.step, run.provenance.notes.get("held", "")
+    if (
+        not held
+        or step is None
+        or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01)
+    ):
         return set()
-    return set(filter(None, run.provenance.notes.get("held", "").split(";")))
+    return set(filter(None, held.split(";")))
 
 
 def _check_names(mechanism: Mechanism, run: Rows) -> None:
@@ -105,12 +110,9 @@ def _check_names(mechanism: Mechanism, run: Rows) -> None:
 
 
 def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Array:
-    system = trace(mechanism)
     if not q.shape[1]:
         return q
-    kernel = Kernel(
-        {"t": system.t, "q": system.q, "u": system.u}, {"qdot": system.qdot}, name="rates"
-    )
+    kernel = _rates_kernel(mechanism)
     rates = np.empty(q.shape)
 
     def evaluate(rows: slice) -> None:
@@ -119,6 +121,14 @@ def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Arr
     kernel.compile()
     spread(evaluate, row_blocks(len(t)))
     return rates
+
+
+@lru_cache(maxsize=16)
+def _rates_kernel(mechanism: Mechanism) -> Kernel:
+    """(t, q, u) -> q̇ of the free coordinates."""
+    system = trace(mechanism)
+    inputs = {"t": system.t, "q": system.q, "u": system.u}
+    return Kernel(inputs, {"qdot": system.qdot}, name="rates")
 
 
 def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:

@@ -137,6 +137,9 @@ class Mechanism:
     def digest(self, without: Iterable[str] = ()) -> str:
         """A digest of the description, the values of some parameters left out."""
         left_out = set(without)
+        return self._digest(left_out) if left_out else self.hash
+
+    def _digest(self, left_out: set[str]) -> str:
         values = sorted((k, v) for k, v in self.parameters.items() if k not in left_out)
         description = (self.bodies, self.joints, self.forces, self.constraints, self.gravity)
         parts = (*description, values, sorted(left_out), *self.events)
@@ -145,7 +148,7 @@ class Mechanism:
     @cached_property
     def hash(self) -> str:
         """The digest that tells whether a log belongs to this mechanism."""
-        return self.digest()
+        return self._digest(set())
 
     # --- states --------------------------------------------------------------------------------
 

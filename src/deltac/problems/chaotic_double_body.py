@@ -28,7 +28,7 @@ ANGLES = {
 
 def problem() -> Problem:
     """The swinging "babyboot": a rod of 10 g and a plate of 100 g, let go from the horizontal."""
-    from deltac.simulation import Equations
+    from deltac.simulation.equations import Equations
 
     mechanism = Mechanism(
         bodies=[

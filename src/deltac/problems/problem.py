@@ -12,7 +12,7 @@ from deltac.mechanism import CoordinateMap, Mechanism, State
 
 if TYPE_CHECKING:
     from deltac.problems.measures import Measure, Signal
-    from deltac.simulation import Equations
+    from deltac.simulation.equations import Equations
 
 Kind = Literal["exact", "published", "calculated"]
 

@@ -16,7 +16,7 @@ from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
-    from deltac.simulation import Equations
+    from deltac.simulation.equations import Equations
 
 G = 9.8
 LENGTHS = (0.1, 0.25, 0.5)
@@ -133,7 +133,7 @@ def _mechanism(weights: Sequence[float], damping: Sequence[float], drive: str | 
 
 def _equations(hand: HandEquations, drive: str | None) -> Equations | None:
     """The hand-written equations; with a torque from outside there is nothing to write down."""
-    from deltac.simulation import Equations
+    from deltac.simulation.equations import Equations
 
     third = "q.theta3 - q.theta2"
     if drive is None:

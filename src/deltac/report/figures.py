@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,6 +71,8 @@ class Curve:
 
 def styled() -> AbstractContextManager[None]:
     """The style of all figures, for drawing and for writing them."""
+    import matplotlib
+
     default = {k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"}
     settings: Any = {**default, **STYLE}  # whatever a matplotlibrc says
     return matplotlib.rc_context(settings)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from deltac.diagnosis import Study
+    from deltac.diagnosis.study import Study
 
 ENERGY, MOTION, GREY = "#0072b2", "#d55e00", "#888888"
 

@@ -22,7 +22,7 @@ from deltac.simulation.fixed import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, Fixe
 from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver
-from deltac.simulation.solvers.explicit import TABLEAUS
+from deltac.simulation.solvers.explicit import tableau_of
 from deltac.simulation.solvers.solver import Parts
 from deltac.simulation.stages import numeric_masks, settle_kernel
 
@@ -125,7 +125,7 @@ class Advance:
         given = np.empty((rate.n_in, B))
         given[1 + n :] = p
         y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
-        tableau = TABLEAUS.get(self.solver.name)
+        tableau = tableau_of(self.solver.name)
         # x, then the rates of the stages; behind x the settling kernel has a row for its pivot.
         arrays = np.empty(((len(tableau.b) if tableau is not None else 1) + 1, n, B))
         now = arrays.reshape(-1, B)[:n]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltac.simulation.course import Motion
 from deltac.simulation.flow import Flow
-from deltac.simulation.solvers.explicit import TABLEAUS, growth
+from deltac.simulation.solvers.explicit import growth, tableau_of
 from deltac.simulation.solvers.solver import Solver
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def reach(solver: Solver, direction: complex) -> float:
     """The largest h |λ| along a direction of λ up to which a solver does not blow up."""
     if solver.family != "fixed":
         return math.inf
-    tableau = TABLEAUS.get(solver.name)
+    tableau = tableau_of(solver.name)
     if tableau is None:  # semi-implicit Euler: h ω = 2 for oscillations, h |λ| = 2 for decay
         return 2.0
     unit = direction / abs(direction)
@@ -126,7 +126,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
 
 def _growth(solver: Solver, z: complex) -> float:
     """What a step makes of an error."""
-    tableau = TABLEAUS.get(solver.name)
+    tableau = tableau_of(solver.name)
     if tableau is not None:
         return abs(growth(tableau, z))
     return abs(z) ** 2 - 1.0  # semi-implicit Euler, of the order of its larger eigenvalue

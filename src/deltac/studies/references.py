@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from deltac.problems import Problem, Reference
-from deltac.simulation import simulate
+from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
 
 MARGIN = 10.0

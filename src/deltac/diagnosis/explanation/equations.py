@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from deltac.diagnosis.equations import Evaluator, Sampled
 from deltac.diagnosis.explanation.causes import candidates
@@ -147,6 +146,8 @@ class _Stretch:
     def of(samples: Sampled) -> _Stretch:
         if not samples.logged.shape[1]:
             return _Stretch(samples, samples.logged, samples.logged)
+        from scipy.interpolate import CubicSpline
+
         spline = CubicSpline(samples.t, samples.logged)
         return _Stretch(samples, spline(samples.t, 1), spline(samples.t, 2))
 

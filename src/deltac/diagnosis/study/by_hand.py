@@ -13,7 +13,7 @@ from deltac.diagnosis.states import States, states_along
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation import Equations
+from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 
 

@@ -22,9 +22,9 @@ from deltac.diagnosis.study.runs import (
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.recorders import MujocoSimulator, mujoco_simulator
-from deltac.simulation import Controller, Equations, simulate
+from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Stabilisation
+from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import find_solver
 from deltac.trajectories import Trajectory
 
@@ -125,6 +125,8 @@ def study(
                         "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
                         "are set by control=)"
                     )
+                from deltac.recorders import mujoco_simulator
+
                 name = solver.removeprefix(MUJOCO)
                 run = mujoco_simulator(
                     model, duration, integrator=name, control=control, state=state
@@ -222,6 +224,8 @@ def _own(
 
 def _of_user(simulator: Simulator, order: int | None) -> _Maker:
     """A simulator that is not ours; MuJoCo's know their name and order."""
+    from deltac.recorders import MujocoSimulator
+
     if isinstance(simulator, MujocoSimulator):
         return _Maker(simulator, simulator.solver, simulator.order if order is None else order)
     return _Maker(simulator, getattr(simulator, "__name__", type(simulator).__name__), order)

@@ -24,7 +24,7 @@ from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import StudyRun, unblinded
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import Equations
+from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]

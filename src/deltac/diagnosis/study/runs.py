@@ -19,7 +19,8 @@ from deltac.diagnosis.study.blow_up import before_blow_up
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation import SimulationStopped, StiffStep
+from deltac.simulation.simulate import SimulationStopped
+from deltac.simulation.stiffness import StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 Array: TypeAlias = NDArray[np.float64]

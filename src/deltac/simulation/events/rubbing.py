@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from deltac.errors import DeltacError
 
@@ -44,6 +43,8 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
     """
     if len(v) == 1:
         return np.array([-(1.0 + e) * v[0] / W[0, 0]])
+    from scipy.optimize import brentq
+
     rub = _Rub(W, mu, REST * float(np.abs(v).max()))
     v, impulse = v.copy(), np.zeros(3)
     compressing, work, floor = (
@@ -144,6 +145,8 @@ class _Rub:
 
     def escape(self) -> Array:
         """The direction in which a slip begins that friction cannot hold: the one that it then keeps."""
+        from scipy.optimize import brentq
+
         angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS + 1)
         across = [self.pulled(angle)[0] for angle in angles]
         found = [

@@ -5,17 +5,17 @@ from __future__ import annotations
 import difflib
 
 from deltac.errors import InputError
-from deltac.simulation.solvers.explicit import TABLEAUS, explicit_step
+from deltac.simulation.solvers.explicit import explicit_step
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.solvers.symplectic import semi_implicit_euler_step
 
 _FIXED = (
-    Solver("ode1", "fixed", 1, explicit_step(TABLEAUS["ode1"]), 1, ("euler",)),
-    Solver("ode2", "fixed", 2, explicit_step(TABLEAUS["ode2"]), 2, ("heun",)),
-    Solver("ode3", "fixed", 3, explicit_step(TABLEAUS["ode3"]), 3, ("bs3", "bogacki-shampine")),
-    Solver("ode4", "fixed", 4, explicit_step(TABLEAUS["ode4"]), 4, ("rk4",)),
-    Solver("ode5", "fixed", 5, explicit_step(TABLEAUS["ode5"]), 6, ("dopri5", "dormand-prince")),
-    Solver("ode8", "fixed", 8, explicit_step(TABLEAUS["ode8"]), 12, ("dop853",)),
+    Solver("ode1", "fixed", 1, explicit_step("ode1"), 1, ("euler",)),
+    Solver("ode2", "fixed", 2, explicit_step("ode2"), 2, ("heun",)),
+    Solver("ode3", "fixed", 3, explicit_step("ode3"), 3, ("bs3", "bogacki-shampine")),
+    Solver("ode4", "fixed", 4, explicit_step("ode4"), 4, ("rk4",)),
+    Solver("ode5", "fixed", 5, explicit_step("ode5"), 6, ("dopri5", "dormand-prince")),
+    Solver("ode8", "fixed", 8, explicit_step("ode8"), 12, ("dop853",)),
     Solver("semi-implicit-euler", "fixed", 1, semi_implicit_euler_step, 2, ("symplectic-euler",)),
 )
 _IMPLICIT = tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from deltac.simulation.solvers.solver import Parts, Rate, StepFunction
@@ -38,7 +39,7 @@ def _dop853() -> Tableau:
     )
 
 
-TABLEAUS: dict[str, Tableau] = {
+_WRITTEN_OUT: dict[str, Tableau] = {
     "ode1": _tableau([[]], [1], "Euler 1768"),
     "ode2": _tableau([[], [1]], [1 / 2, 1 / 2], "Heun 1900"),
     "ode3": _tableau(
@@ -61,9 +62,16 @@ TABLEAUS: dict[str, Tableau] = {
         [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
         "Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19-26, weights of order 5",
     ),
-    "ode8": _dop853(),
 }
-"""Coefficients by solver name."""
+
+EXPLICIT = (*_WRITTEN_OUT, "ode8")
+"""The names of the methods that have a tableau."""
+
+
+@cache
+def tableau_of(name: str) -> Tableau | None:
+    """The coefficients of a solver, None if it has none. SciPy is loaded for ode8's alone."""
+    return _dop853() if name == "ode8" else _WRITTEN_OUT.get(name)
 
 
 def growth(tableau: Tableau, z: complex) -> complex:
@@ -74,10 +82,12 @@ def growth(tableau: Tableau, z: complex) -> complex:
     return 1 + z * sum(b * slope for b, slope in zip(tableau.b, k))
 
 
-def explicit_step(tableau: Tableau) -> StepFunction:
-    """The step x + h Σ b_i k_i with k_i = f(t + c_i h, x + h Σ a_ij k_j)."""
+def explicit_step(name: str) -> StepFunction:
+    """The step x + h Σ b_i k_i with k_i = f(t + c_i h, x + h Σ a_ij k_j) of an explicit method."""
 
     def step(f: Rate, t: Any, x: Any, h: Any, parts: Parts) -> Any:
+        tableau = tableau_of(name)
+        assert tableau is not None, name
         k: list[Any] = []
         for row, c in zip(tableau.a, tableau.c):
             k.append(f(t + c * h, _moved(x, h, row, k)))

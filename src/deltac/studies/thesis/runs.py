@@ -15,7 +15,7 @@ from deltac import problems
 from deltac.energy import Ledger, balance
 from deltac.mechanism import State
 from deltac.problems import Problem
-from deltac.simulation import simulate
+from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]

@@ -150,7 +150,7 @@ def test_what_was_used_longest_ago_goes_first(
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
-    old, new = tmp_path / "old.part", tmp_path / "new.part"
+    old, new = tmp_path / "deltac-old.part", tmp_path / "deltac-new.part"
     for file in (old, new):
         file.write_bytes(b"unfinished")
     os.utime(old, (1e9, 1e9))
@@ -231,3 +231,33 @@ def test_code_of_another_user_is_not_run(tmp_path: Path, monkeypatch: pytest.Mon
     compiled("anything", lambda: 1, tmp_path)
     monkeypatch.setattr(os, "getuid", lambda: -7)
     assert compiled("anything", lambda: 2, tmp_path) == 2
+
+
+def test_other_files_in_the_folder_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    others = [tmp_path / name for name in ("image.iso.part", "gauss.kernel", "notes.txt")]
+    for file in others:
+        file.write_text("a user's")
+        os.utime(file, (1e9, 1e9))
+    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 10)
+    compiled("anything", lambda: 1, tmp_path)
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
+    assert cache_info().entries <= 1
+    clear_cache()
+    assert sorted(tmp_path.iterdir()) == sorted(others)
+
+
+def test_an_entry_that_cannot_be_removed_does_not_lift_the_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 4000)
+    monkeypatch.setattr("deltac.kernels.cache.KEPT", 3000)
+    stuck = tmp_path / f"{0:040x}.kernel"
+    stuck.mkdir()  # no file, so that it cannot be unlinked
+    os.utime(stuck, (1e9, 1e9))
+    for k in range(20):
+        compiled(f"{k}", lambda: bytes(900), tmp_path)
+    assert 1 <= len(entries(tmp_path)) <= 5
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
+    with pytest.raises(InputError, match="1 of . files cannot be removed"):
+        clear_cache()
+    assert list(tmp_path.iterdir()) == [stuck]

@@ -21,7 +21,7 @@ _AVX512 = {"avx512f", "avx512dq"}  # the registers, and double-precision logic o
 def simd_width() -> int:
     """States per SIMD instruction: `DELTAC_SIMD` (1, 2, 4 or 8) if set, else what suits the processor.
 
-    The width is part of the code that heyoka compiles, so its cache keeps widths apart.
+    The width is part of what compiled code is named after, so the cache keeps widths apart.
 
     Raises:
         InputError: any other value of `DELTAC_SIMD`.

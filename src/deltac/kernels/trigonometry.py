@@ -6,9 +6,8 @@ takes two thirds of the time; compiling takes up to half as long again.
 
 The angle is x = k π/2 + r with |r| ≤ π/4 (Cody and Waite's reduction, π/2 in three parts), the polynomials
 in r are minimax ones, and the quadrant k turns the pair (cos r, sin r) by right angles. The result is
-within two units in the last place for |x| up to 1e12 where products and sums are fused (all processors
-with SIMD of 256 bits and more), elsewhere within |x| ε; NaN where x is so large, 1e14 and more, that
-neighbouring numbers are more than a degree apart.
+within two units in the last place where products and sums are fused (all processors with SIMD of 256 bits
+and more), elsewhere within |x| ε; NaN where |x| is 1e14 or more, and neighbouring numbers a degree apart.
 """
 
 from __future__ import annotations
@@ -45,8 +44,8 @@ COSINE = (
 TO_INTEGER = 1.5 * 2.0**52
 """Added to a number and taken away again it leaves the nearest integer, of two the even one."""
 
-REDUCED = 0.65
-"""A little more than (π/4)²: r² of an angle whose reduction failed is beyond."""
+LARGEST = 1e14
+"""Angle (rad) up to which the quadrant is found; next to it, neighbouring numbers are a degree apart."""
 
 
 def sine(x: Scalar, select: Any, below: Any) -> Scalar:
@@ -67,8 +66,7 @@ def _turned(x: Scalar, select: Any, below: Any) -> tuple[Scalar, Scalar, Scalar,
     r = x
     for part in HALF_PI:
         r = r - k * part
-    square = r * r
-    z = select(below(square, REDUCED), square, math.nan)
+    z = select(below(x * x, LARGEST**2), r * r, math.nan)
     s = r + (r * z) * _polynomial(SINE, z)
     c = (1.0 - 0.5 * z) + (z * z) * _polynomial(COSINE, z)
     return s, c, _quarter_turns(k + 1.0), _quarter_turns(k)

@@ -29,8 +29,8 @@ class Advice:
         best: the trial of the advice, None if nothing tried keeps the tolerance.
         coarser: the next cheaper setting of that solver, which does not.
         finer: the trial at half the step (a tenth of the tolerance), which confirms it.
-        runner_up: the next best solver at its own best setting; `agreement` is how far its motion is
-            from the recommended one, as a share of the ranges (NaN without runner-up).
+        runner_up: the next best solver at its own best setting, not always verified; `agreement` is how
+            far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
         turnover: energy turned over in it, J.
@@ -67,10 +67,11 @@ class Advice:
 
     @property
     def verified(self) -> bool:
-        """Whether the runs at the setting and at the finer one both keep the tolerances."""
+        """Whether the run keeps the tolerances at all of its rows, and the finer one's energy confirms it."""
         asked = (self.tolerance, self.motion_tolerance)
         return (
             self.best is not None
+            and self.best.verified
             and self.best.passes(*asked)
             and self.finer is not None
             and self.finer.energy <= self.tolerance
@@ -134,7 +135,7 @@ def _explained(advice: Advice) -> list[str]:
         + (
             ""
             if math.isinf(asked[1])
-            else f", q and u within {_share(best.motion)} of their ranges"
+            else f", q and u within {_share(best.motion)} of their ranges{_everywhere(best)}"
         )
         + f" (asked for: {advice.tolerance:g}). It takes {_seconds(best.seconds)}"
         + (f", {best.evaluations} evaluations of the accelerations." if best.evaluations else ".")
@@ -161,6 +162,12 @@ def _explained(advice: Advice) -> list[str]:
             line += f"; its motion agrees to {_share(advice.agreement)} of the ranges"
         lines.append(line + ".")
     return lines
+
+
+def _everywhere(best: Trial) -> str:
+    if not best.verified:
+        return ""
+    return " at every step" if best.knob == "step" else ", the first instants included"
 
 
 def _longer(ratio: float) -> str:

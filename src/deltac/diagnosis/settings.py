@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
-from deltac.diagnosis.work_precision import Family
+import numpy as np
+
+from deltac.diagnosis.work_precision import Family, Motion, Piece
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -27,10 +30,24 @@ MOST_OF_MUJOCO = 200_000
 """Steps of the finest setting in MuJoCo, where each is recorded."""
 
 SAMPLES = 200
-"""A run is judged on at least so many samples, or all of its steps."""
+"""A run is timed with at least so many rows, or all of its steps."""
 
-TOLERANCES = tuple(10.0 ** (-k / 2.0) for k in range(6, 27))
-"""Settings of adaptive solvers: half decades from 1e-3 to 1e-13."""
+ROWS = 20_000
+"""Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
+
+REFINED = 16
+"""A fixed step is verified against one this many times as small. That is enough for a solver of first
+order, at a kink of a law as well: the reference then has a sixteenth of the error."""
+
+TIGHTER, TIGHTEST = 1e-3, 1e-13
+"""An adaptive solver is verified against itself at so much of its tolerance, down to rounding."""
+
+DENSE, DECADES = 1000, 7
+"""An adaptive run may be sampled anywhere. It is verified on so many rows of the whole motion, and of its
+first 10th, 100th, … where a fast transient would fall between those."""
+
+TOLERANCES = tuple(10.0 ** (-k / 2.0) for k in range(6, 25))
+"""Settings of adaptive solvers: half decades from 1e-3 to 1e-12; a tenth of that is still computed."""
 
 SUITED = ("DOP853", "Radau", "CVODES", "IDAS")
 """Adaptive solvers that are tried unless others are named; the rest is dearer at every tolerance."""
@@ -107,32 +124,49 @@ def _own(
     equations: Equations | None,
     controller: Controller | None,
 ) -> Family:
-    def stepped(step: float) -> Trajectory:
-        steps = round(duration / step)
+    def run(
+        step: float, span: float = duration, every: int = 1, tolerance: float | None = None
+    ) -> Trajectory:
         return simulate(
             mechanism,
             state,
-            duration,
-            duration / steps,
-            solver.name,
-            ("wang",),
-            equations,
-            controller=controller,
-            record_every=_every(steps),
-        )
-
-    def adaptive(tolerance: float) -> Trajectory:
-        return simulate(
-            mechanism,
-            state,
-            duration,
-            duration / SAMPLES,
+            span,
+            step,
             solver.name,
             ("wang",),
             equations,
             controller=controller,
             tolerance=tolerance,
+            record_every=every,
         )
+
+    def stepped(step: float, rows: int, finer: int = 1) -> Trajectory:
+        steps = round(duration / step)
+        return run(duration / (finer * steps), every=finer * _every(steps, rows))
+
+    def every_step(step: float) -> list[Piece]:
+        steps = round(duration / step)
+        return [
+            Piece(
+                lambda: stepped(step, steps),
+                lambda: stepped(step, steps, REFINED),
+                float(REFINED ** (solver.order or 1)),
+            )
+        ]
+
+    def adaptive(tolerance: float) -> Trajectory:
+        return run(duration / SAMPLES, tolerance=tolerance)
+
+    def beginnings(tolerance: float) -> list[Piece]:
+        tighter = max(TIGHTER * tolerance, TIGHTEST)
+        return [
+            Piece(
+                partial(run, span / DENSE, span, tolerance=tolerance),
+                partial(run, span / DENSE, span, tolerance=tighter),
+                tolerance / tighter,
+            )
+            for span in (duration / 10**k for k in range(DECADES))
+        ]
 
     if solver.family == "adaptive":
         return Family(
@@ -142,10 +176,19 @@ def _own(
             TOLERANCES,
             "tolerance",
             adaptive,
+            beginnings,
             halved=lambda h: h / 10.0,
         )
-    settings = _steps(duration, FEWEST, MOST)
-    return Family(solver.name, solver.order, solver.stages, settings, "step", stepped)
+    return Family(
+        solver.name,
+        solver.order,
+        solver.stages,
+        _steps(duration, FEWEST, MOST),
+        "step",
+        lambda step: stepped(step, ROWS),
+        every_step,
+        work=lambda step: stepped(step, SAMPLES),
+    )
 
 
 def _mujoco(
@@ -162,19 +205,31 @@ def _mujoco(
         source, duration, integrator=integrator, control=control, state=state
     )
 
-    def plain(step: float) -> None:
-        """The run without recording: what a user will pay for."""
+    def plain(step: float, every: int = 0) -> Motion:
+        """The run without recording, what a user will pay for; or with its motion at every so many steps."""
         import mujoco
 
         model = copy.copy(recorded.model)
         model.opt.timestep = step
         model.opt.integrator = integrator_names()[recorded.integrator]
+        # A reset in the middle of a run would hide that it blew up.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         data = mujoco.MjData(model)
         mujoco.mj_copyData(data, model, recorded.data)
-        for _ in range(round(duration / step)):
+        start = data.time
+        rows = [(start, data.qpos.copy(), data.qvel.copy())]
+        for k in range(round(duration / step)):
             if control is not None:
                 control(model, data)
             mujoco.mj_step(model, data)
+            if every and (k + 1) % every == 0:
+                rows.append((start + (k + 1) * step, data.qpos.copy(), data.qvel.copy()))
+        t, q, u = zip(*rows)
+        return Motion(np.array(t), np.array(q), np.array(u))
+
+    def every_step(step: float) -> list[Piece]:
+        gain = float(REFINED ** (recorded.order or 1))
+        return [Piece(partial(recorded, step), lambda: plain(step / REFINED, every=REFINED), gain)]
 
     return Family(
         f"{MUJOCO}{integrator.lower()}",
@@ -183,6 +238,7 @@ def _mujoco(
         _steps(duration, FEWEST, MOST_OF_MUJOCO),
         "step",
         recorded,
+        every_step,
         plain,
     )
 
@@ -206,7 +262,7 @@ def _steps(duration: float, fewest: int, most: int) -> tuple[float, ...]:
     return tuple(duration / n for n in counts)
 
 
-def _every(steps: int) -> int:
-    """Keep every so many steps: the most that divides them and leaves enough samples."""
-    most = max(1, steps // SAMPLES)
+def _every(steps: int, rows: int) -> int:
+    """Keep every so many steps: the most that divides them and leaves so many rows, or all."""
+    most = max(1, steps // rows)
     return next(r for r in range(most, 0, -1) if steps % r == 0)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from commands import command
 from slow import repeated
 
 CHAIN = """
@@ -47,3 +48,17 @@ def test_a_new_process_tells_right_from_wrong(tmp_path: Path, dof: int, factor: 
     assert done.returncode == (0 if factor == 1.0 else 1), done.stdout + done.stderr
     found = json.loads(done.stdout)
     assert found["verdict"] == ("consistent" if factor == 1.0 else "equation-error")
+
+
+@pytest.mark.parametrize("arguments", [("check",), ("study", "--steps", "0.02,0.01")])
+def test_a_function_that_ends_the_program_is_no_verdict(
+    tmp_path: Path, arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit status 0 means consistent."""
+    path = tmp_path / "ending.py"
+    path.write_text("import sys\n\n\ndef rhs(t, q, u):\n    sys.exit(0)\n", "utf-8")
+    name, *options = arguments
+    given = [f"{path}:rhs"] if name == "check" else ["--equations", f"{path}:rhs"]
+    status, out, err = command(name, "simple-pendulum", *given, *options, capsys=capsys)
+    assert (status, out) == (2, "")
+    assert f"{path}:rhs called sys.exit(0)" in err

@@ -131,6 +131,27 @@ def test_bars_of_known_integrals(count: int, derived: bool) -> None:
         assert (error <= found.bar + 1e-14).all()
 
 
+@pytest.mark.parametrize("offset", [1e3, 1e6, 1.7e9])
+@pytest.mark.parametrize("spacing", ["even", "uneven"])
+@pytest.mark.parametrize("derived", [False, True])
+def test_bars_hold_where_times_are_far_from_zero(
+    offset: float, spacing: str, derived: bool
+) -> None:
+    """Seconds since 1970 are rounded to 2e-7 s: even ones cost nothing, others are in the bar."""
+    t = np.linspace(0, 2, 401)
+    if spacing == "uneven":
+        t[1:-1] += np.random.default_rng(3).uniform(-0.3, 0.3, 399) * 0.005
+    near = analytic(t, derived)
+    far = replace(near, t=t + offset)
+    exact = np.array([reference(s) for s in t])
+    found = integrate(far, lambda t, between: integrand(t - offset, between))
+    error = np.abs(found.value - exact)
+    assert (error <= found.bar + 1e-14).all()
+    if spacing == "even":
+        span = np.spacing(offset) / 2.0  # how well the duration itself is known
+        assert error.max() <= 1e-12 + span * np.abs(exact).max()
+
+
 def test_bars_grow_with_what_a_log_leaves_out() -> None:
     kinked = Samples(t := np.linspace(0, 2, 41), {}, {"z": np.abs(t - 0.777)[:, None]}, {})
     found = integrate(kinked, lambda t, b: b.values["z"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -105,10 +105,10 @@ def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
 
 def _equations(text: str) -> Equations:
     """What FILE.py:FUNCTION means: Equations, or the function u̇ = f(t, q, u) itself."""
-    from deltac.diagnosis.models import load_callable
+    from deltac.diagnosis.check_files import load_equations
     from deltac.simulation.equations import Equations
 
-    found: Any = load_callable(text)
+    found = load_equations(text)
     return found if isinstance(found, Equations) else Equations(found, name=text)
 
 

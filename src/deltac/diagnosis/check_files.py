@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +23,29 @@ def load_equations(text: str) -> Equations | Callable[..., Any]:
     path, name = _divided(text, "equations", "FUNCTION")
     found = _asked(from_file(path, name, "equations"), text)
     if isinstance(found, Equations):
-        return found
+        return replace(found, rhs=_staying(found.rhs, text))
     if not callable(found):
         raise InputError(
             f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
-    function: Callable[..., Any] = found
-    return function
+    return _staying(found, text)
+
+
+def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
+    """The function, which may not end the program: its exit status is the verdict's."""
+
+    @functools.wraps(function)
+    def called(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except SystemExit as error:
+            raise InputError(
+                f"{text} called sys.exit({error.code!r}); let it return u̇, or raise an error that says why "
+                "it cannot"
+            ) from None
+
+    return called
 
 
 def load_map(text: str) -> CoordinateMap | str:

@@ -98,6 +98,8 @@ class Caller:
         try:
             with np.errstate(all="ignore"):
                 found = self.rhs(float(states.t[k]), given_q, given_u)
+        except InputError:
+            raise
         except Exception as error:
             where = _line(error, self.rhs)
             raise InputError(

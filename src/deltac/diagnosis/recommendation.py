@@ -75,6 +75,10 @@ def recommend(
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
     """
     wanted = _positive(tolerance, "tolerance")
+    if wanted >= 1.0:
+        raise InputError(
+            f"recommend: tolerance is {tolerance!r}; expected a number between 0 and 1"
+        )
     if wanted < ROUNDING:
         raise InputError(
             f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy turned over there is "

@@ -141,6 +141,14 @@ def equidistant(t: Array) -> bool:
     return bool(np.abs(t - even).max() <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
 
 
+def clock(t: Array) -> Array:
+    """Times from the first on; without their rounding where they are equidistant.
+
+    Stamps of seconds since 1970 are rounded to 2e-7 s, which intervals of milliseconds would feel.
+    """
+    return np.linspace(0.0, t[-1] - t[0], len(t)) if equidistant(t) else t - t[0]
+
+
 def cumulating_matrix(weights: Array, size: int) -> Array:
     """Sums over one, two, … `size` neighbouring windows with the same weights (window,).
 

@@ -10,7 +10,7 @@ samples are sparse. The error is estimated by leaving out every second sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import TypeAlias
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from deltac.energy.interpolation import (
     band_matrices,
     blocks,
+    clock,
     cumulated_windows,
     cumulating_matrix,
     equidistant,
@@ -68,7 +69,8 @@ def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     total = np.empty_like(known)
     parts = np.array_split(np.arange(len(known)), min(cores(), len(known)) or 1)
-    spread(lambda rows: _lagrange(samples.t, known, rows, total), parts)
+    t = clock(samples.t)
+    spread(lambda rows: _lagrange(t, known, rows, total), parts)
     return total
 
 
@@ -129,7 +131,7 @@ def hermite_parts(
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of; `columns` picks among the powers.
     """
-    t, window = samples.t, min(window, len(samples.t))
+    t, window = clock(samples.t), min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
     values = [samples.smooth[name].values for name in names]
     slopes = [samples.smooth[name].rates for name in names]
@@ -162,7 +164,7 @@ def hermite_parts(
             at = {name: found[where][place].T for name, place in places.items()}
             at |= {name: held[here] for name, held in samples.held.items()}
             between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
-            part += weight * powers(t[here] + node * width[0], between).T[columns]
+            part += weight * powers(samples.t[here] + node * width[0], between).T[columns]
         np.multiply(part, width, out=total[:, after])
     return total
 
@@ -215,7 +217,7 @@ def integrate(
     The bar at a time is the largest difference so far between using all and every second sample,
     divided by 2^(p/2 − 1), where p is the order observed with every fourth sample too: half of it is
     counted on, for a single halving shows it but roughly. Where rates had to be derived none is: the
-    ends of a spline have their own.
+    ends of a spline have their own. Times far from zero, unevenly spaced, add what their rounding may do.
 
     Args:
         samples: what is known of the motion.
@@ -226,6 +228,20 @@ def integrate(
     """
     rated = samples.smooth.keys() if rates is None else rates
     known = at_samples(samples, powers, rated) if known is None else known
+    found = _chosen(samples, powers, known, rated, barred)
+    blur = float(np.spacing(np.abs(samples.t).max()))
+    if blur > 4 * np.spacing(np.ptp(samples.t)) and not equidistant(samples.t):
+        # Σ P_k (δ_{k+1} − δ_k), summed by parts.
+        at = known[barred]
+        moved = np.abs(np.diff(at, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(at)
+        return replace(found, bar=found.bar + blur * moved.T)
+    return found
+
+
+def _chosen(
+    samples: Samples, powers: Powers, known: Array, rated: Collection[str], barred: slice
+) -> Integral:
+    """The integral by the rule with the smallest bars."""
     thinned = {1: (samples, known)}
     for n in (2, 4):
         thin = samples.every(n)

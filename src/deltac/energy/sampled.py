@@ -10,6 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.energy.interpolation import clock
 from deltac.kernels.parallel import spread
 
 Array: TypeAlias = NDArray[np.float64]
@@ -109,6 +110,7 @@ def spline_rate(t: Array, y: Array) -> Array:
     """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
     from scipy.interpolate import make_interp_spline
 
+    t = clock(t)
     degree = min(5, len(t) - 1)
     degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
     return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))

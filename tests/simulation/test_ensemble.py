@@ -212,6 +212,38 @@ def test_members_that_are_no_mechanisms(options: dict[str, Any], message: str) -
         dc.simulate_ensemble(problem.mechanism, problem.state, 0.1, 0.01, **options)
 
 
+@pytest.mark.parametrize("fused", [4000, 0])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_progress_is_told_within_a_chunk(
+    fused: int, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By default the end alone is recorded; a thousand times at most, rising to 1."""
+    monkeypatch.setattr(ensemble_steps, "FUSED_INSTRUCTIONS", fused)
+    monkeypatch.setattr(ensemble_steps, "CHUNKS", (8, 8))
+    told: list[float] = []
+    mechanism, given = double_pendulum(), starts(12)
+    dc.simulate_ensemble(mechanism, given, 40.0, 0.01, threads=threads, progress=told.append)
+    assert 500 <= len(told) <= 1000
+    assert told == sorted(set(told)) and told[-1] == 1.0 and told[0] < 0.01
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_progress_raises_ends_the_run(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a KeyboardInterrupt does: long before its time, which here is 30 million steps."""
+    monkeypatch.setattr(ensemble_steps, "CHUNKS", (8, 8))
+    told: list[float] = []
+
+    def progress(done: float) -> None:
+        told.append(done)
+        raise InterruptedError("enough")
+
+    with pytest.raises(InterruptedError, match="enough"):
+        dc.simulate_ensemble(
+            double_pendulum(), starts(16), 3e4, 1e-3, threads=threads, progress=progress
+        )
+    assert len(told) <= threads and max(told) < 0.01
+
+
 def test_a_member_that_blew_up_says_so() -> None:
     """Explicit steps far beyond the stability of a stiff spring."""
     mechanism = dc.Mechanism(

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from threading import Lock
+from threading import Event, Lock, local
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -20,10 +20,29 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None = None) -> None:
-    """Call `work` on every item, on `threads` cores (all by default); the first error is raised.
+class Cancelled(Exception):
+    """Raised in a worker whose result nobody waits for any more."""
 
-    NumPy and compiled kernels let go of Python's lock while they work.
+
+_here = local()
+
+
+def check_cancelled() -> None:
+    """Raise `Cancelled` in a worker of a `spread` that has failed or was interrupted.
+
+    Long work calls it between its kernel calls; it takes a tenth of a microsecond.
+    """
+    stop: Event | None = getattr(_here, "stop", None)
+    if stop is not None and stop.is_set():
+        raise Cancelled
+
+
+def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None = None) -> None:
+    """Call `work` on every item, on `threads` cores (all by default).
+
+    The first error, or an interrupt of the caller (Ctrl-C), is raised: no further items are begun, and those
+    under way end at their next `check_cancelled`. NumPy and compiled kernels let go of Python's lock while
+    they work.
     """
     chosen = list(items)
     count = min(threads or cores(), len(chosen))
@@ -32,9 +51,28 @@ def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None 
             for item in chosen:
                 work(item)
             return
-        with ThreadPoolExecutor(count) as pool:
-            for _ in pool.map(work, chosen):
+        stop, errors = Event(), list[BaseException]()
+
+        def one(item: T) -> None:
+            _here.stop = stop
+            try:
+                check_cancelled()
+                work(item)
+            except Cancelled:
                 pass
+            except BaseException as error:
+                errors.append(error)
+                stop.set()
+
+        with ThreadPoolExecutor(count) as pool:
+            try:
+                for _ in pool.map(one, chosen):
+                    pass
+            except BaseException:
+                stop.set()
+                raise
+        if errors:
+            raise errors.pop(0)
 
 
 _lock = Lock()

@@ -7,7 +7,7 @@ itself alone, to the last bit, whatever the chunks and threads. Memory is that o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from threading import Lock
@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
-from deltac.kernels.parallel import spread
+from deltac.kernels.parallel import check_cancelled, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.simulation.course import Progress
 from deltac.simulation.ensemble_inputs import (
     member_count,
     member_parameters,
@@ -118,7 +119,7 @@ def simulate_ensemble(
     record_every: int | None = None,
     sensitivity: Sequence[str] = (),
     threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Ensemble:
     """Simulate many members of a mechanism with fixed-step solvers.
 
@@ -138,7 +139,7 @@ def simulate_ensemble(
         sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
             from a start that does not depend on them. Each adds about two steps' work to every step.
         threads: how many cores; all by default.
-        progress: called with the fraction done.
+        progress: called with the fraction done, from any thread but never from two at once.
 
     Raises:
         InputError: as `simulate`, and for sizes that do not fit, naming the array.
@@ -174,7 +175,7 @@ def simulate_ensemble(
         advance = Advance(flow, one, per_record, along)
         starts = range(0, len(group), advance.chunk)
         jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
-    done, lock = [0], Lock()
+    telling = _Telling(progress, sum(records * each * len(own) for _, each, own in jobs))
 
     def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:
         advance, per_record, own = job
@@ -187,13 +188,9 @@ def simulate_ensemble(
         result.keep(0, own, t0, x, values, np.ones(len(padded), dtype=bool))
         for k in range(records):
             span = Span(t0, own_step, k * per_record, per_record)
-            x, taken = advance(x, taken, values, span)
+            x, taken = advance(x, taken, values, span, lambda steps: telling(steps * len(own)))
             alive = taken == (k + 1) * per_record
             result.keep(k + 1, own, t0 + (k + 1) * interval, x, values, alive)
-            if progress is not None:
-                with lock:
-                    done[0] += 1
-                    progress(done[0] / (len(jobs) * records))
         lost = taken < records * per_record
         result.stopped[own] = np.where(lost, t0 + taken * own_step, math.nan)[: len(own)]
 
@@ -201,6 +198,27 @@ def simulate_ensemble(
     return result.ensemble(
         mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity
     )
+
+
+class _Telling:
+    """Tells `progress` the fraction of the members' steps that is done, a thousand times at most.
+
+    Work that nobody waits for ends here.
+    """
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total = progress, total
+        self._done, self._told, self._lock = 0, 0, Lock()
+
+    def __call__(self, steps: int) -> None:
+        check_cancelled()
+        if self._progress is None:
+            return
+        with self._lock:
+            self._done += steps
+            if 1000 * (self._done - self._told) >= self._total or self._done == self._total:
+                self._told = self._done
+                self._progress(self._done / self._total)
 
 
 _FLOWS: Kept[Flow] = Kept(16)

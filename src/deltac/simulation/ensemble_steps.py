@@ -6,6 +6,7 @@ them: all arithmetic is in kernels, elementwise, and B is a multiple of the SIMD
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -43,6 +44,10 @@ CHUNKS = (8 * 11, 8 * 127)
 
 HUGE = 1e300
 """A state with entries beyond this is not finite, or about to be."""
+
+
+Tick: TypeAlias = Callable[[int], None]
+"""Told after each kernel call how many steps it took; what it raises ends the work."""
 
 
 @dataclass(frozen=True)
@@ -94,20 +99,26 @@ class Advance:
         # An odd number of vectors: rows a power of two apart would share few places in the cache.
         return max(1, (most // LANES - 1) | 1) * LANES
 
-    def __call__(self, x: Array, taken: Array, p: Array, span: Span) -> tuple[Array, Array]:
+    def __call__(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array]:
         """The states (rows, B) after the span, and the number of steps (B,) that members have taken.
 
         A member whose state ceases to be finite is frozen at one that it had before, and takes no more
         steps. `p` (np, B) are the values of the parameters.
         """
         with np.errstate(all="ignore"):
-            after, worst, count = (self._whole if self.fused else self._staged)(x, taken, p, span)
+            after, worst, count = (self._whole if self.fused else self._staged)(
+                x, taken, p, span, tick
+            )
         if self.flow.bound is not None:
             for k in np.flatnonzero(~(worst > SMALLEST_PIVOT) & (taken == span.first)):
-                after[:, k], count[k] = self._carefully(x[:, k], p[:, k], span)
+                after[:, k], count[k] = self._carefully(x[:, k], p[:, k], span, tick)
         return after, count
 
-    def _whole(self, x: Array, taken: Array, p: Array, span: Span) -> tuple[Array, Array, Array]:
+    def _whole(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array, Array]:
         kernel = steps_kernel(self.flow, self.solver, self.fused, self.along)
         n, B = x.shape
         here, after = np.empty((n + 3, B)), np.empty((n + 3, B))
@@ -117,9 +128,12 @@ class Advance:
         for _ in range(0, span.count, self.fused):
             kernel.flat(here, constants, out=after)
             here, after = after, here
+            tick(self.fused)
         return here[:n], here[n + 1], here[n + 2]
 
-    def _staged(self, x: Array, taken: Array, p: Array, span: Span) -> tuple[Array, Array, Array]:
+    def _staged(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array, Array]:
         flow, (n, B) = self.flow, x.shape
         rate, settle = rate_kernel(flow), settle_kernel(flow)
         given = np.empty((rate.n_in, B))
@@ -158,9 +172,10 @@ class Advance:
             taken += alive
             if not alive.all():
                 np.copyto(now, x, where=~alive)
+            tick(1)
         return now.copy(), worst, taken
 
-    def _carefully(self, x: Array, p: Array, span: Span) -> tuple[Array, float]:
+    def _carefully(self, x: Array, p: Array, span: Span, tick: Tick) -> tuple[Array, float]:
         """A member whose constraints became dependent on the way, by least squares.
 
         Its derivatives are not known beyond: NaN.
@@ -173,6 +188,7 @@ class Advance:
             if not np.isfinite(after).all():
                 return np.concatenate([state, np.full(len(x) - n, np.nan)]), span.first + k
             state = after
+            tick(0)
         return np.concatenate([state, np.full(len(x) - n, np.nan)]), span.first + span.count
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations_with_replacement
 from math import prod
@@ -165,6 +166,32 @@ def test_taylor_against_elliptic_functions(name: str, tolerance: float) -> None:
     assert np.abs(run.q[:, 0] - expected[:, 0]).max() < tolerance * AMPLITUDE
     assert np.abs(run.u[:, 0] - expected[:, 1]).max() < tolerance * 10.0
     assert np.abs(run.udot[:, 0] + 9.81 / 0.5 * np.sin(run.q[:, 0])).max() < 1e-13 * 20
+
+
+@pytest.mark.heyoka
+def test_taylor_integrator_is_made_once_and_runs_in_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Runs do not disturb each other, whether they follow or overlap: bit for bit the same."""
+    import heyoka
+
+    made: list[Any] = []
+    make = heyoka.taylor_adaptive
+    monkeypatch.setattr(heyoka, "taylor_adaptive", lambda *a, **k: made.append(1) or make(*a, **k))
+    monkeypatch.setenv("DELTAC_CACHE", "off")
+    mechanism = pendulum(damping=0.037)  # no other test's
+
+    def end(angle: float) -> tuple[float, float]:
+        run = dc.simulate(mechanism, mechanism.state({"hinge": angle}), 5.0, 0.5, "taylor")
+        return float(run.q[-1, 0]), float(run.u[-1, 0])
+
+    angles = [0.1 * k for k in range(1, 13)]
+    alone = [end(angle) for angle in angles]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(end, angles))
+    assert together == alone
+    assert len(set(alone)) == len(alone)
+    assert len(made) == 1
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -136,7 +138,8 @@ def run_taylor(
             "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
         ) from None
     real = hy.real128 if quad else float
-    method = _taylor_method(flow, p, tolerance, real)
+    # A copy for each run: threads may run the same mechanism at once.
+    method = copy.copy(_taylor_method(flow, tuple(p.tolist()), tolerance, real))
     method.state[:], method.time = x0.astype(real), real(times[0])
     states: list[Array] = [x0[None, :]]
     message = ""
@@ -162,18 +165,21 @@ def run_taylor(
     return Motion(times[: len(x)], x, np.empty((len(x), 0)), message)
 
 
-def _taylor_method(flow: Flow, p: Array, tolerance: float | None, real: Any) -> Any:
-    """Heyoka's integrator of the flow, at no state in particular; compiled, or from the disk cache."""
+@lru_cache(maxsize=32)
+def _taylor_method(
+    flow: Flow, p: tuple[float, ...], tolerance: float | None, real: type[Any]
+) -> Any:
+    """Heyoka's integrator of the flow, at no state in particular: made once, or from the disk cache."""
     import heyoka as hy
 
     from deltac.kernels import compiled, prepare_heyoka, to_heyoka
 
     function = ca.Function("xdot", [flow.t, flow.x, flow.p], [ca.cse(ca.densify(flow.xdot))])
-    source = (prepare_heyoka(), real.__name__, tolerance, p.tolist(), function.serialize())
+    source = (prepare_heyoka(), real.__name__, tolerance, p, function.serialize())
 
     def made() -> Any:
         names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
-        constants = [hy.expression(float(value)) for value in p]
+        constants = [hy.expression(value) for value in p]
         (rates,) = to_heyoka(function, [[hy.time], names, constants])
         options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
         nowhere = np.zeros(len(names)).astype(real)

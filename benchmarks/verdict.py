@@ -1,6 +1,6 @@
 """The verdict's bench: right and wrong equations, judged blind. `make bench-verdict`.
 
-    make bench-verdict [ARGS="--seed 2026 --scale 0.1 --jobs 2 --out results/verdict.json"]
+    make bench-verdict [ARGS="--seed 2028 --scale 0.1 --jobs 2 --out results/verdict.json"]
 
 Right equations must never be called `equation-error`; wrong ones should be. Prints what each instrument
 said of each group of cases, and every verdict that was false.
@@ -28,7 +28,7 @@ from verdict_runs import Case, delivery
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
 
-SEED = 2026
+SEED = 2028
 """The published table's. The rules were tuned on seeds 1 to 3 only."""
 
 

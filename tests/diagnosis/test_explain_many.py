@@ -56,11 +56,17 @@ def test_a_factor_on_all_masses_gives_its_place_to_the_mass_of_one_body(seed: in
     assert found.alternatives == ()
 
 
-@pytest.mark.parametrize("link", [1, 3])
-def test_a_chain_without_dampers_and_with_another_link(link: int) -> None:
-    """Five dampers and a mass: much that explains more at first could not be, as a rotor below nothing."""
+@pytest.mark.parametrize(("links", "damping", "link"), [(5, 0.05, 1), (5, 0.05, 3), (7, 0.01, 3)])
+def test_a_chain_without_dampers_and_with_another_link(
+    links: int, damping: float, link: int
+) -> None:
+    """Much that explains more at first could not be, as a rotor below nothing.
+
+    In the chain of seven, a factor on mass with inertia of the right link comes first; it keeps out the
+    mass alone, and explains more than some dampers do.
+    """
     mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    right, wrong = (mujoco.MjModel.from_xml_string(chain(5)) for _ in range(2))
+    right, wrong = (mujoco.MjModel.from_xml_string(chain(links, damping)) for _ in range(2))
     wrong.dof_damping[:] = 0.0
     wrong.body(f"link {link}").mass *= 1.05
     data = mujoco.MjData(right)
@@ -68,19 +74,19 @@ def test_a_chain_without_dampers_and_with_another_link(link: int) -> None:
     run = dc.run_mujoco(right, 0.5, data=data, integrator="rk4")
     found = dc.explain_residual(wrong, run)
     values = {(c.kind, c.element): c.values[0] for c in found.causes}
-    planted = {("missing-damper", f"joint {k}"): 0.05 for k in range(5)}
+    planted = {("missing-damper", f"joint {k}"): damping for k in range(links)}
     planted["body-mass", f"link {link}"] = 1.0 / 1.05
     assert found.kind == "explained", str(found)
     assert values == pytest.approx(planted, rel=EXACT), str(found)
 
 
-def chain(links: int) -> str:
+def chain(links: int, damping: float) -> str:
     """Links one after the other, with hinges about y, x and z in turn."""
     inner = ""
     for k in reversed(range(links)):
         inner = f"""
  <body name="link {k}" pos="{0.2 if k else 0.0} 0 0">
-  <joint name="joint {k}" axis="{("0 1 0", "1 0 0", "0 0 1")[k % 3]}" damping="0.05"/>
+  <joint name="joint {k}" axis="{("0 1 0", "1 0 0", "0 0 1")[k % 3]}" damping="{damping}"/>
   <geom type="capsule" fromto="0 0 0 0.2 0.05 0" size="0.02"/>{inner}</body>"""
     return f"""
 <mujoco><option timestep="0.002"><flag contact="disable"/></option>

@@ -93,7 +93,7 @@ def _closed(regression: Regression, fit: Fit) -> bool:
 def _pruned(regression: Regression, fit: Fit) -> Fit:
     """The fit without the causes that it can spare: what was chosen early may have become idle."""
     while len(fit.chosen) > 1:
-        least = _spared(regression, fit)
+        least = min(_fewer(regression, fit), key=lambda other: price(regression, other))
         if price(regression, least) >= price(regression, fit) or not plausible(regression, least):
             break
         fit = least
@@ -153,23 +153,27 @@ def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]
 
 
 def _exchanged(regression: Regression, paths: list[Fit]) -> list[Fit]:
-    """Better fits, in which another cause has the place of the one that a path spares most easily.
+    """Better fits, in which another cause has the place of one of a path.
 
     What was chosen early may have become idle, such as a factor on all masses for dampers not yet
-    found, and it would keep out the mass of a body, which must not be told twice (Jain, Tewari and
+    found; or it keeps out what is right, as a number of a body must not be told twice (Jain, Tewari and
     Dhillon 2011, *Orthogonal matching pursuit with replacement*, NIPS 24).
     """
     best = min((price(regression, fit) for fit in paths), default=math.inf)
-    stems = {fit.chosen: fit for fit in (_spared(regression, path) for path in paths)}
+    stems: dict[tuple[int, ...], Fit] = {}
+    for path in paths:
+        fewer = _fewer(regression, path)
+        idle = min(fewer, key=lambda other: price(regression, other))
+        bodies = [f for k, f in zip(path.chosen, fewer) if regression.candidates[k].of_a_body]
+        stems |= {fit.chosen: fit for fit in (idle, *bodies)}
     fits = _extended(regression, list(stems.values()), many=True)
     return [fit for fit in fits if price(regression, fit) < best]
 
 
-def _spared(regression: Regression, fit: Fit) -> Fit:
-    """The fit without the cause that it spares most easily."""
+def _fewer(regression: Regression, fit: Fit) -> list[Fit]:
+    """The fits without one of the causes, in their order."""
     places = range(len(fit.chosen))
-    fewer = (regression.fit((*fit.chosen[:k], *fit.chosen[k + 1 :])) for k in places)
-    return min(fewer, key=lambda other: price(regression, other))
+    return [regression.fit((*fit.chosen[:k], *fit.chosen[k + 1 :])) for k in places]
 
 
 def _whole_bodies(regression: Regression, known: set[tuple[int, ...]]) -> list[Fit]:

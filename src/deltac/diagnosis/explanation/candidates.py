@@ -133,6 +133,11 @@ class Candidate:
             return float(1.0 / self.base[0])
         return 0.0
 
+    @property
+    def of_a_body(self) -> bool:
+        """Whether it tells a number of a body, and so may exclude others."""
+        return self.kind in _TELLS
+
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""
         here, there = _TELLS.get(self.kind, ""), _TELLS.get(other.kind, "")

@@ -19,8 +19,10 @@ MOST = 24
 """Causes together, such as a damper at every joint."""
 
 MANY = 4
-PATHS, TRIED = (12, 2), (40, 8)
-"""Paths that are kept, and extensions that are fitted in full, up to `MANY` causes and beyond."""
+PATHS, TRIED = (12, 2), (40, 24)
+"""Paths that are kept, and extensions that are fitted in full, up to `MANY` causes and beyond.
+
+Of the extensions that promise most, many could not be: rotors and moments of inertia below nothing."""
 
 PROGRESS = 0.98
 """A cause more that leaves more than this share of what was left is not worth going on."""
@@ -58,6 +60,8 @@ def search(regression: Regression, most: int = MOST) -> Found:
         paths = _extended(regression, paths, count > MANY)
         if count == len(WHOLE):
             paths += _whole_bodies(regression, {fit.chosen for fit in paths})
+        if count > MANY:
+            paths += _exchanged(regression, paths)
         every += paths
         possible = sorted(
             (fit for fit in paths if plausible(regression, fit)),
@@ -89,10 +93,7 @@ def _closed(regression: Regression, fit: Fit) -> bool:
 def _pruned(regression: Regression, fit: Fit) -> Fit:
     """The fit without the causes that it can spare: what was chosen early may have become idle."""
     while len(fit.chosen) > 1:
-        fewer = [
-            regression.fit((*fit.chosen[:k], *fit.chosen[k + 1 :])) for k in range(len(fit.chosen))
-        ]
-        least = min(fewer, key=lambda other: price(regression, other))
+        least = min(_fewer(regression, fit), key=lambda other: price(regression, other))
         if price(regression, least) >= price(regression, fit) or not plausible(regression, least):
             break
         fit = least
@@ -149,6 +150,30 @@ def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]
     # A damper that drives may turn with a further cause; masses that vanish close any equation.
     other = [fit for fit in fits if not plausible(regression, fit) and _massive(regression, fit)]
     return good[:most_paths] + other[: most_paths // 3]
+
+
+def _exchanged(regression: Regression, paths: list[Fit]) -> list[Fit]:
+    """Better fits, in which another cause has the place of one of a path.
+
+    What was chosen early may have become idle, such as a factor on all masses for dampers not yet
+    found; or it keeps out what is right, as a number of a body must not be told twice (Jain, Tewari and
+    Dhillon 2011, *Orthogonal matching pursuit with replacement*, NIPS 24).
+    """
+    best = min((price(regression, fit) for fit in paths), default=math.inf)
+    stems: dict[tuple[int, ...], Fit] = {}
+    for path in paths:
+        fewer = _fewer(regression, path)
+        idle = min(fewer, key=lambda other: price(regression, other))
+        bodies = [f for k, f in zip(path.chosen, fewer) if regression.candidates[k].of_a_body]
+        stems |= {fit.chosen: fit for fit in (idle, *bodies)}
+    fits = _extended(regression, list(stems.values()), many=True)
+    return [fit for fit in fits if price(regression, fit) < best]
+
+
+def _fewer(regression: Regression, fit: Fit) -> list[Fit]:
+    """The fits without one of the causes, in their order."""
+    places = range(len(fit.chosen))
+    return [regression.fit((*fit.chosen[:k], *fit.chosen[k + 1 :])) for k in places]
 
 
 def _whole_bodies(regression: Regression, known: set[tuple[int, ...]]) -> list[Fit]:

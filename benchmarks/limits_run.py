@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.kernels import evaluator_name, to_heyoka
+from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.course import Course
 from deltac.simulation.fixed import FixedStepper
 from deltac.simulation.flow import build_flow
@@ -43,6 +44,7 @@ class Pair:
     unit: str
 
 
+@one_thread_a_call()
 def run(rounds: int) -> list[dict[str, Any]]:
     """Both sides in turn; {"skipped": why} without heyoka."""
     if evaluator_name() != "heyoka":

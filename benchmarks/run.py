@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 # Times of compilation mean something only when nothing was compiled before.
-os.environ.setdefault("DELTAC_CACHE", "off")
+os.environ["DELTAC_CACHE"] = "off"
 # Exudyn's build without range checks, where the processor has what it needs.
 os.environ.setdefault("EXUDYN_MODULE", "fast")
 

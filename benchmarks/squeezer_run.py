@@ -1,23 +1,25 @@
-"""Andrews' squeezing mechanism to 1e-8 rad, beside SUNDIALS' IDA and Exudyn.
+"""Andrews' squeezing mechanism to 1e-8 rad, beside SUNDIALS' IDA and CVODES, and Exudyn.
 
-IDA (by CasADi's `integrator`) gets the same equations, the accelerations ẋ as an expression, with exact
-Jacobians; Exudyn gets the mechanism as its own bodies and joints. All sides get ready before the clock
-starts. Each takes the coarsest step or tolerance whose end is within 1e-8 rad of a run in far smaller
+SUNDIALS (by CasADi's `integrator`) gets the same equations, the accelerations ẋ as an expression; Exudyn gets
+the mechanism as its own bodies and joints. All sides get ready before the clock starts: ours are the
+compiled steps that `simulate` takes, without what it checks before and after them, and its whole time stands
+beside. Each takes the coarsest step or tolerance whose end is within 1e-8 rad of a run in far smaller
 steps; Exudyn's method is of second order, so that its step follows from the error of a coarse run.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-import casadi as ca
 import numpy as np
-from measure import contest
+from measure import contest, median_seconds
 from numpy.typing import NDArray
+from peers import casadi_squeezer
 
 import deltac as dc
+from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.course import Course
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.fixed import FixedStepper
@@ -25,10 +27,11 @@ from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 
 Array = NDArray[np.float64]
+SOLVER = "ode5"
 WITHIN = 1e-8  # rad
-STEPS = (150, 200, 300, 400, 600, 800, 1200)
+STEPS = (150, 200, 300, 400, 450, 500, 550, 600, 800, 1200)
 FINE = 8000
-TOLERANCES = (1e-9, 1e-10, 1e-11, 3e-12, 1e-12, 3e-13, 1e-13)
+TOLERANCES = tuple(digit * 10.0**-n for n in range(9, 14) for digit in (1.0, 0.5, 0.2))
 COARSE = 20_000
 """Exudyn's steps of the run from which the others follow."""
 MARGIN = 1.05
@@ -37,17 +40,21 @@ CALLS = 10
 """Runs in a measurement: one takes a few milliseconds."""
 
 
+@one_thread_a_call()
 def run(rounds: int, few: int) -> list[dict[str, Any]]:
     """Find what each side needs for the accuracy, then time that: `few` times beside Exudyn."""
     squeezer = Squeezer()
-    return [_beside_ida(squeezer, rounds), _beside_exudyn(squeezer, few)]
+    simulate_s = median_seconds(squeezer.simulate, few)
+    found = [*_beside_sundials(squeezer, rounds), _beside_exudyn(squeezer, few)]
+    return [one if "skipped" in one else {**one, "simulate_s": simulate_s} for one in found]
 
 
 def told(found: dict[str, Any]) -> str:
     """What is particular to this contest, in words."""
     return (
         f"{found['steps']} steps, error {found['our_error_rad']:.0e} rad; the other: {found['needs']}, "
-        f"error {found['their_error_rad']:.0e} rad"
+        f"error {found['their_error_rad']:.0e} rad; a whole simulate with the end alone recorded: "
+        f"{1e3 * found['simulate_s']:.0f} ms"
     )
 
 
@@ -55,7 +62,7 @@ class Squeezer:
     """Our side: a compiled step, the end it leads to, and how many steps the accuracy takes."""
 
     def __init__(self) -> None:
-        self.problem, solver = dc.problems.load("andrews-squeezer"), find_solver("ode5")
+        self.problem, solver = dc.problems.load("andrews-squeezer"), find_solver(SOLVER)
         mechanism = self.problem.mechanism
         self.rows = constraint_start(mechanism, self.problem.state, solver, None, "projection")
         flow = build_flow(mechanism, ("wang",), rows=self.rows)
@@ -70,6 +77,15 @@ class Squeezer:
         h = self.problem.duration / steps
         course = Course(np.empty(0), self.start, 0.0, h, steps, steps)
         return self.stepper.run(course).x[-1][self.angles]
+
+    def simulate(self) -> dc.Trajectory:
+        """What a user calls for that end: the same steps, checks and records about them."""
+        duration, steps = self.problem.duration, self.steps
+        return dc.simulate(
+            *(self.problem.mechanism, self.problem.state, duration, duration / steps, SOLVER),
+            ("wang",),
+            record_every=steps,
+        )
 
     def error(self, end: Array) -> float:
         """Largest difference from the end of a run in far smaller steps (rad)."""
@@ -99,33 +115,34 @@ class Squeezer:
         }
 
 
-def _beside_ida(squeezer: Squeezer, rounds: int) -> dict[str, Any]:
+def _beside_sundials(squeezer: Squeezer, rounds: int) -> Iterator[dict[str, Any]]:
     problem = squeezer.problem
     free = build_flow(problem.mechanism, ("wang",), rows=squeezer.rows, stabilisation="none")
     x0 = free.start(problem.state, np.empty(0))
+    for rival in casadi_squeezer.rivals(free, x0, problem.duration):
+        tolerance, run = next(
+            (tolerance, run)
+            for tolerance in TOLERANCES
+            for run in [_runner(squeezer, rival, tolerance)]
+            if squeezer.error(run()) < WITHIN
+        )
+        yield {
+            "name": f"Andrews' squeezer to {WITHIN:g} rad: deltac {SOLVER} / {rival.name}",
+            **squeezer.beside(run, rounds, CALLS),
+            "needs": f"tolerance {tolerance:g}",
+            "tolerance": tolerance,
+        }
 
-    def rival(tolerance: float) -> Callable[[], Array]:
-        options = {"reltol": tolerance, "abstol": tolerance / 10, "max_num_steps": 10**6}
-        equations = {"x": free.x, "t": free.t, "ode": free.xdot}
-        made = ca.integrator("rival", "idas", equations, 0.0, problem.duration, options)
-        return lambda: np.array(made(x0=x0)["xf"]).ravel()[squeezer.angles]
 
-    tolerance, ida = next(
-        (tolerance, made)
-        for tolerance in TOLERANCES
-        for made in [rival(tolerance)]
-        if squeezer.error(made()) < WITHIN
-    )
-    return {
-        "name": f"Andrews' squeezer to {WITHIN:g} rad: deltac ode5 / SUNDIALS IDA",
-        **squeezer.beside(ida, rounds, CALLS),
-        "needs": f"tolerance {tolerance:g}",
-        "tolerance": tolerance,
-    }
+def _runner(
+    squeezer: Squeezer, rival: casadi_squeezer.Sundials, tolerance: float
+) -> Callable[[], Array]:
+    made = rival.integrator(tolerance)
+    return lambda: rival.end(made)[squeezer.angles]
 
 
 def _beside_exudyn(squeezer: Squeezer, rounds: int) -> dict[str, Any]:
-    name = f"Andrews' squeezer to {WITHIN:g} rad: deltac ode5 / Exudyn TrapezoidalIndex2"
+    name = f"Andrews' squeezer to {WITHIN:g} rad: deltac {SOLVER} / Exudyn TrapezoidalIndex2"
     try:
         from peers import exudyn_squeezer
     except ImportError:

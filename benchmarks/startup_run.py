@@ -1,4 +1,4 @@
-"""How long one waits: for the first verdict in a fresh process, and for kernels that were compiled before.
+"""How long one waits: for a verdict in a fresh process, and for kernels that were compiled before.
 
 A process each, with a cache folder of its own: cold is the first in an empty folder, warm the next one there.
 `python benchmarks/startup_run.py DOF` is such a process: it compiles a chain's accelerations.
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 from kernel_sizes import accelerations, chain
@@ -24,6 +25,8 @@ STUDY = ("study", "triple-pendulum", "--steps", "0.02,0.01,0.005", "--json")
 VERDICT_WITHIN = {"cold": 3.0, "warm": 1.5}  # s
 SIZES = (30, 100)
 LOADED_WITHIN = 0.3  # s
+CHECKED = {3: 2.0, 30: 10.0}
+"""Joints of a chain whose equations are checked -> how long that may take with an empty cache (s)."""
 
 
 def run(rounds: int) -> dict[str, Any]:
@@ -40,6 +43,7 @@ def run(rounds: int) -> dict[str, Any]:
         # CasADi's evaluator compiles nothing, and keeps nothing.
         "kernels": [_loaded(dof, rounds) for dof in SIZES if evaluator_name() == "heyoka"],
         "loaded_wanted_s": LOADED_WITHIN,
+        "checks": [_checked(dof, rounds) for dof in CHECKED],
         "rounds": rounds,
     }
 
@@ -59,6 +63,12 @@ def told(found: dict[str, Any]) -> str:
             f"  accelerations of a chain of {kernel['dof']}: written out in {kernel['trace_s']:.2f} s, "
             f"compiled in {kernel['compiled_s']:.2f} s, from the cache in {loaded:.3f} s; "
             f"less than {wanted:g} s wanted: {_met(loaded, wanted)}"
+        )
+    for check in found["checks"]:
+        lines.append(
+            f"  deltac check of a chain of {check['dof']}, cache cold: {check['wall_s']:.2f} s, processor "
+            f"{check['processor_s']:.2f} s; less than {check['wanted_s']:g} s wanted: "
+            f"{_met(check['wall_s'], check['wanted_s'])}"
         )
     return "\n".join(lines)
 
@@ -84,6 +94,29 @@ def _first_verdict(folder: str) -> float:
     kind = json.loads(said)["verdict"]
     assert kind == "consistent", f"{' '.join(STUDY)}: the verdict is {kind!r}"
     return taken
+
+
+def _checked(dof: int, rounds: int) -> dict[str, float]:
+    """Wall and processor time of whole processes, each with an empty cache; the verdict must be right."""
+    file = Path(__file__).with_name("check_chain.py")
+    command = ["-m", "deltac", "check", f"{file}:chain_{dof}", f"{file}:equations_{dof}", "--json"]
+    walls, processors = [], []
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            start, before = time.perf_counter(), os.times()
+            said = _process(command, folder)
+            walls.append(time.perf_counter() - start)
+        after = os.times()
+        processors.append(
+            after.children_user
+            - before.children_user
+            + after.children_system
+            - before.children_system
+        )
+        kind = json.loads(said)["verdict"]
+        assert kind == "consistent", f"check of a chain of {dof}: the verdict is {kind!r}"
+    medians = {"wall_s": statistics.median(walls), "processor_s": statistics.median(processors)}
+    return {"dof": dof, **medians, "wanted_s": CHECKED[dof]}
 
 
 def _loaded(dof: int, rounds: int) -> dict[str, float]:

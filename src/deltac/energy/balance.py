@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import TypeAlias
 
 import numpy as np
@@ -37,7 +38,7 @@ from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -72,6 +73,8 @@ def balance(
         InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
             lacks the integrals asked for.
     """
+    require_mechanism(mechanism)
+    _require_trajectory(run)
     method = _method(run, work)
     tied = bool(mechanism.constraints)
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
@@ -181,6 +184,18 @@ def residuals(
     shaped = {n.removeprefix("rate "): value for n, value in found.items()}
     shaped["coordinates"] = shaped["coordinates"].reshape(len(run), -1)
     return shaped
+
+
+def _require_trajectory(run: object) -> None:
+    if isinstance(run, Trajectory):
+        return
+    remedy = ""
+    if isinstance(run, str | PathLike):
+        remedy = "; use deltac.read_trajectory(file)"
+    elif hasattr(run, "member"):
+        remedy = "; use ensemble.member(k)"
+    found = repr(run) if isinstance(run, str) else type(run).__name__
+    raise InputError(f"run: expected a Trajectory, found {found}{remedy}")
 
 
 def _method(run: Trajectory, work: str | None) -> str:

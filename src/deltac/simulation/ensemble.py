@@ -21,21 +21,22 @@ from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
 from deltac.kernels.parallel import check_cancelled, spread
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.course import Progress
 from deltac.simulation.ensemble_inputs import (
     member_count,
     member_parameters,
     member_solvers,
-    member_states,
     member_steps,
     record_grid,
     repeated,
 )
+from deltac.simulation.ensemble_starts import States, check_prescribed, member_states
 from deltac.simulation.ensemble_steps import LANES, Advance, Span
-from deltac.simulation.feasibility import constraint_start
+from deltac.simulation.feasibility import check_members, constraint_start
 from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.preparation import check_request, count, positive
 from deltac.simulation.solvers import Solver
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
@@ -76,8 +77,10 @@ class Ensemble:
 
     def member(self, k: int) -> Trajectory:
         """One run as a trajectory, up to where it stopped; InputError if there is no such member."""
-        if not -len(self) <= k < len(self):
-            raise InputError(f"member {k}: there are {len(self)}, from 0 to {len(self) - 1}")
+        if not isinstance(k, int | np.integer) or not -len(self) <= k < len(self):
+            raise InputError(
+                f"member {k!r}: there are {len(self)}; expected a whole number from 0 to {len(self) - 1}"
+            )
         completed = math.isnan(self.stopped[k])
         message = (
             "" if completed else f"stopped: the state is not finite after t = {self.stopped[k]:g} s"
@@ -109,7 +112,7 @@ class Ensemble:
 
 def simulate_ensemble(
     mechanism: Mechanism,
-    states: State | tuple[ArrayLike, ArrayLike],
+    states: States,
     duration: float,
     step: ArrayLike,
     solver: str | Sequence[str] = "ode5",
@@ -127,7 +130,8 @@ def simulate_ensemble(
 
     Args:
         mechanism: what moves.
-        states: one state for all members, or (Q, U) of shapes (N, nq) and (N, nu), all joints.
+        states: one for all members; a sequence of N, all at one time; or (Q, U) of shapes (N, nq) and
+            (N, nu), all joints, at t = 0.
         duration: how long, s.
         step: of the solver, s, or (N,); it must divide the duration.
         solver: a fixed-step one, see `simulate`, or N of them.
@@ -142,27 +146,33 @@ def simulate_ensemble(
         progress: called with the fraction done, from any thread but never from two at once.
 
     Raises:
-        InputError: as `simulate`, and for sizes that do not fit, naming the array.
+        InputError: as `simulate`, and for sizes that do not fit, naming the array; for members that start
+            off a constraint or a prescribed motion, by their own parameters, naming the first.
     """
-    if threads is not None and threads < 1:
-        raise InputError(f"threads is {threads!r}; expected 1 or more, or None for all cores")
+    require_mechanism(mechanism)
+    duration = positive(duration, "duration")
+    threads = None if threads is None else count(threads, "threads")
     if mechanism.events:
         raise InputError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )
-    names, p = member_parameters(mechanism, vary or {}, sensitivity)
+    names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
     t0, Q, U = member_states(mechanism, states)
     h, solvers = member_steps(step, duration), member_solvers(solver)
     members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
     Q, U, p, h = (repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
     solvers = solvers * (members // len(solvers))
     interval, records = record_grid(h, duration, record_every)
-    first = mechanism.state(Q[0], U[0], t0)
+    if not isinstance(states, State):  # one state for all keeps its prescribed joints to itself
+        check_prescribed(mechanism, t0, Q, U, names, p)
+    first = State(t0, Q[0], U[0])
     kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
     for one, size in kinds:
+        check_request(mechanism, first, one, None, None, size, None)
         check_start(mechanism, first, one, size)
-    rows = constraint_start(mechanism, first, solvers[0], None, "projection")
+    check_members(mechanism, t0, Q, U, names, p)
+    rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
     flow = _flow(mechanism, tuple(testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))

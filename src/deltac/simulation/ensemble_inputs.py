@@ -1,15 +1,15 @@
-"""What an ensemble is made of: members' states, steps, solvers and parameters, checked."""
+"""What an ensemble is made of: members' steps, solvers and parameters, checked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
+from deltac.simulation.preparation import count, whole_steps
 from deltac.simulation.solvers import Solver, find_solver
 
 Array = NDArray[np.float64]
@@ -30,19 +30,19 @@ def repeated(values: Array, members: int, axis: int) -> Array:
 
 def member_steps(step: ArrayLike, duration: float) -> Array:
     """Steps (N,) or (1,), made to divide the duration exactly."""
-    h = np.atleast_1d(np.asarray(step, dtype=np.float64))
-    if h.ndim != 1 or not np.isfinite(h).all() or not (h > 0).all():
+    h = np.atleast_1d(_numbers(step))
+    if h.ndim != 1 or not h.size or not np.isfinite(h).all() or not (h > 0).all():
         raise InputError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
-    counts = np.rint(duration / h)
-    for size, count in zip(h, counts):
-        if count < 1 or abs(count * size - duration) > 1e-9 * duration:
-            raise InputError(f"step {size:g} does not divide the duration {duration:g}")
-    return np.asarray(duration / counts)
+    exact = {size: duration / whole_steps(duration, size, 1) for size in set(h.tolist())}
+    return np.array([exact[size] for size in h.tolist()])
 
 
 def member_solvers(solver: str | Sequence[str]) -> list[Solver]:
     """The explicit fixed-step solvers of those names; InputError for any other."""
-    found = [find_solver(name) for name in ([solver] if isinstance(solver, str) else solver)]
+    names = [solver] if isinstance(solver, str) or not isinstance(solver, Iterable) else [*solver]
+    if not names:
+        raise InputError(f"solver is {solver!r}; expected a name, or N of them")
+    found = [find_solver(name) for name in names]
     for one in found:
         if one.family != "fixed":
             raise InputError(
@@ -55,14 +55,14 @@ def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, in
     """The time between records and their number, not counting the start."""
     longest = float(h.max())
     steps = round(duration / longest)
-    every = steps if every is None else every
-    if every < 1 or steps % every:
+    every = steps if every is None else count(every, "record_every")
+    if steps % every:
         raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
     records = steps // every
     interval = duration / records
     for size in set(h.tolist()):
-        count = interval / size
-        if abs(count - round(count)) > 1e-9 * count:
+        between = interval / size
+        if abs(between - round(between)) > 1e-9 * between:
             raise InputError(
                 f"step {size:g} does not divide the time between records, {interval:g} s; choose "
                 "record_every so that all steps do"
@@ -74,6 +74,11 @@ def member_parameters(
     mechanism: Mechanism, vary: Mapping[str, ArrayLike], sensitivity: Sequence[str]
 ) -> tuple[list[str], Array]:
     """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last."""
+    if not isinstance(vary, Mapping):
+        raise InputError(
+            f"vary is {vary!r}; expected values (N,) by name, such as {{'m': [1.0, 2.0]}}. Names alone are "
+            "for `simulate`, where they say what stays a parameter of the compiled code"
+        )
     if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
         raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
     for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
@@ -86,10 +91,7 @@ def member_parameters(
     columns = []
     for name in names:
         given = vary.get(name, mechanism.parameters[name])
-        try:
-            values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-        except (TypeError, ValueError):
-            values = np.empty(0)
+        values = np.atleast_1d(_numbers(given))
         if values.ndim != 1 or not values.size or not np.isfinite(values).all():
             raise InputError(
                 f"vary: the values of {name!r} are {given!r}; expected finite numbers, an array (N,)"
@@ -104,6 +106,14 @@ def member_parameters(
     return names, table
 
 
+def _numbers(given: object) -> Array:
+    """An array of what was given; an empty one if these are no numbers."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
 def _check_extremes(mechanism: Mechanism, names: Sequence[str], table: Array) -> None:
     """InputError if the members with a parameter's least or largest value are no mechanisms."""
     for values in table:
@@ -114,25 +124,3 @@ def _check_extremes(mechanism: Mechanism, names: Sequence[str], table: Array) ->
             except InputError as error:
                 told = ", ".join(f"{name} = {value:g}" for name, value in member.items())
                 raise InputError(f"vary: member {k} ({told}): {error}") from None
-
-
-def member_states(
-    mechanism: Mechanism, states: State | tuple[ArrayLike, ArrayLike]
-) -> tuple[float, Array, Array]:
-    """Start time, Q (N, nq), U (N, nu), checked; N = 1 for a state that all share."""
-    if isinstance(states, State):
-        return states.t, states.q[None, :], states.u[None, :]
-    Q, U = (np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in states)
-    for what, values, entries in (("Q", Q, mechanism.coordinates), ("U", U, mechanism.speeds)):
-        if values.ndim != 2 or values.shape[1] != len(entries):
-            raise InputError(
-                f"{what} has shape {values.shape}, expected (N, {len(entries)}): {', '.join(entries.names)}"
-            )
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                f"{what}: member {bad[0][0]}, {entries[int(bad[0][1])].name!r} is not finite"
-            )
-    if len(Q) != len(U):
-        raise InputError(f"Q has {len(Q)} members, U has {len(U)}")
-    return 0.0, Q, U

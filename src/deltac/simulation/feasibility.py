@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import casadi as ca
@@ -20,6 +21,7 @@ from deltac.simulation.flow import Stabilisation
 from deltac.simulation.solvers import Solver
 
 Array: TypeAlias = NDArray[np.float64]
+NONE: Array = np.empty(0)
 START_TOLERANCE = 1e-6
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""
 
@@ -30,8 +32,12 @@ def constraint_start(
     solver: Solver,
     equations: Equations | None,
     stabilisation: Stabilisation,
+    vary: Sequence[str] = (),
+    p: Array = NONE,
 ) -> tuple[int, ...]:
     """The independent rows to build the equations on.
+
+    Parameters named in `vary` have the values `p`, others those of the mechanism.
 
     Raises InputError for a state that violates a constraint, for constraints that leave no freedom, for a
     singular start, and for a stabilisation that is unknown or does not go with the solver.
@@ -49,19 +55,14 @@ def constraint_start(
             f"solver {solver.name!r} remembers earlier steps, so its states cannot be projected; use "
             "'Radau' or 'DOP853', or stabilisation=(α, β) after Baumgarte"
         )
-    system = trace(mechanism)
+    system = trace(mechanism, vary)
     rows = constraint_rows(system)
     q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
-    phi, psi = violation(system, rows, state.t, q, u)
-    for level, values, unit in (("position", phi, "m or rad"), ("velocity", psi, "m/s or rad/s")):
-        worst = int(np.argmax(np.abs(values))) if len(values) else 0
-        if len(values) and not abs(values[worst]) <= START_TOLERANCE:
-            raise InputError(
-                f"the start violates constraint {rows.names[worst]!r} at {level} level by "
-                f"{abs(values[worst]):.3g} {unit}; deltac.assemble(mechanism, state) finds a consistent "
-                "state nearby"
-            )
-    found = independence(system, rows, state.t, q, np.empty(0))
+    if told := violated(rows, *violation(system, rows, state.t, q, u, p)):
+        raise InputError(
+            f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
+        )
+    found = independence(system, rows, state.t, q, p)
     if found.freedom == 0 and equations is None:
         raise InputError(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
@@ -74,11 +75,47 @@ def constraint_start(
     return found.independent
 
 
-def violation(system: System, rows: Rows, t: float, q: Array, u: Array) -> tuple[Array, Array]:
-    """φ and ψ (nc,) of free coordinates and speeds."""
-    f = ca.Function("violation", [system.t, system.q, system.u], [rows.phi, rows.psi])
-    phi, psi = (np.array(value).ravel() for value in f(t, q, u))
-    return phi, psi
+def violated(rows: Rows, phi: Array, psi: Array) -> str:
+    """Which constraint is violated and by how much, in words; "" where φ and ψ (nc,) are small enough."""
+    for level, values, unit in (("position", phi, "m or rad"), ("velocity", psi, "m/s or rad/s")):
+        worst = int(np.argmax(np.abs(values))) if len(values) else 0
+        if len(values) and not abs(values[worst]) <= START_TOLERANCE:
+            return f"constraint {rows.names[worst]!r} at {level} level by {abs(values[worst]):.3g} {unit}"
+    return ""
+
+
+def violation(
+    system: System, rows: Rows, t: float, q: Array, u: Array, p: Array = NONE
+) -> tuple[Array, Array]:
+    """φ and ψ (nc,) of free coordinates and speeds; (nc, N) of N columns of them and of parameters."""
+    given = [system.t, system.q, system.u, system.p]
+    f = ca.Function("violation", given, [rows.phi, rows.psi])
+    phi, psi = (np.array(value) for value in f(t, q, u, p))
+    return (phi, psi) if q.ndim == 2 else (phi.ravel(), psi.ravel())
+
+
+def check_members(
+    mechanism: Mechanism, t: float, Q: Array, U: Array, names: Sequence[str], p: Array
+) -> None:
+    """InputError for the first member that starts off a constraint, by its own parameters.
+
+    `Q` (N, nq) and `U` (N, nu) are of all joints, `p` (np, N) values of the parameters `names`.
+    """
+    if not mechanism.constraints:
+        return
+    system = trace(mechanism, names)
+    rows = constraint_rows(system)
+    q, u = Q[:, mechanism.free.q].T, U[:, mechanism.free.u].T
+    phi, psi = violation(system, rows, t, q, u, p)
+    bad = np.flatnonzero(~(np.abs(np.vstack([phi, psi])) <= START_TOLERANCE).all(axis=0))
+    if len(bad):
+        k = int(bad[0])
+        own = ", ".join(f"{name}={value:g}" for name, value in zip(names, p[:, k]))
+        its = f"mechanism.with_parameters({own})" if own else "mechanism"
+        raise InputError(
+            f"states: member {k} violates {violated(rows, phi[:, k], psi[:, k])} at its start; "
+            f"deltac.assemble({its}, state) finds a consistent state nearby"
+        )
 
 
 def _check_stabilisation(stabilisation: Stabilisation) -> None:

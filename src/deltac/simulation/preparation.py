@@ -20,6 +20,8 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stages import StageRate
 
 Array = NDArray[np.float64]
+MOST_STEPS = 10**15
+"""Steps of a run at most: time is still told apart from step to step, and it would take years."""
 
 
 def check_request(
@@ -159,16 +161,21 @@ def positive(value: float, what: str) -> float:
     return number
 
 
-def count(value: int) -> int:
-    """`record_every` as an int; InputError unless it is one, and positive."""
+def count(value: int, what: str) -> int:
+    """The value as an int; InputError unless it is one, and positive."""
     if not isinstance(value, int | np.integer) or value < 1:
-        raise InputError(f"record_every is {value!r}; expected a whole number, 1 or more")
+        raise InputError(f"{what} is {value!r}; expected a whole number, 1 or more")
     return int(value)
 
 
 def whole_steps(duration: float, step: float | None, every: int) -> int:
     """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
     assert step is not None
+    if not duration / step <= MOST_STEPS:
+        raise InputError(
+            f"step {step:g} goes {duration / step:.3g} times into the duration {duration:g}; expected at "
+            f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
+        )
     steps = round(duration / step)
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         near = duration / max(1, math.ceil(duration / step))

@@ -13,7 +13,7 @@ from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.correction import check_correction_held
@@ -117,9 +117,10 @@ def simulate(
         EnergyLeft: corrections of the energy could not keep up with what the steps lost.
         StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
     """
+    require_mechanism(mechanism)
     found = find_solver(solver)
     duration = positive(duration, "duration")
-    every = count(record_every)
+    every = count(record_every, "record_every")
     check_request(mechanism, state, found, equations, controller, step, tolerance)
     radius = check_radius(found, spectral_radius)
     watching = check_events(mechanism, found, equations, switches)

@@ -58,6 +58,8 @@ def solver_names() -> tuple[str, ...]:
 
 def find_solver(name: str) -> Solver:
     """The solver of that name or alias; InputError lists all of them for an unknown one."""
+    if not isinstance(name, str):
+        raise InputError(f"solver is {name!r}; expected a name, such as 'ode5'")
     solver = SOLVERS.get(name) or _BY_ALIAS.get(name)
     if solver is None:
         listed = ", ".join(

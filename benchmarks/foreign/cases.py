@@ -107,7 +107,9 @@ def simulated(run: Run, rng: np.random.Generator) -> tuple[Recording | None, boo
     who = str(rng.choice(["mujoco", "mujoco", "own", "own", "exudyn", "scipy", "bullet", "drake"]))
     if who in ("bullet", "drake") and springy:
         who = "mujoco"
-    if who == "exudyn" and (not run.drive.of_time or run.extra or any(l.armature for l in run.machine.links)):
+    if who == "exudyn" and (
+        not run.drive.of_time or run.extra or any(l.armature for l in run.machine.links)
+    ):
         who = "own"
     if who == "scipy" and not run.drive.of_time:
         who = "own"
@@ -152,7 +154,11 @@ def planted(run: Run, rng: np.random.Generator) -> tuple[Run, str, str]:
         changed = replace(machine, gravity=machine.gravity * (1 + sign * big))
         return replace(run, machine=changed), fault, "gravity"
     if fault == "mass":
-        return replace(run, machine=machine.with_link(k, mass=link.mass * (1 + sign * big))), fault, link.name
+        return (
+            replace(run, machine=machine.with_link(k, mass=link.mass * (1 + sign * big))),
+            fault,
+            link.name,
+        )
     if fault == "centre":
         moved = tuple(np.add(link.centre, sign * big * np.array([0.3, 0.0, 0.1])).tolist())
         return replace(run, machine=machine.with_link(k, centre=moved)), fault, link.name
@@ -163,7 +169,11 @@ def planted(run: Run, rng: np.random.Generator) -> tuple[Run, str, str]:
         added = link.damping + size * big * 5
         return replace(run, machine=machine.with_link(k, damping=added)), fault, link.joint
     if fault == "armature":
-        return replace(run, machine=machine.with_link(k, armature=link.armature + size * big)), fault, link.joint
+        return (
+            replace(run, machine=machine.with_link(k, armature=link.armature + size * big)),
+            fault,
+            link.joint,
+        )
     if fault == "missing-spring":
         added = link.stiffness + 20 * size * big * 5
         return replace(run, machine=machine.with_link(k, stiffness=added)), fault, link.joint
@@ -194,6 +204,8 @@ def _effect(right: Run, faulty: Run, recording: Recording) -> float:
         a, b = ours.acceleration(t, q, u, tau), theirs.acceleration(t, q, u, tau)
         M = ours.mass(q)
         difference.append(M @ (b - a))
-        size.append(np.abs(M @ a) + np.abs(M @ (a - ours.acceleration(t, q, 0 * u, 0 * tau))) + 1e-9)
+        size.append(
+            np.abs(M @ a) + np.abs(M @ (a - ours.acceleration(t, q, 0 * u, 0 * tau))) + 1e-9
+        )
     rms = np.sqrt(np.mean(np.square(difference), axis=0))
     return float((rms / np.sqrt(np.mean(np.square(size), axis=0))).max())

@@ -55,9 +55,7 @@ def formed(rows: Rows, form: str, rng: np.random.Generator) -> Rows:
         return _each(rows, lambda x: np.round(x, places))
     if form == "noise":
         level = float(rng.choice([1e-5, 1e-4, 1e-3]))
-        made = _each(
-            rows, lambda x: x + level * np.std(x, axis=0) * rng.standard_normal(x.shape)
-        )
+        made = _each(rows, lambda x: x + level * np.std(x, axis=0) * rng.standard_normal(x.shape))
         return replace(made, udot=None if rng.random() < 0.5 else made.udot)
     if form == "filtered":
         return _each(rows, lambda x: _lowpass(x, rows.t, 60.0))

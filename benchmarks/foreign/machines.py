@@ -161,26 +161,40 @@ def draw(rng: np.random.Generator, *, light: bool = False) -> Machine:
             rod("lower", 0, "y", (a, 0, 0), size(0.3, 1.0), scale * size(0.3, 1.5), damping=damp),
         ]
     elif family == "cart-pole":
-        cart = Link("cart", -1, "prismatic", "x", (0, 0, 0), 2 * scale, (0, 0, 0), (0.01,) * 3, 5 * damp)
-        links = [cart, rod("pole", 0, "y", (0, 0, 0), size(0.3, 1.0), scale * 0.3, damping=0.1 * damp)]
+        cart = Link(
+            "cart", -1, "prismatic", "x", (0, 0, 0), 2 * scale, (0, 0, 0), (0.01,) * 3, 5 * damp
+        )
+        links = [
+            cart,
+            rod("pole", 0, "y", (0, 0, 0), size(0.3, 1.0), scale * 0.3, damping=0.1 * damp),
+        ]
     elif family == "spring-slider":
         block = Link(
             "block", -1, "prismatic", "z", (0, 0, 0), scale, (0, 0, 0), (0.01,) * 3, damp,
             0.0, size(10.0, 200.0),
         )  # fmt: skip
-        links = [block, rod("bob", 0, "y", (0, 0, 0), size(0.2, 0.6), scale * 0.5, damping=damp * 0.2)]
+        links = [
+            block,
+            rod("bob", 0, "y", (0, 0, 0), size(0.2, 0.6), scale * 0.5, damping=damp * 0.2),
+        ]
     elif family == "arm":
         a, b = size(0.2, 0.5), size(0.2, 0.5)
-        base = Link("base", -1, "revolute", "z", (0, 0, 0.1), scale, (0, 0, 0.05), (0.01,) * 3, damp)
+        base = Link(
+            "base", -1, "revolute", "z", (0, 0, 0.1), scale, (0, 0, 0.05), (0.01,) * 3, damp
+        )
         links = [
             base,
-            rod("upper", 0, "y", (0.05, 0, 0.1), a, 0.8 * scale, damping=damp, armature=0.01 * scale),
+            rod(
+                "upper", 0, "y", (0.05, 0, 0.1), a, 0.8 * scale, damping=damp, armature=0.01 * scale
+            ),
             rod("fore", 1, "y", (a, 0, 0), b, 0.5 * scale, damping=damp),
             rod("hand", 2, "x", (b, 0, 0), 0.15, 0.2 * scale, damping=0.02 * damp),
         ]
         links[3] = replace(links[3], centre=(0.05, 0.02, 0.01))
     else:
-        trunk = Link("trunk", -1, "revolute", "z", (0, 0, 0), scale, (0.02, 0, 0.1), (0.02,) * 3, damp)
+        trunk = Link(
+            "trunk", -1, "revolute", "z", (0, 0, 0), scale, (0.02, 0, 0.1), (0.02,) * 3, damp
+        )
         links = [
             trunk,
             rod("left", 0, "y", (0, 0.1, 0.2), size(0.2, 0.5), 0.4 * scale, damping=damp),

@@ -239,7 +239,13 @@ def scipy_solver(run: Run, spacing: float, method: str, tolerance: float) -> Rec
 
     t = np.arange(round(run.duration / spacing) + 1) * spacing
     found = solve_ivp(
-        right, (0.0, t[-1]), np.concatenate([run.q, run.u]), method, t, rtol=tolerance, atol=tolerance
+        right,
+        (0.0, t[-1]),
+        np.concatenate([run.q, run.u]),
+        method,
+        t,
+        rtol=tolerance,
+        atol=tolerance,
     )
     rows = []
     for s, y in zip(found.t, found.y.T):
@@ -421,8 +427,13 @@ def drake(run: Run, step: float, solver: str, port: str) -> Recording:
 def exudyn_tree(run: Run, step: float, solver: str, rho: float) -> Recording:
     """Exudyn's kinematic tree by its implicit or explicit solvers; sensors keep q, u and u̇."""
     import exudyn
-    from exudyn.itemInterface import LoadCoordinate, MarkerNodeCoordinate, NodeGenericODE2
-    from exudyn.itemInterface import ObjectKinematicTree, SensorNode
+    from exudyn.itemInterface import (
+        LoadCoordinate,
+        MarkerNodeCoordinate,
+        NodeGenericODE2,
+        ObjectKinematicTree,
+        SensorNode,
+    )
 
     machine, n = run.machine, len(run.q)
     mbs = exudyn.SystemContainer().AddSystem()
@@ -467,7 +478,9 @@ def exudyn_tree(run: Run, step: float, solver: str, rho: float) -> Recording:
     V = exudyn.OutputVariableType
     sensors = [
         mbs.AddSensor(
-            SensorNode(nodeNumber=node, storeInternal=True, writeToFile=False, outputVariableType=kind)
+            SensorNode(
+                nodeNumber=node, storeInternal=True, writeToFile=False, outputVariableType=kind
+            )
         )
         for kind in (V.Coordinates, V.Coordinates_t, V.Coordinates_tt)
     ]
@@ -485,4 +498,6 @@ def exudyn_tree(run: Run, step: float, solver: str, rho: float) -> Recording:
     q, u, a = (np.asarray(mbs.GetSensorStoredData(s)) for s in sensors)
     t = q[:, 0]
     tau = np.array([run.drive(s, np.zeros(n), np.zeros(n), run.motors) for s in t])
-    return Recording(t, q[:, 1:], u[:, 1:], a[:, 1:], tau, step, f"exudyn-{solver}", "Exudyn", False)
+    return Recording(
+        t, q[:, 1:], u[:, 1:], a[:, 1:], tau, step, f"exudyn-{solver}", "Exudyn", False
+    )

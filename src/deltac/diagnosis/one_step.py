@@ -22,23 +22,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.diagnosis.rates import scatter, stretches
-from deltac.diagnosis.resolution import EPS
+from deltac.diagnosis.residuals.at_samples import EPS
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
-from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.names import Kinematics
-
-Array: TypeAlias = NDArray[np.float64]
+from deltac.trajectories.columns import Kinematics
 
 WORK = 1e9
 """Instructions that the test may take, about: some seconds. Longer logs are looked at in stretches."""
@@ -116,7 +113,9 @@ class Model:
         self._damping = ca.Function("d", inputs, [ca.densify(ca.SX(damping))])
         self._terms = ca.Function("s", inputs, [ca.densify(size)])
         M = crba(s)[at, at]
-        self._matrices = ca.Function("m", [s.t, s.q], [ca.densify(ca.vec(M)), ca.densify(ca.vec(G))])
+        self._matrices = ca.Function(
+            "m", [s.t, s.q], [ca.densify(ca.vec(M)), ca.densify(ca.vec(G))]
+        )
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(damped) and not ca.SX(damping).is_zero()
         self.of_time = bool(ca.depends_on(a, s.t))
@@ -124,7 +123,9 @@ class Model:
         names = Kinematics.of(run.coordinates, run.speeds)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}
-        self._rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
+        self._rates = [
+            (free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u
+        ]
         self._quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
@@ -159,7 +160,9 @@ class Model:
             return M, inverse
         G = g.reshape(-1, self.n, self.rows_of_G).transpose(0, 2, 1)
         response = inverse @ G.transpose(0, 2, 1)
-        C = inverse - response @ np.linalg.pinv(G @ response, rcond=1e-10) @ response.transpose(0, 2, 1)
+        C = inverse - response @ np.linalg.pinv(G @ response, rcond=1e-10) @ response.transpose(
+            0, 2, 1
+        )
         return M @ C @ M, C
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
@@ -212,7 +215,9 @@ class Rows:
         return Rows(self.t, moved(self.q, size.q), moved(self.u, size.u), moved(self.F, size.F))
 
 
-def _rows_of(model: Model, run: Trajectory, edges: Sequence[tuple[int, int]]) -> list[tuple[Rows, Rows]]:
+def _rows_of(
+    model: Model, run: Trajectory, edges: Sequence[tuple[int, int]]
+) -> list[tuple[Rows, Rows]]:
     """Stretches of a log, each with the scatter of its numbers."""
     free = model.mechanism.free
     forces = [values for values in model.log.values(run).values()]
@@ -300,7 +305,9 @@ _TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
 """Explicit Runge–Kutta methods: rows of a, weights b (Hairer, Nørsett, Wanner 1993, section II)."""
 
 
-def identify(model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float) -> tuple[Scheme | None, float, float]:
+def identify(
+    model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
+) -> tuple[Scheme | None, float, float]:
     """The integrator whose steps the rows are, or None; the share of a that the best scheme leaves, and that
     which digits and noise may leave.
 
@@ -345,7 +352,10 @@ def identify(model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float)
         end = a11 if mark == "" and not held else model.acceleration(t1, q1, u1, F)
         offer("trapezoidal" + mark, 0.5 * (a + end))
         middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
-        offer("implicit-midpoint" + mark, model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F))
+        offer(
+            "implicit-midpoint" + mark,
+            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
+        )
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
         for name in _TABLEAUS:
@@ -354,10 +364,15 @@ def identify(model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float)
         offer("trapezoidal@linear", 0.5 * (a00 + a11))
         middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
         mean = 0.5 * (F0 + F1)
-        offer("implicit-midpoint@linear", model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean))
+        offer(
+            "implicit-midpoint@linear",
+            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
+        )
         offer("verlet@linear", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
         for name in ("explicit-midpoint", "heun"):
-            offer(name + "@linear", _runge_kutta(model, name, t0, q0, u0, F0, F1, h0, on_group=False))
+            offer(
+                name + "@linear", _runge_kutta(model, name, t0, q0, u0, F0, F1, h0, on_group=False)
+            )
     if model._quaternions:
         offer("rk4-on-the-group", _runge_kutta(model, "rk4", t0, q0, u0, F0, F0, h0, on_group=True))
 
@@ -369,7 +384,10 @@ def identify(model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float)
     other = here.shaken(fine, rng)
     shaken = model.acceleration(other.t, other.q, other.u, other.F) - a00
     digits = float(np.median(_norm(N, size.u[k] / h0) + _norm(N, shaken))) / typical
-    digits = max(digits, 50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300))
+    digits = max(
+        digits,
+        50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
+    )
     left = {n: float(np.median(_norm(N, Dk - x))) / typical for n, x in candidates.items()}
     limit = 3.0 * digits + CLOSED
     ranked = sorted(left.items(), key=lambda item: item[1])
@@ -385,7 +403,9 @@ def identify(model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float)
     others = [x for n, x in ranked if n.partition("@")[0] != base]
     unique = min(others) > DISTINCT * max(best, 1e-13)
     if base == "euler":
-        base = "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
+        base = (
+            "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
+        )
     forces = best_name.partition("@")[2] or "start"
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     return Scheme(name, order, best, digits, forces), best, digits
@@ -397,7 +417,16 @@ def _norm(N: Array, w: Array) -> Array:
 
 
 def _runge_kutta(
-    model: Model, name: str, t: Array, q: Array, u: Array, F0: Array, F1: Array, h: Array, *, on_group: bool
+    model: Model,
+    name: str,
+    t: Array,
+    q: Array,
+    u: Array,
+    F0: Array,
+    F1: Array,
+    h: Array,
+    *,
+    on_group: bool,
 ) -> Array:
     """Mean acceleration of a step of an explicit Runge–Kutta method; forces change linearly from F0 to F1."""
     rows, b = _TABLEAUS[name]
@@ -440,7 +469,10 @@ def _two_step(
     k = k[np.abs(h[k] - h[k + 1]) < 1e-6 * h[k]]
     if len(k) < 12:
         return _TwoStep(np.inf, False)
-    a = [model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j]) for j in range(3)]
+    a = [
+        model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j])
+        for j in range(3)
+    ]
     W = N[: len(k)]
     # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
     right = D[k + 1] - a[1]
@@ -448,7 +480,10 @@ def _two_step(
     A = np.array([[np.einsum("ti,tij,tj->", x, W, y) for y in columns] for x in columns])
     b = np.array([np.einsum("ti,tij,tj->", x, W, right) for x in columns])
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
-    left = float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2]))) / typical
+    left = (
+        float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        / typical
+    )
     if not -0.95 < x < 1.05:
         return _TwoStep(left, False)
     # x = αm/(1 − αm), y0 = (1 − γ) αf/(1 − αm), y2 = γ (1 − αf)/(1 − αm).
@@ -635,7 +670,10 @@ def _defects(model: Model, rows: Rows, size: Rows, groups: Mapping[str, list[int
         forces += model.acceleration(t0, q0, u0, jump) - a0
     both = model.acceleration(t0, q1, u1, F0) - a0 - columns["q"] - columns["u"]
     middle = model.acceleration(
-        0.5 * (t0 + t1), model.moved(q0, 0.5 * (u0 + u1), 0.5 * rows.h), 0.5 * (u0 + u1), 0.5 * (F0 + F1)
+        0.5 * (t0 + t1),
+        model.moved(q0, 0.5 * (u0 + u1), 0.5 * rows.h),
+        0.5 * (u0 + u1),
+        0.5 * (F0 + F1),
     )
     bent = middle - 0.5 * (a0 + a1)
     columns["mixed"], columns["middle"] = both, bent
@@ -708,7 +746,10 @@ def _judged(
     def forces(p: _Defects, w: Array) -> Array:
         return np.asarray(np.einsum("tij,tj->ti", p.N, w))
 
-    rest = [p.w - sum((c[n] * p.columns[n] for n in c if n in p.columns), start=np.zeros_like(p.w)) for p in parts]
+    rest = [
+        p.w - sum((c[n] * p.columns[n] for n in c if n in p.columns), start=np.zeros_like(p.w))
+        for p in parts
+    ]
     raw = [forces(p, w) for p, w in zip(parts, rest)]
     # Next order: what second differences leave, times the relative change over a step.
     change = np.concatenate([_changes(p) for p in parts])
@@ -747,12 +788,25 @@ def _judged(
     times = np.concatenate(
         [_window(r.t[:-1, None] + 0.5 * r.h, r.h[:, 0], width)[:, 0] for r, _ in pieces]
     )
-    whole = [model.terms(r.t[:-1], r.q[:-1], r.u[:-1], r.F[:-1]) + np.abs(forces(p, p.a)) for (r, _), p in zip(pieces, parts)]
+    whole = [
+        model.terms(r.t[:-1], r.q[:-1], r.u[:-1], r.F[:-1]) + np.abs(forces(p, p.a))
+        for (r, _), p in zip(pieces, parts)
+    ]
     magnitude = np.concatenate(whole)
-    inertia = np.sqrt(np.maximum(np.mean(np.concatenate([np.einsum("tii->ti", p.N) for p in parts]), axis=0), 1e-300))
+    inertia = np.sqrt(
+        np.maximum(
+            np.mean(np.concatenate([np.einsum("tii->ti", p.N) for p in parts]), axis=0), 1e-300
+        )
+    )
     scale = _rms(magnitude)
     scale = np.maximum(scale, 1e-3 * inertia * float((scale / inertia).max()))
-    rounding = 1e-13 * scale + 20.0 * EPS * _rms(np.concatenate([np.abs(r.u[:-1]) / r.h for r, _ in pieces])) * inertia**2
+    rounding = (
+        1e-13 * scale
+        + 20.0
+        * EPS
+        * _rms(np.concatenate([np.abs(r.u[:-1]) / r.h for r, _ in pieces]))
+        * inertia**2
+    )
     bar = np.sqrt(noise_bar**2 + systematic_bar**2 + rounding**2)
     u = np.concatenate([r.u[:-1] for r, _ in pieces])
     left = np.concatenate(raw)
@@ -784,4 +838,3 @@ def _rms(values: Array) -> Array:
     if not len(values):
         return np.zeros(values.shape[1])
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
-

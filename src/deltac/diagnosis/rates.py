@@ -20,15 +20,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.findings import Finding, Weight, percent
-from deltac.diagnosis.resolution import resolution
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_samples import resolution
+from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.derive import continuous
-from deltac.trajectories.names import Kinematics
-from deltac.trajectories.suspicions import gap_rows
+from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.lint import gap_rows
+from deltac.trajectories.rates import continuous
 
-Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 LEAST_ROWS = 12
@@ -149,7 +149,9 @@ def compare(
     size = float(np.sqrt(np.mean(alone**2)))
     c = min(0.25, 4.0 * scatter / size) if size > 0.0 else 0.25
     systematic = c * _size(C) / _size(I)
-    return Comparison(r, SURE * error + systematic, late, left, noise + S, D, I, start, np.diff(t)[start])
+    return Comparison(
+        r, SURE * error + systematic, late, left, noise + S, D, I, start, np.diff(t)[start]
+    )
 
 
 def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
@@ -220,7 +222,7 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
 
 def scatter(values: Array) -> Array:
     """Three standard deviations of noise and half a digit of every number (T, n)."""
-    from deltac.diagnosis.explanation.equations import white_noise
+    from deltac.diagnosis.explain.regression import white_noise
 
     noise = np.array([white_noise(column) for column in values.T]).reshape(1, -1)
     return np.asarray(resolution(values) + 3.0 * noise)
@@ -335,9 +337,13 @@ def _rows(run: Trajectory, keep: Mask) -> Trajectory:
 
 def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """Rows that repeat the one before though its speeds say that it moves on."""
-    same = np.all(np.diff(run.q, axis=0) == 0.0, axis=1) & np.all(np.diff(run.u, axis=0) == 0.0, axis=1)
+    same = np.all(np.diff(run.q, axis=0) == 0.0, axis=1) & np.all(
+        np.diff(run.u, axis=0) == 0.0, axis=1
+    )
     told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
-    moving = np.any(told > 4.0 * resolution(run.q).max(axis=0, initial=0.0).max(initial=0.0), axis=1)
+    moving = np.any(
+        told > 4.0 * resolution(run.q).max(axis=0, initial=0.0).max(initial=0.0), axis=1
+    )
     copies = np.flatnonzero(same & moving) + 1
     if not len(copies) or run.integrals or run.events:
         return run, []
@@ -398,7 +404,9 @@ def _without_spikes(
             else:
                 i = np.flatnonzero([c == name for c in run.coordinates])
                 near = run.q[[row - 2, row - 1, row + 1, row + 2]][:, i]
-                if i.size and abs(float(run.q[row, i[0]] - np.median(near))) > 5.0 * float(np.ptp(near)):
+                if i.size and abs(float(run.q[row, i[0]] - np.median(near))) > 5.0 * float(
+                    np.ptp(near)
+                ):
                     rows[row] = name
     if not rows or len(rows) > FEW * len(run) or run.integrals or run.events:
         return run, []
@@ -442,7 +450,11 @@ def _wrong_rates(
             name,
         )
     rest = {n: c for n, c in rest.items() if n not in clipped}
-    late = {n: c for n, c in rest.items() if abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1 and _tells(c)}
+    late = {
+        n: c
+        for n, c in rest.items()
+        if abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1 and _tells(c)
+    }
     if late:
         rows = float(np.median([c.late for c in late.values()]))
         yield Finding(
@@ -455,7 +467,11 @@ def _wrong_rates(
             next(iter(late)),
         )
     rest = {n: c for n, c in rest.items() if n not in late}
-    off = {n: c for n, c in rest.items() if abs(c.ratio - 1.0) > max(c.ratio_error, LEAST_RATIO) and c.off < DEPARTS}
+    off = {
+        n: c
+        for n, c in rest.items()
+        if abs(c.ratio - 1.0) > max(c.ratio_error, LEAST_RATIO) and c.off < DEPARTS
+    }
     if off:
         yield from _scaled(off, rest)
     for name, c in rest.items():
@@ -536,7 +552,10 @@ def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
     if inside.sum() < 4 or not (~inside).any():
         return False
     beyond = np.abs(c.moved[inside]) - np.abs(c.told[inside])
-    return bool(np.median(beyond) > 10.0 * (np.median(c.bar) + 1e-3 * _size(c.moved)) * 0.1 + 4 * np.median(c.bar))
+    return bool(
+        np.median(beyond)
+        > 10.0 * (np.median(c.bar) + 1e-3 * _size(c.moved)) * 0.1 + 4 * np.median(c.bar)
+    )
 
 
 def _size(x: Array) -> float:

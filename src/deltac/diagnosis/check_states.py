@@ -16,10 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.kane import RANK, Kane, evaluate, matrices, multiplier_map, times
+from deltac.diagnosis.kane import Kane, times
 from deltac.diagnosis.states import Scales, States, admissible, draw, onto_speeds, own_speeds
 from deltac.dynamics.contact import rubbing_point
+from deltac.dynamics.equations_of_motion import evaluate, matrices
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
+from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.mechanism.contact import Contact
@@ -51,6 +53,9 @@ DEPTH = 0.1
 """Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
 
 NEWTON_STEPS = 30
+
+RANK = 1e-10
+"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +188,7 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
     holonomic = np.array(kane.rows.holonomic, dtype=bool)
     with np.errstate(all="ignore"):
         for _ in range(NEWTON_STEPS):
-            terms = kane.terms(t, q, still)
+            terms = kane.motion.terms(t, q, still)
             _, _, gap, approach = place.at(t, q, still)
             rows = np.concatenate([terms.G[:, holonomic], approach], axis=1)
             off = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
@@ -193,19 +198,19 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
                 break
             step = np.zeros_like(u)
             try:
-                response, inverse = multiplier_map(terms.M[usable], rows[usable])
+                tied = least_squares(terms.M[usable], rows[usable])
             except np.linalg.LinAlgError:
                 break
-            step[:, usable] = -times(response, times(inverse, off[:, usable]))
-            q = q + times(kane.rates(q), step)
-            for quaternion in kane.quaternions:
+            step[:, usable] = tied.least(off[:, usable].T).T
+            q = q + times(terms.W, step)
+            for quaternion in kane.motion.quaternions:
                 q[quaternion] /= np.linalg.norm(q[quaternion], axis=0)
         good = np.isfinite(q).all(axis=0)
         own_q = kane.own_coordinates(t, q)
         if own_q is None:  # the map leads from own coordinates only: by chance
             return base.take(_about(place, base, None))
         t, q, u, own_q = t[good], q[:, good], u[:, good], own_q[:, good]
-        own_u, regular = own_speeds(kane, t, own_q, onto_speeds(kane, t, q, u))
+        own_u, regular = own_speeds(kane, t, own_q, onto_speeds(kane.motion, t, q, u, passes=2))
     return States(t, own_q, own_u, base.coordinates, base.speeds).take(regular)
 
 
@@ -221,7 +226,7 @@ def _sliding(place: Place, states: States, speed: Array) -> States:
                 parts = _parts(slope, point.u)
                 u = u * np.minimum(1.0, OTHERS * speed / np.maximum(parts, 1e-300))
                 continue
-            terms = kane.terms(states.t, point.q, point.u)
+            terms = kane.motion.terms(states.t, point.q, point.u)
             size = np.linalg.norm(slip, axis=0)
             missing = slip * (speed / np.where(size > 0.0, size, 1.0) - 1.0)
             rows = np.concatenate([slope, terms.G], axis=1) @ point.Y

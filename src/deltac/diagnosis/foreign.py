@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.diagnosis.findings import Finding, percent
-from deltac.dynamics.forces import channels
-from deltac.dynamics.system import trace
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -34,7 +33,7 @@ def foreign_channels(
     ]
     if not asked:
         return {}
-    ours = {channel.name for channel in channels(trace(mechanism))}
+    ours = {channel.name for channel in equations_of_motion(mechanism).channels}
     return {
         n: float(np.trapezoid(np.einsum("ij,ij->i", run.u, run.forces[n]), run.t))
         for n in asked

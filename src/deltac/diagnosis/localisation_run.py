@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.findings import percent
-from deltac.diagnosis.kane import Kane, evaluate, times
+from deltac.diagnosis.kane import Kane, times
 from deltac.diagnosis.localisation_terms import Match, explain_residual
 from deltac.diagnosis.states import some_rows, states_along
+from deltac.dynamics.equations_of_motion import evaluate
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals

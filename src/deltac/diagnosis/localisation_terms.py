@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.kane import evaluate, matrices, times
+from deltac.diagnosis.kane import times
 from deltac.diagnosis.localisation_symbols import Key, written
 from deltac.diagnosis.states import States
+from deltac.dynamics.equations_of_motion import evaluate, matrices
 from deltac.dynamics.recursions import gather, velocities
 from deltac.dynamics.spatial import SX, cross
 

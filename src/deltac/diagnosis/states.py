@@ -9,7 +9,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.kane import Kane, Terms, multiplier_map, quaternions, times
+from deltac.diagnosis.kane import Kane, times
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -179,7 +181,7 @@ def natural_scales(kane: Kane) -> Scales:
     rng = np.random.default_rng(0)
     t = rng.uniform(*WINDOW, 32)
     q = _any_coordinates(kane.mechanism, length, rng, 32)
-    at_rest = kane.terms(t, q, np.zeros((len(lever), 32)))
+    at_rest = kane.motion.terms(t, q, np.zeros((len(lever), 32)))
     force = np.abs(at_rest.force - at_rest.bias)
     inertia = np.einsum("bij,i,j->b", np.abs(at_rest.M), lever, lever)
     energy = lever @ force
@@ -235,8 +237,8 @@ def _draw_once(
             assert kane.own is not None
             own_q = np.pi * rng.uniform(-1.0, 1.0, (kane.own.own_q.shape[0], count))
         else:
-            q = onto_positions(kane, t, q)
-            u = onto_speeds(kane, t, q, u)
+            q = onto_positions(kane.motion, t, q, tolerance=1e-14, most=NEWTON_STEPS)
+            u = onto_speeds(kane.motion, t, q, u, passes=2)
             moved = kane.own_coordinates(t, q)
             assert moved is not None
             own_q = moved
@@ -269,7 +271,7 @@ def admissible(
 ) -> NDArray[np.bool_]:
     """Which states are finite and regular, and meet all constraints (B,)."""
     point = kane.point(t, own_q, own_u)
-    terms = kane.terms(t, point.q, point.u)
+    terms = kane.motion.terms(t, point.q, point.u)
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
     good &= _regular(terms.M)
@@ -291,43 +293,3 @@ def _regular(M: Array) -> NDArray[np.bool_]:
         scaled = M[good] / (size[:, :, None] * size[:, None, :])
         good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > REGULAR
     return good
-
-
-def onto_positions(kane: Kane, t: Array, q: Array) -> Array:
-    """Coordinates moved onto φ = 0 by Newton steps, least in the mass metric; some may not arrive."""
-    holonomic = np.array(kane.rows.holonomic, dtype=bool)
-    if not holonomic.any():
-        return q
-    still = np.zeros((len(kane.mechanism.free.u), q.shape[1]))
-    for _ in range(NEWTON_STEPS):
-        terms = kane.terms(t, q, still)
-        phi = np.where(holonomic[:, None], terms.phi, 0.0)
-        if np.nan_to_num(np.abs(phi)).max() < 1e-14:
-            break
-        q = q + times(kane.rates(q), _least(terms, holonomic, -phi))
-        for place in kane.quaternions:
-            q[place] /= np.linalg.norm(q[place], axis=0)
-    return q
-
-
-def onto_speeds(kane: Kane, t: Array, q: Array, u: Array) -> Array:
-    """Speeds moved onto ψ = 0, least in the mass metric."""
-    every = np.ones(len(kane.rows), dtype=bool)
-    if not len(kane.rows):
-        return u
-    for _ in range(2):
-        terms = kane.terms(t, q, u)
-        u = u + _least(terms, every, -terms.psi)
-    return u
-
-
-def _least(terms: Terms, rows: NDArray[np.bool_], target: Array) -> Array:
-    """The change of speeds, least in the mass metric, that G maps to `target` on some rows."""
-    G = np.where(rows[:, None], terms.G, 0.0)
-    usable = np.isfinite(terms.M).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
-    usable &= np.isfinite(target).all(axis=0)
-    step = np.zeros(terms.bias.shape)
-    if usable.any():
-        response, inverse = multiplier_map(terms.M[usable], G[usable])
-        step[:, usable] = times(response, times(inverse, target[:, usable]))
-    return step

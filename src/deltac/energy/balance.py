@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.caching import LRUCache
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -36,7 +37,6 @@ from deltac.energy.terms import (
 )
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
@@ -281,7 +281,7 @@ class _Compiled:
     between: Kernel
 
 
-_KEPT: Kept[_Compiled] = Kept(16)
+_KEPT: LRUCache[_Compiled] = LRUCache(16)
 
 
 def _compiled(

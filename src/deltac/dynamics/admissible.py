@@ -12,10 +12,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares
 
-Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 AT_ROUNDING = 1e-15

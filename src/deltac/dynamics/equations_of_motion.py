@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows, constraint_rows
 from deltac.dynamics.forces import Channel, channels, total_force
 from deltac.dynamics.kkt import schur
@@ -28,8 +29,6 @@ from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

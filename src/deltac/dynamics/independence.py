@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares, without_rounding
-
-Array: TypeAlias = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""

@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
-
-Array: TypeAlias = NDArray[np.float64]
 
 DEPENDENT = 1e-11
 """Smallest pivot below which a factorisation is not trusted."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -18,7 +18,6 @@ from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
-Array: TypeAlias = NDArray[np.float64]
 MET = 1e-9
 """Largest violation (m or rad, and per s at unit speeds) of an assembled state."""
 

@@ -8,12 +8,11 @@ that do what the constraints can ask for.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.kkt import least_squares
@@ -23,7 +22,6 @@ from deltac.dynamics.testing_functions import testing_functions
 from deltac.simulation.flow import Flow, constraint_forces, quaternions
 from deltac.simulation.solvers.solver import Parts, Solver
 
-Array: TypeAlias = NDArray[np.float64]
 DEPENDENT = 1e-4
 """Share of a row of the constraints that must be independent of the others.
 

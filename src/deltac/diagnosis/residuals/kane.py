@@ -1,0 +1,120 @@
+"""Kane's equations of a mechanism at many states at once, in joint or in own coordinates.
+
+Everything that the equations consist of is affine in the accelerations. So it is evaluated once at each
+state; any number of candidate accelerations can then be tested there by products of small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.equations_of_motion import (
+    EquationsOfMotion,
+    equations_of_motion,
+    evaluate,
+    matrices,
+)
+from deltac.dynamics.forces import Channel
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.system import System
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The mechanism's free coordinates and speeds at B states, from own ones.
+
+    `q` (nq, B), `u` = Y u′ + Z (n, B); `Y` (B, n, p) and `rest`, u̇ where u̇′ = 0 (n, B).
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    Y: Array
+    rest: Array
+
+
+class Kane:
+    """A mechanism written out, and functions of arrays of its states (batch last)."""
+
+    def __init__(self, mechanism: Mechanism, coordinates: CoordinateMap | None = None) -> None:
+        """Trace the mechanism and the map; InputError where the map does not fit it."""
+        self.mechanism = mechanism
+        self.coordinates = coordinates
+        self.motion: EquationsOfMotion = equations_of_motion(mechanism)
+        self.system: System = self.motion.system
+        self.parts: tuple[Channel, ...] = self.motion.channels
+        self.rows: Rows = self.motion.rows
+        self.own: OwnCoordinates | None = (
+            None if coordinates is None else trace_map(self.system, coordinates)
+        )
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the own coordinates (without a map, of the free ones)."""
+        if self.coordinates is not None and self.coordinates.q:
+            return self.coordinates.coordinates
+        return tuple(self.mechanism.coordinates[int(k)].name for k in self.mechanism.free.q)
+
+    @cached_property
+    def speed_names(self) -> tuple[str, ...]:
+        """Names of the own speeds (without a map, of the free ones)."""
+        if self.coordinates is not None:
+            return self.coordinates.speeds
+        return tuple(self.mechanism.speeds[int(k)].name for k in self.mechanism.free.u)
+
+    # --- functions of states -------------------------------------------------------------------
+
+    def function(self, outputs: Sequence[SX], *more: SX) -> Any:
+        """Outputs (dense columns) of (t, q, u, further symbols), motors without a law at zero."""
+        s = self.system
+        columns = [ca.densify(ca.vec(x)) for x in outputs]
+        if s.inputs.shape[0]:
+            columns = ca.substitute(columns, [s.inputs], [ca.SX.zeros(s.inputs.shape[0])])
+        return ca.Function("kane", [s.t, s.q, s.u, *more], columns, {"cse": True})
+
+    @cached_property
+    def _map(self) -> Any:
+        assert self.own is not None
+        own, t = self.own, self.system.t
+        rest = own.udot(self.system, ca.SX.zeros(own.own_u.shape[0]))
+        columns = [ca.densify(ca.vec(x)) for x in (own.q, own.u, own.Y, rest)]
+        return ca.Function("map", [t, own.own_q, own.own_u], columns, {"cse": True})
+
+    def point(self, t: Array, own_q: Array, own_u: Array) -> Point:
+        """The mechanism's coordinates and speeds from own ones."""
+        if self.own is None:
+            n, batch = own_u.shape
+            eye = np.broadcast_to(np.eye(n), (batch, n, n))
+            return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
+        q, u, Y, rest = evaluate(self._map, t[None, :], own_q, own_u)
+        return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
+
+    @cached_property
+    def _inverse(self) -> Any:
+        assert self.own is not None and self.own.inverse is not None
+        s = self.system
+        return ca.Function("inverse", [s.t, s.q], [ca.densify(self.own.inverse)])
+
+    def own_coordinates(self, t: Array, q: Array) -> Array | None:
+        """Own coordinates from the mechanism's; None if the map's inverse is not known."""
+        if self.own is None:
+            return q
+        if self.own.inverse is None:
+            return None
+        return evaluate(self._inverse, t[None, :], q)[0]
+
+
+def times(A: Array, x: Array) -> Array:
+    """A x at every state: matrices (B, m, n) by columns (n, B)."""
+    return np.asarray(np.einsum("bij,jb->ib", A, x))

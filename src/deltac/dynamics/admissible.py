@@ -54,7 +54,7 @@ def onto_positions(
     rows = np.array(equations.rows.holonomic, dtype=bool)
     if not rows.any():
         return q.copy()
-    single, q = q.ndim == 1, np.array(q.reshape(len(q), -1), dtype=float)
+    single, q = q.ndim == 1, np.array(q[:, None] if q.ndim == 1 else q, dtype=float)
     still = np.zeros((len(equations.system.free_u), q.shape[1]))
     moving = np.ones(len(still), dtype=bool) if movable is None else movable
 
@@ -104,8 +104,8 @@ def onto_speeds(
     """
     if not len(equations.rows):
         return u.copy()
-    single, u = u.ndim == 1, np.array(u.reshape(len(u), -1), dtype=float)
-    q = q.reshape(len(q), -1)
+    single, u = u.ndim == 1, np.array(u[:, None] if u.ndim == 1 else u, dtype=float)
+    q = q[:, None] if q.ndim == 1 else q
     moving = np.ones(len(u), dtype=bool) if movable is None else movable
     everywhere = np.ones(u.shape[1], dtype=bool)
     for _ in range(passes):

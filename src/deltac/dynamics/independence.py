@@ -55,7 +55,7 @@ def independence(
         # Along a direction that the constraints leave free (to first order), then back onto them.
         kernel = rng.standard_normal(n)
         kernel += tied.least(G @ kernel)
-        kernel /= max(1.0, float(np.abs(kernel).max()))
+        kernel /= max(1.0, float(np.abs(kernel).max(initial=0.0)))
         near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
         M_near, G_near, phi_near = at(near)
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < 1e-9:

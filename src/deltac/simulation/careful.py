@@ -14,12 +14,12 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
-from deltac.dynamics.equations_of_motion import equations_of
+from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.simulation.flow import Flow, constraint_forces, quaternions
+from deltac.simulation.flow import Flow, constraint_forces
 from deltac.simulation.solvers.solver import Parts, Solver
 
 DEPENDENT = 1e-4

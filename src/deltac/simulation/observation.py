@@ -125,7 +125,7 @@ def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:
         return motion
     rows = flow.bound.rows
     inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    kernel = Kernel(inputs, {"phi": rows.phi}, name="violation")
+    kernel = flow.once("violation", lambda: Kernel(inputs, {"phi": rows.phi}, name="violation"))
     given = {"p": p} if flow.p.shape[0] else {}
     phi = np.abs(kernel(t=motion.t, x=motion.x, **given)["phi"].reshape(len(motion.t), -1))
     lost = ~(phi <= LOST).all(axis=1)

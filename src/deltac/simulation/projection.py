@@ -11,10 +11,10 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.dynamics.equations_of_motion import equations_of
+from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 
 SMALLEST_PIVOT = DEPENDENT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""

@@ -20,8 +20,7 @@ from deltac.diagnosis.models import Model, load_model
 from deltac.diagnosis.states import Scales, States, draw, natural_scales, some_rows, states_along
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict
 from deltac.errors import InputError
-from deltac.mechanism.absolute import absolute_angles
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 

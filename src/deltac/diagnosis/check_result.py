@@ -14,7 +14,7 @@ from deltac.diagnosis.equation_test import EquationTest, Residuals
 from deltac.diagnosis.localisation import Blame
 from deltac.diagnosis.states import States
 from deltac.diagnosis.verdict import Verdict
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from deltac.dynamics.forces import Channel, channels
 from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 

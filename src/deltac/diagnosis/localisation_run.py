@@ -19,7 +19,7 @@ from deltac.diagnosis.states import some_rows, states_along
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

@@ -18,7 +18,7 @@ from deltac.diagnosis.repair.program import at, named_parameters, read
 from deltac.diagnosis.repair.samples import RIGHT, Target
 from deltac.diagnosis.repair.source import Source, read_source
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.simulation.equations import Equations
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.kane import Kane, Terms, multiplier_map, quaternions, times
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

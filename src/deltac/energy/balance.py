@@ -37,7 +37,7 @@ from deltac.energy.terms import (
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 

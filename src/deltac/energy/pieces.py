@@ -23,7 +23,7 @@ from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.quadrature import Integral, hermite_parts, integrate
 from deltac.energy.sampled import Powers, Samples
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
 Array: TypeAlias = NDArray[np.float64]

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import KINDS
+from deltac.mechanism.scope import GROUND
 
 JOINT_KINDS = ("free", "spherical", "prismatic", "revolute")
 """Our kind of joint for each value of `mjtJoint`: free, ball, slide, hinge."""

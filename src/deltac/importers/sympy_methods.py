@@ -10,7 +10,7 @@ import numpy as np
 
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import InputError, closest
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
 from deltac.simulation.equations import Equations
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 
 Array: TypeAlias = NDArray[np.float64]
 

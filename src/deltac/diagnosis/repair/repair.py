@@ -27,7 +27,7 @@ from deltac.diagnosis.repair.source import Source, read_source
 from deltac.diagnosis.repair.symptoms import suspects, terms, undefined
 from deltac.diagnosis.repair.tape import ELEMENTARY, Slot
 from deltac.diagnosis.repair.texts import unified_diff
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.simulation.equations import Equations
 
 Array: TypeAlias = NDArray[np.float64]

@@ -12,7 +12,7 @@ from deltac.diagnosis.equation_test import LEAST as FLOOR
 from deltac.diagnosis.equation_test import EquationTest
 from deltac.diagnosis.states import random_states
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
 Array = NDArray[np.float64]

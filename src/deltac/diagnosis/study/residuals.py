@@ -22,7 +22,7 @@ from deltac.diagnosis.equations import CLEAR, LEAST, EquationTerms, equation_ter
 from deltac.diagnosis.findings import Finding, percent
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.dynamics.coordinates import trace_map
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

@@ -19,7 +19,7 @@ from deltac.mechanism import (
     spherical,
     tendon,
 )
-from random_mechanisms import Sample, scalar
+from tests.systems.random_mechanisms import Sample, scalar
 
 
 def slider(element: Any) -> Mechanism:

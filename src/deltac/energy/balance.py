@@ -19,7 +19,7 @@ from deltac.dynamics.testing_functions import (
 )
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
-from deltac.energy.sampling.prepare import checked_samples, violations
+from deltac.energy.prepare import checked_samples, violations
 from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import deltac as dc
-from constrained_mechanisms import Tied, four_bar, parallelogram
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.kkt import DEPENDENT, factorise, schur
 from deltac.mechanism import Mechanism
-from random_mechanisms import Sample, assert_close
+from tests.systems.constrained_mechanisms import Tied, four_bar, parallelogram
+from tests.systems.random_mechanisms import Sample, assert_close
 
 Array = NDArray[Any]
 

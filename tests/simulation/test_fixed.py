@@ -16,7 +16,7 @@ from deltac.simulation.course import Course
 from deltac.simulation.flow import build_flow
 from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.solvers import find_solver
-from machines import pendulum, robot, workshop
+from tests.systems.machines import pendulum, robot, workshop
 
 
 def same(one: dc.Trajectory, other: dc.Trajectory) -> None:

@@ -15,9 +15,9 @@ from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
 from deltac.errors import InputError, closest
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from deltac.dynamics.testing_functions import (
 )
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
-from deltac.energy.sampling.prepare import checked_samples, violations
+from deltac.energy.prepare import checked_samples, violations
 from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
@@ -36,7 +36,7 @@ from deltac.energy.terms import (
 )
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 

@@ -31,7 +31,7 @@ from deltac.energy.sampling.segments import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

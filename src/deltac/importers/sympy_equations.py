@@ -13,7 +13,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import InputError, closest
 from deltac.kernels.lowering import to_sympy
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
 from deltac.mechanism.mechanism import Mechanism

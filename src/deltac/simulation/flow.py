@@ -28,7 +28,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations

@@ -12,7 +12,7 @@ from deltac.caching import LRUCache
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor

@@ -20,7 +20,7 @@ from deltac.dynamics.equations_of_motion import evaluate
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

@@ -31,7 +31,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
 TINY = float(np.finfo(np.float64).tiny)

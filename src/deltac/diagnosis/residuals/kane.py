@@ -26,7 +26,7 @@ from deltac.dynamics.equations_of_motion import (
 from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
 

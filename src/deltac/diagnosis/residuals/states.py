@@ -21,7 +21,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.mechanism.contact import Contact
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere

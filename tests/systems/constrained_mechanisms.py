@@ -54,7 +54,7 @@ from deltac.mechanism import (
     universal,
 )
 from deltac.mechanism.constraints import Constraint
-from random_mechanisms import Options, Sample, random_state, samples
+from tests.systems.random_mechanisms import Options, Sample, random_state, samples
 
 Array = NDArray[Any]
 

@@ -24,7 +24,8 @@ from deltac.diagnosis.explain.columns import (
     column_kernels,
     evaluate,
 )
-from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled, resolution
+from deltac.diagnosis.measurements.digits import resolution, white_noise
+from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.spatial import SX, Inertia
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -486,8 +487,6 @@ def _quadrature(rows: _Rows, residual: Array, stretches: Sequence[_Stretch]) -> 
 
 PERTURBATIONS = 2
 COLUMNS = ("q", "u", "udot", "logged")
-WHITE = (0.75, 1.35)
-"""Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
 
 def _some(stretches: Sequence[_Stretch]) -> Sequence[_Stretch]:
@@ -540,18 +539,3 @@ def _noise(values: Array) -> Array:
     for k, column in enumerate(values.T):
         made[:, k] = white_noise(column)
     return made
-
-
-def white_noise(x: Array) -> float:
-    """Standard deviation of white noise on samples of a smooth signal, by its high differences.
-
-    Differences of order 2m of white noise have √C(4m, 2m) times its deviation; those of a smooth signal
-    fall from one order to the next. What falls is taken for signal.
-    """
-    if len(x) < 16:
-        return 0.0
-    sixth = 1.4826 * float(np.median(np.abs(np.diff(x, 6)))) / np.sqrt(924.0)
-    eighth = 1.4826 * float(np.median(np.abs(np.diff(x, 8)))) / np.sqrt(12870.0)
-    if sixth <= 0.0 or not WHITE[0] < eighth / sixth < WHITE[1]:
-        return 0.0
-    return float(eighth)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.rates import Comparison, cleaned
+from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.rates import scatter, stretches
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.diagnosis.measurements.digits import EPS, scatter
+from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols

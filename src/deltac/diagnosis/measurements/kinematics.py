@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.at_samples import resolution
+from deltac.diagnosis.measurements.digits import resolution, scatter
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -218,14 +218,6 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
         middle = (a + b - size) // 2
         made += [(a, a + size), (middle, middle + size), (b - size, b)]
     return made
-
-
-def scatter(values: Array) -> Array:
-    """Three standard deviations of noise and half a digit of every number (T, n)."""
-    from deltac.diagnosis.explain.regression import white_noise
-
-    noise = np.array([white_noise(column) for column in values.T]).reshape(1, -1)
-    return np.asarray(resolution(values) + 3.0 * noise)
 
 
 # --- accelerations ---------------------------------------------------------------------------------------

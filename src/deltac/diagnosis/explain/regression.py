@@ -281,12 +281,30 @@ class Prepared:
     sliding: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Excused:
+    """What of a residual is no mistake of the equations, for the weak form.
+
+    columns  of consecutive samples: generalized forces (T, n, m) that an unknown integrator may leave; what
+             they span is taken off the residual and all causes
+    bar      error bar of each equation (n,), N or N·m
+    """
+
+    columns: Callable[[Sampled], Array]
+    bar: Array
+
+
 def prepare(
-    mechanism: Mechanism, run: Trajectory, form: Form, *, sliding: bool = False
+    mechanism: Mechanism,
+    run: Trajectory,
+    form: Form,
+    *,
+    sliding: bool = False,
+    excused: Excused | None = None,
 ) -> Prepared:
     """The regression of a run's residual on all columns of the mechanism.
 
-    With `sliding`, equations of joints are left out where those hardly move.
+    With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no cause.
 
     Raises InputError for a log of too few rows.
     """
@@ -306,9 +324,13 @@ def prepare(
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
     if form == "weak":
         digits = np.hypot(digits, _quadrature(rows, whole[..., 0], stretches))
+    if excused is not None:
+        digits = np.hypot(digits, excused.bar)
     weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
     moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
     matrix = _arranged(whole * (weight * moving)[..., None])
+    if excused is not None and form == "weak":
+        matrix = _without(matrix, excused, stretches, weight * moving)
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
     shaken = _arranged(shaken * weight[:, None])
@@ -452,6 +474,23 @@ def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
         made[k] = np.einsum("t,tij->ij", phi * dt / whole, force[rows])
         made[k] -= np.einsum("t,tij->ij", slope * dt / whole, momentum[rows])
     return made
+
+
+def _without(
+    matrix: Array, excused: Excused, stretches: Sequence[_Stretch], weight: Array
+) -> Array:
+    """The weighted equations (rows, n, P + 1) without what excused columns span."""
+    made = []
+    for s in stretches:
+        force = excused.columns(s.samples)
+        made.append(_windows(s.samples.t, np.zeros_like(force), force))
+    columns = np.concatenate(made) * weight[..., None]
+    flat = columns.reshape(-1, columns.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    U, singular, _ = np.linalg.svd(flat[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    U = U[:, singular > 1e-9 * singular.max(initial=0.0)]
+    rows = matrix.reshape(-1, matrix.shape[2])
+    return np.asarray((rows - U @ (U.T @ rows)).reshape(matrix.shape))
 
 
 def _scale(whole: Array, kernels: ColumnKernels) -> Array:

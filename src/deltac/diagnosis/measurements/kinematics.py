@@ -155,7 +155,7 @@ def compare(
 
 
 def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
-    """q against u for every free speed that is the rate of a coordinate, or turns a quaternion."""
+    """Coordinates against speeds, for every free speed that is the rate of a coordinate, or turns a quaternion."""
     edges = stretches(run)
     if not edges:
         return {}

@@ -49,6 +49,7 @@ class EquationTerms:
         residual: the sum of forces, inertia forces and constraint forces.
         scale: typical size of the terms that are added up, for each speed (n,).
         precision: residual (n,) that the log's number of digits, or rounding, explains.
+        doubt: residual (n,) that accelerations which do not agree with the speeds, or an integrator, may leave.
     """
 
     speeds: tuple[str, ...]
@@ -63,6 +64,7 @@ class EquationTerms:
     scale: Array
     precision: Array
     evaluator: Evaluator
+    doubt: Array | None = None
 
     @property
     def size(self) -> Array:
@@ -77,8 +79,15 @@ class EquationTerms:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that neither rounding nor the log's digits explain (n,)."""
-        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
+        """Which speeds have a residual that neither rounding, digits nor doubts of u̇ explain (n,)."""
+        doubt = 0.0 if self.doubt is None else self.doubt
+        return np.asarray((self.size > CLEAR * self.precision + doubt) & (self.relative > LEAST))
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """Which speeds have a residual that only doubts of u̇ explain (n,)."""
+        there = (self.size > CLEAR * self.precision) & (self.relative > LEAST)
+        return np.asarray(there & ~self.significant)
 
     @property
     def share_of_energy(self) -> Array:

@@ -20,8 +20,10 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -521,6 +523,7 @@ class OneStep:
         hidden: energy (J) that a residual as large as the bar could do in the time of the log.
         spent: energy (J) that the residual does in it, without sign.
         rows: how many rows were looked at.
+        columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F.
         off_scheme: what the best scheme leaves, as a share of the accelerations.
     """
 
@@ -537,7 +540,8 @@ class OneStep:
     spent: float
     rows: int
     off_scheme: float
-    bars: Mapping[str, Array] = field(default_factory=dict)
+    bars: Mapping[str, Array]
+    columns: Callable[[Array, Array, Array, Array], Array]
 
     @property
     def ratio(self) -> Array:
@@ -564,6 +568,19 @@ class OneStep:
         clear = (self.ratio > CLEAR) & (self.relative > LEAST)
         return clear & (not self.closes)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of the test, for JSON."""
+        scheme = self.scheme
+        return {
+            "scheme": None if scheme is None else scheme.name or "several",
+            "closes": self.closes,
+            "defect": self.off_scheme,
+            "residual": dict(zip(self.speeds, self.size.tolist())),
+            "error_bar": dict(zip(self.speeds, self.bar.tolist())),
+            "terms": dict(zip(self.speeds, self.scale.tolist())),
+            "rows": self.rows,
+        }
+
     @property
     def now_and_then(self) -> NDArray[np.bool_]:
         """Windows (W,) that stand far out of their own error bars, where the others do not."""
@@ -589,10 +606,10 @@ def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneSte
     if not pieces:
         return None
     scheme, off, digits = identify(model, pieces, late)
-    parts = [_defects(model, rows, size, groups) for rows, size in pieces]
+    parts = [_defects(model, rows, groups) for rows, _ in pieces]
     names = parts[0].names
     coefficients = _fit(parts, names)
-    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits)
+    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits, groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -638,7 +655,7 @@ def _plain(model: Model, rows: Rows) -> tuple[Array, Array]:
     return a, rows.D - _mean(rows.t, a, 5)
 
 
-def _defects(model: Model, rows: Rows, size: Rows, groups: Mapping[str, list[int]]) -> _Defects:
+def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defects:
     a, w = _plain(model, rows)
     t0, q0, u0, F0 = rows.t[:-1], rows.q[:-1], rows.u[:-1], rows.F[:-1]
     t1, q1, u1, F1 = rows.t[1:], rows.q[1:], rows.u[1:], rows.F[1:]
@@ -742,6 +759,7 @@ def _judged(
     scheme: Scheme | None,
     off: float,
     digits: float,
+    groups: Mapping[str, list[int]],
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
         return np.asarray(np.einsum("tij,tj->ti", p.N, w))
@@ -818,7 +836,26 @@ def _judged(
         scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
         _trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
         {**bars, "noise": noise_bar, "rounding": rounding},
+        partial(_as_forces, model, groups, tuple(c)),
     )  # fmt: skip
+
+
+def _as_forces(
+    model: Model,
+    groups: Mapping[str, list[int]],
+    names: Sequence[str],
+    t: Array,
+    q: Array,
+    u: Array,
+    F: Array,
+) -> Array:
+    """The scheme columns of consecutive rows, times the inertia (T, n, m); the last row repeats its neighbour."""
+    rows = Rows(t, q, u, F)
+    found = _defects(model, rows, groups)
+    nothing = np.zeros_like(found.w)
+    columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
+    forces = found.N @ columns
+    return np.concatenate([forces, forces[-1:]])
 
 
 def _trimmed(values: Array) -> Array:

@@ -363,13 +363,13 @@ def suspicious_conventions(
 ) -> list[Finding]:
     """What the log betrays of units and conventions: degrees, the order of quaternions, gaps.
 
-    Of runs whose origin is known only gaps are told. What a unit explains is taken out of `known`, and what
-    `known` tells already is not told again.
+    Of runs whose origin is known only what is certain is told. What a unit explains is taken out of
+    `known`, and what `known` tells already is not told again.
     """
     found: list[Finding] = []
     told = {f.kind for f in known}
     for s in suspicions(run, mechanism):
-        if s.kind == "rate" or (trusted(run) and s.kind != "gap"):
+        if s.kind == "rate" or (trusted(run) and not s.certain):
             continue
         if told & {"swapped-columns", "clipped-column"} and s.kind != "gap":
             continue

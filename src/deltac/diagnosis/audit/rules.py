@@ -68,6 +68,11 @@ class Measures:
         return self.tolerance * self.beside
 
     @property
+    def fine(self) -> bool:
+        """Whether the samples tell the energy to the tolerance; their error grows with what is exchanged."""
+        return self.bar <= self.tolerance * self.turnover
+
+    @property
     def beside(self) -> float:
         """The energy exchanged, which grows with time, or that the system has, where that is less, J."""
         return min(self.turnover, self.held_energy) if self.held_energy > 0.0 else self.turnover
@@ -141,6 +146,10 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("equation-error", "medium", balance, *equations)
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
+    elif (
+        small and step is not None and step.spent >= HALF * measures.left > HALF * measures.allowed
+    ):
+        return verdict("equation-error", "medium", balance, *equations)
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
     if measures.turnover <= NOTHING * measures.scale:
@@ -153,27 +162,28 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if measures.outside_gaps is not None and max(measures.left, measures.bar) > measures.allowed:
         left, bar = measures.outside_gaps()
         outside = replace(measures, left=left, bar=bar, held=min(measures.held, bar))
-        within = left <= measures.allowed + bar or (bar > measures.allowed and not outside.clear)
+        within = left <= measures.allowed + bar or (not outside.fine and not outside.clear)
         if within and not borne:
             return verdict("unresolved", "high", balance, *equations, _missing_rows(outside))
         measures, balance = (
             outside,
             f"{balance}; {left:.3g} J ± {bar:.2g} J in one part between gaps",
         )
-    if measures.left <= measures.allowed and (measures.bar <= measures.allowed or borne):
+    if measures.left <= measures.allowed and (measures.fine or borne):
         return verdict(
             "consistent",
-            "high" if tested and measures.bar <= measures.allowed else "medium",
+            "high" if tested and measures.fine else "medium",
             balance,
             *equations,
         )
-    unsure = measures.bar > measures.allowed and not measures.clear
+    unsure = not measures.fine and not measures.clear
     if unsure or measures.left <= measures.allowed + measures.bar:
         if borne and measures.left <= measures.allowed + measures.bar:
             return verdict("consistent", "medium", balance, *equations, _by_steps(measures))
         if not borne or measures.left <= measures.bar:
             return verdict("unresolved", "high", balance, *equations, _sampling(measures))
-    if not tested and not (borne and step is not None and step.hidden <= HALF * measures.left):
+    spent = step is not None and (step.hidden if borne else step.hidden + step.spent)
+    if not tested and not (step is not None and spent <= HALF * measures.left):
         wanted = (
             "The log has no accelerations of its own rows, and the one-step test does not exclude that the "
             "equations account for what is left: log udot.<speed> of the same instants (MuJoCo: qacc), or "

@@ -130,7 +130,9 @@ def _massive(regression: Regression, fit: Fit) -> bool:
     return all(c.sign != "factor" or c.plausible(theta) for c, theta in parts)
 
 
-def _extended(regression: Regression, paths: list[Fit], many: bool, until: float) -> list[Fit]:
+def _extended(
+    regression: Regression, paths: list[Fit], many: bool, until: float = math.inf
+) -> list[Fit]:
     """The best fits of one cause more than those of `paths`, of the first ones where time is up."""
     most_paths, tried = PATHS[many], TRIED[many]
     promising: dict[tuple[int, ...], float] = {}

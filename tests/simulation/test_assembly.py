@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import deltac as dc
 from constrained_mechanisms import four_bar, parallelogram
 from deltac.errors import InputError
-from deltac.simulation.assembly import assemble
+from deltac.simulation.constraints.assembly import assemble
 from linkages import disc, four_bars, linkage
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 
 import deltac as dc
 from deltac.simulation.flow import build_flow
-from deltac.simulation.stepping.interpreted import StageRate
-from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.solvers import SOLVERS, find_solver
+from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
+from deltac.simulation.stepping.interpreted import StageRate
 from linkages import disc, four_bars
 from machines import pendulum, robot, workshop
 

@@ -22,10 +22,9 @@ from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.runge_kutta import Parts
 from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, FixedMethod
 from deltac.simulation.stepping.interpreted import numeric_masks, settle_kernel
-from deltac.simulation.stepping.runge_kutta import tableau_of
+from deltac.simulation.stepping.runge_kutta import Parts, tableau_of
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -51,9 +51,8 @@ class TaylorSteps:
     def __init__(self, flow: Flow, p: Array, tolerance: float | None, *, quad: bool) -> None:
         """Its order follows from the tolerance, whose default is the precision of the numbers.
 
-        Raises InputError for laws that are not smooth.
+        Raises InputError where heyoka is not installed.
         """
-        _require_smooth(flow)
         try:
             import heyoka as hy
         except ImportError:
@@ -63,30 +62,37 @@ class TaylorSteps:
         self._flow, self._tolerance = flow, tolerance
         self._real: Any = hy.real128 if quad else float
         self._quaternions = [] if flow.own is not None else quaternions(flow.system.mechanism)
-        self._load(p)
+        self._p, self._at, self._pair = p, math.nan, dict[tuple[float, ...], tuple[Any, Any]]()
 
-    def _load(self, p: Array) -> None:
-        # A copy for each run: threads may run the same mechanism at once.
-        kept = _taylor_method(self._flow, tuple(p.tolist()), self._tolerance, self._real)
-        self._method, self._probe, self._at = copy.copy(kept), copy.copy(kept), math.nan
-        self._p = p
+    @property
+    def _methods(self) -> tuple[Any, Any]:
+        """The integrator of the run, and one for parts of its steps; others where a law switches.
+
+        Copies: threads may run the same mechanism at once. Raises InputError for laws that are not smooth.
+        """
+        key = tuple(self._p.tolist())
+        if key not in self._pair:
+            kept = _taylor_method(self._flow, key, self._tolerance, self._real)
+            self._pair[key] = copy.copy(kept), copy.copy(kept)
+        return self._pair[key]
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
         """Steps up to `until`; for events the method again, from the start."""
+        method, probe = self._methods
 
         def exact(time: float) -> Array:
             if time <= t:
                 return x
-            self._place(self._probe, t, x)
-            self._probe.propagate_until(self._real(time))
-            return np.asarray(self._probe.state).astype(np.float64)
+            self._place(probe, t, x)
+            probe.propagate_until(self._real(time))
+            return np.asarray(probe.state).astype(np.float64)
 
         if self._at != t:
-            self._place(self._method, t, x)
-            self._method.propagate_until(self._real(t + self._first(self._method, until - t)))
-        self._method.propagate_until(self._real(until))
+            self._place(method, t, x)
+            method.propagate_until(self._real(t + self._first(method, until - t)))
+        method.propagate_until(self._real(until))
         self._at = until
-        return Step(t, x, until, np.asarray(self._method.state).astype(np.float64), exact)
+        return Step(t, x, until, np.asarray(method.state).astype(np.float64), exact)
 
     def accept(self, t: float, x: Array) -> None:
         """The method goes on by itself, unless it is ahead of what is accepted."""
@@ -94,15 +100,13 @@ class TaylorSteps:
             self._at = math.nan
 
     def restart(self, t: float, x: Array, p: Array) -> None:
-        """From another state; with other parameters by another method."""
-        if not np.array_equal(p, self._p):
-            self._load(p)
-        self._at = math.nan
+        """From another state, and with other parameters."""
+        self._p, self._at = p, math.nan
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """The next samples."""
         count = min(most, MOST_AHEAD, grid.count - k)
-        times, method, limit = grid.times(k, count + 1), self._method, {}
+        times, (method, _), limit = grid.times(k, count + 1), self._methods, {}
         if self._at != times[0]:
             self._place(method, times[0], x)
             times = times[:2]
@@ -148,13 +152,15 @@ def _taylor_method(
 
     from deltac.kernels import compiled, prepare_heyoka, to_heyoka
 
-    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [ca.cse(ca.densify(flow.xdot))])
-    source = (prepare_heyoka(), real.__name__, tolerance, p, function.serialize())
+    # With numbers for the parameters, a law whose branches are held is one of its branches.
+    xdot = ca.densify(ca.substitute(flow.xdot, flow.p, ca.DM(p))) if p else ca.densify(flow.xdot)
+    function = ca.Function("xdot", [flow.t, flow.x], [ca.cse(xdot)])
+    _require_smooth(flow, function)
+    source = (prepare_heyoka(), real.__name__, tolerance, function.serialize())
 
     def made() -> Any:
         names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
-        constants = [hy.expression(value) for value in p]
-        (rates,) = to_heyoka(function, [[hy.time], names, constants])
+        (rates,) = to_heyoka(function, [[hy.time], names])
         options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
         nowhere = np.zeros(len(names)).astype(real)
         return hy.taylor_adaptive(
@@ -164,10 +170,9 @@ def _taylor_method(
     return compiled(repr(source), made)
 
 
-def _require_smooth(flow: Flow) -> None:
-    """InputError if ẋ has a kink anywhere, naming the law where one is to blame."""
+def _require_smooth(flow: Flow, function: Any) -> None:
+    """InputError if ẋ, as a function, has a kink anywhere, naming the law where one is to blame."""
     kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
-    function = ca.Function("xdot", [flow.t, flow.x, flow.p], [flow.xdot])
     if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
         return
     where = "the equations of motion"
@@ -181,5 +186,5 @@ def _require_smooth(flow: Flow) -> None:
             where = f"the motion of joint {joint.name!r}"
     raise InputError(
         f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
-        "where, a comparison; the spring of a quaternion). Use 'ode5' or 'DOP853'"
+        "where, a comparison; the spring of a quaternion). Use switches=True, 'ode5' or 'DOP853'"
     )

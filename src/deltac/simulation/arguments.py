@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.recursions import crba
 from deltac.errors import InputError
 from deltac.mechanism.events import Event
@@ -21,7 +22,6 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
 
-Array = NDArray[np.float64]
 MOST_STEPS = 10**15
 """Steps of a run at most: time is still told apart from step to step, and it would take years."""
 

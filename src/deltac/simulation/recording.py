@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.kernels import Kernel
 from deltac.mechanism.mechanism import Mechanism
@@ -19,7 +18,6 @@ from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
-Array: TypeAlias = NDArray[np.float64]
 LOST = 1e-3
 """A projected state this far off a constraint (m or rad) is not on it."""
 

@@ -13,8 +13,8 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.kernels import Kernel
@@ -25,8 +25,6 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, FixedMethod
 from deltac.simulation.stepping.interpreted import numeric_masks, settle_kernel
 from deltac.simulation.stepping.runge_kutta import Parts, tableau_of
-
-Array: TypeAlias = NDArray[np.float64]
 
 FUSED_INSTRUCTIONS = 4000
 """Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""

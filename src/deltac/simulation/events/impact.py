@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
 from deltac.dynamics.recursions import crba
@@ -23,9 +23,6 @@ from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import DeltacError
 from deltac.simulation.events.stronge import REST, collide
 from deltac.simulation.flow import Flow
-
-Array = NDArray[np.float64]
-
 
 MOST_IMPACTS = 2000
 """Impacts of single contacts at one instant, before the rest of them is taken as plastic."""

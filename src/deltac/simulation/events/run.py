@@ -8,8 +8,8 @@ from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
@@ -23,7 +23,6 @@ from deltac.simulation.events.zeno import Accumulation
 from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.interpreted import StageRate
 
-Array = NDArray[np.float64]
 TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 

@@ -9,14 +9,12 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.protocol import Motion
 from deltac.simulation.stepping.runge_kutta import growth, tableau_of
-
-Array = NDArray[np.float64]
 
 
 class StiffStep(UserWarning):

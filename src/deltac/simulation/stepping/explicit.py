@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction
@@ -24,8 +24,6 @@ from deltac.simulation.stepping.interpreted import (
     symbolic_masks,
 )
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid
-
-Array: TypeAlias = NDArray[np.float64]
 
 MOST_STEPS_PER_CALL = 8
 INSTRUCTIONS_PER_CALL = 4000

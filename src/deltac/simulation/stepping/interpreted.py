@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction
@@ -15,8 +15,6 @@ from deltac.simulation.constraints.projection import pivot, projection
 from deltac.simulation.equations import Controller, motor_values
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.stepping.runge_kutta import Parts
-
-Array = NDArray[np.float64]
 
 
 def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.events.run import EventRun
 from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.protocol import (
-    Array,
     Motion,
     Progress,
     Step,

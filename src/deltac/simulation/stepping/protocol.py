@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from deltac.arrays import Array
+
 Progress: TypeAlias = Callable[[float], None]
 """Told the fraction of a run that is done."""
 

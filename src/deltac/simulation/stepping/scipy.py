@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 
-Array: TypeAlias = NDArray[np.float64]
 IMPLICIT = ("Radau", "BDF", "LSODA")
 
 

@@ -6,12 +6,12 @@ import io
 import re
 import sys
 from threading import Lock
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
@@ -20,7 +20,6 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import Form, Point, Settings
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 
-Array: TypeAlias = NDArray[np.float64]
 FEW, CHUNK = 8, 64
 """Samples of one call, near an event and at most."""
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 import copy
 import math
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid
 
-Array: TypeAlias = NDArray[np.float64]
 MOST_AHEAD = 256
 """Samples taken in one call, between reports of progress."""
 

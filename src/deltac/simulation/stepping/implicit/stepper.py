@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
@@ -20,7 +20,6 @@ from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEqu
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 
-Array: TypeAlias = NDArray[np.float64]
 DEFAULT_RADIUS = 0.8
 """Spectral radius of generalized-α at infinity, where none is asked for."""
 

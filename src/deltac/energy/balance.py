@@ -10,6 +10,7 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -35,8 +36,7 @@ from deltac.energy.terms import (
 )
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 
@@ -279,7 +279,7 @@ class _Compiled:
     between: Kernel
 
 
-_KEPT: Kept[_Compiled] = Kept(16)
+_KEPT: LRUCache[_Compiled] = LRUCache(16)
 
 
 def _compiled(

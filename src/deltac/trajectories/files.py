@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,16 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
 from deltac.errors import InputError, closest
+from deltac.files import appearing, opened
+from deltac.limits import Limits, require_memory
 from deltac.trajectories.delimited import read_csv, write_csv
 from deltac.trajectories.hdf5 import read_hdf5, write_hdf5
 from deltac.trajectories.mapping import LogMapping, as_mapping
 from deltac.trajectories.matlab import read_mat, write_mat
-from deltac.trajectories.memory import require_memory
 from deltac.trajectories.names import MechanismNames
 from deltac.trajectories.npz import read_npz, write_npz
 from deltac.trajectories.opensim import read_opensim
-from deltac.trajectories.parquet import parquet_size, read_parquet, write_parquet
-from deltac.trajectories.rawlog import RawLog
+from deltac.trajectories.parquet import read_parquet, write_parquet
+from deltac.trajectories.rawlog import RawLog, checked
 from deltac.trajectories.reading import ColumnReading, interpret, to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
@@ -35,7 +35,8 @@ Writer: TypeAlias = Callable[[Trajectory, str, BinaryIO], None]
 class Format:
     """A file format: how it is read and, where deltac writes it, written.
 
-    `copies` is about how many times the size of a file its reading takes in memory.
+    `copies` is about how many times the size of a file its reading takes in memory; 0 where the size says
+    little, and the reader looks at rows and columns itself.
     """
 
     read: Callable[[Path], RawLog]
@@ -47,7 +48,7 @@ _HDF5 = Format(read_hdf5, write_hdf5)
 _OPENSIM = Format(read_opensim, copies=12.0)
 
 FORMATS: Mapping[str, Format] = {
-    ".parquet": Format(read_parquet, write_parquet),
+    ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
     ".npz": Format(read_npz, write_npz),
     ".h5": _HDF5,
@@ -69,20 +70,15 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
     """
     write = _format(path, writing=True).write
     assert write is not None
-    target = Path(os.path.realpath(path))  # through a link, not over it
-    if not target.parent.is_dir():
-        raise InputError(f"{path}: the folder {target.parent} does not exist; create it first")
-    if target.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
     from deltac.trajectories.schema import to_columns, to_metadata
 
     to_columns(run)  # refuses names that a reader could not tell apart
     header = json.dumps(to_metadata(run), allow_nan=False)
     try:
-        with _appearing(target) as file:
+        with naming(path), appearing(path) as file:
             write(run, header, file)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    except MemoryError:
+        raise InputError(f"{path}: the log is too large for this format in memory") from None
 
 
 def read_trajectory(
@@ -121,22 +117,15 @@ def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
     form = _format(path)
     source = Path(path)
-    try:
-        with source.open("rb") as file:
-            start = file.read(4096)
-            size = file.seek(0, 2)
-    except FileNotFoundError:
-        raise InputError(f"no such file{_neighbour(source)}") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from error
+    with opened(source) as file:
+        start = file.read(4096)
+        size = os.fstat(file.fileno()).st_size
     if not start.strip() and size == len(start):
         raise InputError("the file is empty; expected a row of column names and samples")
-    if form.read is read_parquet:  # compressed: its size says little
-        rows, columns = parquet_size(source)
-        require_memory(rows * columns * 8.0 * form.copies, f"{rows} rows and {columns} columns")
-    else:
+    Limits.current().check("bytes", size, "the file has")
+    if form.copies:
         require_memory(size * form.copies, f"{size / 1e9:.1f} GB")
-    return form.read(source)
+    return checked(form.read(source))
 
 
 @contextmanager
@@ -160,25 +149,3 @@ def _format(path: str | Path, writing: bool = False) -> Format:
             f"(name the file {', '.join('*' + name for name in options)})"
         )
     return options[suffix]
-
-
-def _neighbour(path: Path) -> str:
-    """The closest match of a missing file's name in its folder."""
-    if not path.parent.is_dir():
-        return f"; the folder {path.parent} does not exist"
-    hint = closest(path.name, (entry.name for entry in path.parent.iterdir()))
-    return hint if "did you mean" in hint else ""
-
-
-@contextmanager
-def _appearing(target: Path) -> Iterator[BinaryIO]:
-    """A file that takes the place of `target` only once it is complete and on the disk."""
-    temporary = target.with_name(f".deltac-{secrets.token_hex(6)}.tmp")
-    try:
-        with open(temporary, "x+b") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)

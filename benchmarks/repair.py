@@ -2,10 +2,10 @@
 
     make bench-repair [ARGS="--only triple_pendulum --limit 100 --seed 0 --json out.json"]
 
-Mutants come from `deltac.diagnosis.mutation`, which knows nothing of how repairs are sought, and from the
-mistakes by hand in `mistakes.py`. A mutant is repaired if the first edit offered gives the right equations:
-the same accelerations as the unmutated file at random states, with all named constants moved. It is
-equivalent if its own accelerations are those of the unmutated file.
+Mutants come from `deltac.repair.mutate.operators`, which knows nothing of how repairs are sought, and from
+the mistakes by hand in `mistakes.py`. A mutant is repaired if the first edit offered gives the right
+equations: the same accelerations as the unmutated file at random states, with all named constants moved. It
+is equivalent if its own accelerations are those of the unmutated file.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _STATE: dict[str, Any] = {}
 
 def prepare(case: str) -> None:
     """What a process keeps: the right source, the model, the right results."""
-    from deltac.diagnosis.repair.samples import Target
-    from deltac.diagnosis.repair.source import read_source
+    from deltac.repair.tracing.samples import Target
+    from deltac.repair.tracing.source import read_source
 
     if _STATE.get("case") == case:
         return
@@ -46,8 +46,8 @@ def prepare(case: str) -> None:
 
 def attempt(task: tuple[str, dict[str, Any]]) -> dict[str, Any]:
     """One mutant: is it wrong, is it repaired, how long did it take."""
-    from deltac.diagnosis.repair.repair import repair_source
     from deltac.errors import InputError
+    from deltac.repair.repair import repair_source
 
     case, mutant = task
     if _STATE.get("case") != case:
@@ -76,8 +76,8 @@ def same(source: Any, other: Any, target: Any) -> bool:
     """Whether two files are the same formula: at random states, with the named constants moved."""
     import numpy as np
 
-    from deltac.diagnosis.repair.interpreter import trace
     from deltac.errors import InputError
+    from deltac.repair.tracing.interpreter import trace
 
     at = target.samples((), True)
     rng = np.random.default_rng(1)
@@ -122,7 +122,7 @@ def report(case: str, done: int, total: int) -> None:
 
 def drawn(case: str, limit: int, seed: int) -> list[dict[str, Any]]:
     """Mutants of a case, at most `limit`, each kind with its share."""
-    from deltac.diagnosis.mutation import mutants
+    from deltac.repair.mutate.operators import mutants
 
     text = (HERE / "equations" / f"{case}.py").read_text("utf-8")
     found = [vars(m) for m in mutants(text, "rhs", seed=seed)]

@@ -15,7 +15,7 @@ import numpy as np
 from verdict_runs import Case, delivery, length, running
 
 import deltac as dc
-from deltac.diagnosis.mutation import mutants
+from deltac.repair.mutate.operators import mutants
 from deltac.simulation.solvers import SOLVERS
 
 HERE = Path(__file__).resolve().parent

@@ -10,7 +10,7 @@ import pytest
 import deltac
 
 HEAVY = {"casadi", "heyoka", "sympy", "scipy", "polars", "matplotlib"}
-UNASKED = {f"deltac.{name}" for name in ("report", "recorders", "importers", "diagnosis.repair")}
+UNASKED = {f"deltac.{name}" for name in ("report", "recorders", "importers", "repair")}
 
 
 def _command(*arguments: str) -> str:

@@ -13,12 +13,7 @@ from deltac.diagnosis.explanation import explain_residual as explain_residual
 from deltac.diagnosis.findings import Finding as Finding
 from deltac.diagnosis.localisation_run import Localisation as Localisation
 from deltac.diagnosis.localisation_run import localise as localise
-from deltac.diagnosis.mutation_report import Mutation as Mutation
-from deltac.diagnosis.mutation_report import mutate_equations as mutate_equations
 from deltac.diagnosis.recommendation import recommend as recommend
-from deltac.diagnosis.repair import Fix as Fix
-from deltac.diagnosis.repair import Repair as Repair
-from deltac.diagnosis.repair import repair_equations as repair_equations
 from deltac.diagnosis.states import States as States
 from deltac.diagnosis.states import random_states as random_states
 from deltac.diagnosis.study import Convergence as Convergence
@@ -97,6 +92,11 @@ from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
 from deltac.recorders import run_mujoco as run_mujoco
+from deltac.repair import Fix as Fix
+from deltac.repair import Repair as Repair
+from deltac.repair import repair_equations as repair_equations
+from deltac.repair.mutate.report import MutationReport as MutationReport
+from deltac.repair.mutate.report import mutate_equations as mutate_equations
 from deltac.simulation.assembly import Assembly as Assembly
 from deltac.simulation.assembly import assemble as assemble
 from deltac.simulation.correction import EnergyLeft as EnergyLeft

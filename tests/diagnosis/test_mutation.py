@@ -14,7 +14,7 @@ import pytest
 
 import deltac as dc
 from deltac.cli import main
-from deltac.diagnosis.mutation import KINDS, mutants
+from deltac.repair.mutate.operators import KINDS, mutants
 
 EULER = """\
 import numpy as np
@@ -151,16 +151,16 @@ def test_the_heads_of_the_table_differ_at_80_columns() -> None:
     from rich.console import Console
 
     from deltac.cli.mutate import _table
-    from deltac.diagnosis.mutation import Mutant
-    from deltac.diagnosis.mutation_report import CONSTRAINTS, MOMENTUM, RESIDUAL, Mutation, Trial
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
+    from deltac.repair.mutate.operators import Mutant
+    from deltac.repair.mutate.report import CONSTRAINTS, MOMENTUM, RESIDUAL, MutationReport, Trial
 
     tests = (*TESTING_FUNCTIONS, MOMENTUM, CONSTRAINTS, RESIDUAL)
     trials = tuple(
         Trial(Mutant("dropped factor", 1, "a", "b", ""), dict.fromkeys(tests, 1.0))
         for _ in range(1000)
     )
-    found = Mutation("eom.py", "rhs", tests, trials, 0.0, ())
+    found = MutationReport("eom.py", "rhs", tests, trials, 0.0, ())
     console = Console(width=80, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     console.print(_table(found))
     printed = console.export_text()

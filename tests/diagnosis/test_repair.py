@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.mutation import KINDS, mutants
-from deltac.diagnosis.repair.interpreter import trace
-from deltac.diagnosis.repair.outcome import Repair
-from deltac.diagnosis.repair.repair import repair_source
-from deltac.diagnosis.repair.samples import Target
-from deltac.diagnosis.repair.source import Source, read_source
+from deltac.repair.mutate.operators import KINDS, mutants
+from deltac.repair.outcome import Repair
+from deltac.repair.repair import repair_source
+from deltac.repair.tracing.interpreter import trace
+from deltac.repair.tracing.samples import Target
+from deltac.repair.tracing.source import Source, read_source
 
 EQUATIONS = """\
 from math import cos, sin

@@ -8,13 +8,12 @@ import equations
 import numpy as np
 import pytest
 
-from deltac.diagnosis.repair.outcome import Repair
-from deltac.diagnosis.repair.program import read
-from deltac.diagnosis.repair.repair import repair_source
-from deltac.diagnosis.repair.rows import in_rows
-from deltac.diagnosis.repair.samples import RIGHT, Target
-from deltac.diagnosis.repair.source import Source
-from deltac.diagnosis.repair.symptoms import terms
+from deltac.repair.edits.unsolved_form import unsolved_form
+from deltac.repair.outcome import Repair, terms
+from deltac.repair.repair import repair_source
+from deltac.repair.tracing.program import read
+from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.source import Source
 
 ARM = Path(equations.__file__).with_name("two_link_arm.py").read_text(encoding="utf-8")
 ELBOW = ("- c1 * va + elbow", "- c1 * va - elbow")
@@ -65,7 +64,7 @@ def test_mistakes_stay_in_their_rows(target: Target) -> None:
         ([("b) - elbow", "b)")], 1),
     ):
         program = read(Source("eom.py", mistaken(edit), "rhs"), target)
-        rows = in_rows(program)
+        rows = unsolved_form(program)
         assert rows is not None
         off = np.abs(rows.original_residual).max(axis=1)
         assert off[wrong] > 1e-3 and off[1 - wrong] < RIGHT

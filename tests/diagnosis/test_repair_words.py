@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.repair.outcome import Repair
-from deltac.diagnosis.repair.repair import repair_source
-from deltac.diagnosis.repair.samples import Target
-from deltac.diagnosis.repair.source import Source, read_source
+from deltac.repair.outcome import Repair
+from deltac.repair.repair import repair_source
+from deltac.repair.tracing.samples import Target
+from deltac.repair.tracing.source import Source, read_source
 
 ROD = """\
 import numpy as np

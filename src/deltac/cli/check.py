@@ -11,7 +11,7 @@ from deltac.cli.output import Json, new_table, number, print_json, print_table
 
 if TYPE_CHECKING:
     from deltac.diagnosis.check_result import EquationCheck
-    from deltac.diagnosis.repair import Repair
+    from deltac.repair import Repair
 
 
 def command(
@@ -86,7 +86,7 @@ def command(
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair:
     """Seek the edit: in the function that the text names, or that the `Equations` there have."""
-    from deltac.diagnosis.repair import repair_equations
+    from deltac.repair import repair_equations
     from deltac.simulation.equations import Equations
 
     return repair_equations(

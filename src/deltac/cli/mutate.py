@@ -11,7 +11,7 @@ from deltac.cli.output import Json, new_table, print_json, print_table, progress
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from deltac.diagnosis.mutation_report import Mutation
+    from deltac.repair.mutate.report import MutationReport
 
 
 def command(
@@ -42,7 +42,7 @@ def command(
     Exit status 0 if every mutant that is a mistake is seen by the coordinate residual, 1 if not.
     """
     from deltac.diagnosis.check_files import load_map
-    from deltac.diagnosis.mutation_report import mutate_equations
+    from deltac.repair.mutate.report import mutate_equations
 
     with progress_bar() as progress:
         found = mutate_equations(
@@ -60,13 +60,13 @@ def command(
     raise typer.Exit(found.status)
 
 
-def _print(found: Mutation) -> None:
+def _print(found: MutationReport) -> None:
     print_table(_table(found))
     typer.echo("")
     typer.echo(found.explain())
 
 
-def _table(found: Mutation) -> Table:
+def _table(found: MutationReport) -> Table:
     table = new_table()
     table.add_column("mutants", no_wrap=True)
     for column in ("made", "equivalent", *found.tests):

@@ -14,20 +14,17 @@ from numpy.typing import NDArray
 
 from deltac.diagnosis.check import chosen_map
 from deltac.diagnosis.models import load_model
-from deltac.diagnosis.repair import runner
-from deltac.diagnosis.repair.calls import flatten
-from deltac.diagnosis.repair.candidates import Candidate
-from deltac.diagnosis.repair.interpreter import trace
-from deltac.diagnosis.repair.outcome import Fix, Repair
-from deltac.diagnosis.repair.pairs import pairs
-from deltac.diagnosis.repair.program import Program, named_parameters, read
-from deltac.diagnosis.repair.samples import RIGHT, Target
-from deltac.diagnosis.repair.search import Search, confirmed
-from deltac.diagnosis.repair.source import Source, read_source
-from deltac.diagnosis.repair.symptoms import suspects, terms, undefined
-from deltac.diagnosis.repair.tape import ELEMENTARY, Slot
-from deltac.diagnosis.repair.texts import unified_diff
 from deltac.mechanism.coordinates import CoordinateMap
+from deltac.repair import sandbox
+from deltac.repair.edits.candidates import Candidate, unified_diff
+from deltac.repair.edits.search import Search, confirmed, pairs
+from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
+from deltac.repair.tracing.interpreter import trace
+from deltac.repair.tracing.library import flatten
+from deltac.repair.tracing.program import Program, named_parameters, read
+from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.source import Source, read_source
+from deltac.repair.tracing.tape import ELEMENTARY, Slot
 from deltac.simulation.equations import Equations
 
 Array: TypeAlias = NDArray[np.float64]
@@ -221,13 +218,13 @@ def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) ->
     kept = list(fixes)
     modules, places = [], []
     for k, changed in enumerate(sources[: len(fixes)]):
-        module = runner.extract(changed, program.trace.statements)
+        module = sandbox.extract(changed, program.trace.statements)
         if module is not None and _nothing_new(program.source, changed):
             modules.append(module)
             places.append(k)
     if not modules:
         return tuple(kept)
-    answers = runner.run(modules, at, limit=10.0)
+    answers = sandbox.run(modules, at, limit=10.0)
     for k, answer in zip(places, answers):
         right = not isinstance(answer, str) and answer.shape == at.acceleration.shape
         kept[k] = replace(kept[k], ran=bool(right and at.wrong(np.asarray(answer)) < RIGHT))

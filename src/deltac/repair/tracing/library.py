@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.tape import CONSTANTS, ELEMENTARY, Operation, Row, Slot, Solve, Tape
+from deltac.repair.tracing.tape import CONSTANTS, ELEMENTARY, Operation, Row, Slot, Solve, Tape
 
 Call = Callable[[Tape, list[Any], dict[str, Any]], Any]
 

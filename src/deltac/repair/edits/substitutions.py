@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.candidates import (
+from deltac.repair.edits.candidates import (
     Candidate,
     compose,
     family,
@@ -22,8 +22,8 @@ from deltac.diagnosis.repair.candidates import (
     vocabulary,
     written,
 )
-from deltac.diagnosis.repair.program import Program
-from deltac.diagnosis.repair.tape import BINARY, ELEMENTARY, Change, Slot, identity
+from deltac.repair.tracing.program import Program
+from deltac.repair.tracing.tape import BINARY, ELEMENTARY, Change, Slot, identity
 
 SYMBOLS: dict[type[ast.operator], tuple[str, str]] = {
     ast.Add: ("+", "add"),

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.program import Program
-from deltac.diagnosis.repair.tape import Array, Change, identity
+from deltac.repair.tracing.program import Program
+from deltac.repair.tracing.tape import Array, Change, identity
 
 LINEAR = 1e-8
 """Relative departure from linearity that is rounding."""
@@ -31,7 +31,7 @@ WORST = 1e8
 
 
 @dataclass(frozen=True, eq=False)
-class Rows(Program):
+class UnsolvedForm(Program):
     """A program whose residual is that of M u̇ = f, the entries of f being the slots `forces`."""
 
     forces: tuple[int, ...]
@@ -70,13 +70,13 @@ class Rows(Program):
         return super().matters(slot) and not any(slot in self.tape.after(k) for k in self.forces)
 
 
-def in_rows(program: Program) -> Rows | None:
+def unsolved_form(program: Program) -> UnsolvedForm | None:
     """The program by the rows of M u̇ = f, where it has such rows."""
     n = len(program.samples.acceleration)
     if program.solves or not 2 <= n <= MOST_EQUATIONS:
         return None
     for forces in _forces(program):
-        found = Rows(program.trace, program.samples, forces)
+        found = UnsolvedForm(program.trace, program.samples, forces)
         with np.errstate(all="ignore"):
             if np.isfinite(found.original_residual).all():
                 return found

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.repair.calls import flatten
-from deltac.diagnosis.repair.program import Program
-from deltac.diagnosis.repair.source import Source
-from deltac.diagnosis.repair.tape import Array, Change, Operation, Slot, identity
-from deltac.diagnosis.repair.trace import Instance
+from deltac.repair.tracing.interpreter import Instance
+from deltac.repair.tracing.library import flatten
+from deltac.repair.tracing.program import Program
+from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tape import Array, Change, Operation, Slot, identity
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,3 +221,59 @@ def short(text: str, limit: int = 70) -> str:
 def values(program: Program, slot: int) -> Array:
     """The values (B,) of a slot."""
     return np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)
+
+
+def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
+    """The source with edits of different places applied; None where they overlap."""
+    spans = sorted(
+        ((source.span(source.nodes[e.place]), e) for e in edits), key=lambda x: x[0], reverse=True
+    )
+    text = source.text
+    last = len(text) + 1
+    for (start, end), edit in spans:
+        if end > last:
+            return None
+        last = start
+        node = source.nodes[edit.place]
+        bare = text[:start] + edit.text + text[end:]
+        if isinstance(node, ast.stmt):
+            text = bare
+            continue
+        safe = f"{text[:start]}({edit.text}){text[end:]}"
+        text = bare if _same(bare, safe) else safe
+    return source.replaced(text)
+
+
+def _same(bare: str, safe: str) -> bool:
+    """Whether parentheses make no difference to what a text means."""
+    try:
+        return ast.dump(ast.parse(bare)) == ast.dump(ast.parse(safe))
+    except SyntaxError:
+        return False
+
+
+def unified_diff(source: Source, changed: Source) -> str:
+    """A patch that `git apply` and `patch -p1` take: in the root of the repository, or where we are."""
+    name = _patch_name(source)
+    lines = difflib.unified_diff(
+        source.text.splitlines(keepends=True),
+        changed.text.splitlines(keepends=True),
+        f"a/{name}",
+        f"b/{name}",
+    )
+    text = ""
+    for line in lines:
+        text += line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
+    return text
+
+
+def _patch_name(source: Source) -> str:
+    """The file's path from the root of its repository, else from the working folder, else its name."""
+    if source.path is None:
+        return source.name.rpartition("/")[2]
+    path = source.path.resolve()
+    roots = [folder for folder in path.parents if (folder / ".git").exists()][:1]
+    for root in (*roots, Path.cwd().resolve()):
+        if path.is_relative_to(root):
+            return path.relative_to(root).as_posix()
+    return path.name

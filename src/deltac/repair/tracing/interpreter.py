@@ -9,20 +9,89 @@ from __future__ import annotations
 
 import ast
 import contextlib
-from collections.abc import Mapping
+import operator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 import numpy as np
 
-from deltac.diagnosis.repair import calls
-from deltac.diagnosis.repair.expressions import Expressions
-from deltac.diagnosis.repair.source import Source
-from deltac.diagnosis.repair.tape import Array, Slot, TapeError
-from deltac.diagnosis.repair.trace import Environment, Function, Refused, Trace, kind, objects
 from deltac.errors import InputError
+from deltac.repair.tracing import library
+from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tape import Array, Slot, Tape, TapeError, identity
+
+Environment = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One evaluation of a node: its value, and the names in scope there."""
+
+    value: Any
+    scope: Mapping[str, Any]
+
+
+@dataclass
+class Trace:
+    """What reading a function came to.
+
+    tape, outputs  the operations, and the slots of the returned accelerations
+    inputs         the slots of t, of q and of u
+    instances      the evaluations of each node, by the node's place in `source.nodes`
+    parameters     slots of constants that have a name: where the module sets them
+    scope          the module's names
+    statements     lines of the module's statements that the function depends on
+    """
+
+    source: Source
+    tape: Tape
+    inputs: tuple[int, ...] = ()
+    outputs: tuple[int, ...] = ()
+    instances: dict[int, list[Instance]] = field(default_factory=dict)
+    parameters: dict[str, int] = field(default_factory=dict)
+    scope: dict[str, Any] = field(default_factory=dict)
+    statements: frozenset[int] = frozenset()
+
+
+class Refused(InputError):
+    """The function uses what the reader does not understand; the message has file and line."""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of the user's module, with the scope it was defined in."""
+
+    node: ast.FunctionDef | ast.Lambda
+    scope: Environment
+
+
+def objects(entries: list[Any]) -> np.ndarray[Any, Any]:
+    """A NumPy array of objects of one dimension."""
+    array = np.empty(len(entries), dtype=object)
+    for k, entry in enumerate(entries):
+        array[k] = entry
+    return array
+
+
+def kind(node: ast.AST) -> str:
+    """What a node is called, for people."""
+    names = {
+        ast.ClassDef: "class",
+        ast.Try: "try statement",
+        ast.With: "with statement",
+        ast.Raise: "raise statement",
+        ast.Delete: "del statement",
+        ast.Assert: "assert statement",
+        ast.Await: "await",
+        ast.Yield: "yield",
+        ast.JoinedStr: "formatted text",
+    }
+    return names.get(type(node), type(node).__name__)
+
 
 DEPTH = 40
-"""Calls within calls."""
+"""Calls within library."""
 
 TURNS = 20_000
 """Turns of a while loop."""
@@ -53,7 +122,223 @@ def trace(source: Source, t: Array, q: Array, u: Array) -> Trace:
     return _Reader(source).read(t, q, u)
 
 
-class _Reader(Expressions):
+OPERATORS: dict[type[ast.AST], Any] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.Mod: operator.mod,
+    ast.FloorDiv: operator.floordiv,
+    ast.MatMult: operator.matmul,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Not: operator.not_,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Is: operator.is_,
+    ast.IsNot: operator.is_not,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
+}
+
+
+class _Expressions:
+    """Reads expressions; names, functions and targets are the affair of who reads the statements."""
+
+    def __init__(self, source: Source) -> None:
+        """Start with an empty tape."""
+        self.source = source
+        self.tape = Tape()
+        self.result = Trace(source, self.tape)
+        self.globals: Environment = {}
+        self.node: ast.AST = source.function
+
+    def expression(self, e: ast.expr, scope: Environment, noted: bool = True) -> Any:
+        """The value of an expression. `noted` = False: as a part that is not to be edited by itself."""
+        match e:
+            case ast.Constant():
+                if isinstance(e.value, bool | str | type(None)) or not noted:
+                    return e.value
+                if not isinstance(e.value, int | float):
+                    self.refuse(e, f"the constant {e.value!r}")
+                return self.noted(e, scope, lambda: self.tape.slot(e.value))
+            case ast.Name():
+                value = self.lookup(e.id, scope, e)
+                return self.loaded(e, value, scope) if noted else value
+            case ast.Attribute():
+                value = self.attribute(e, scope)
+                return self.loaded(e, value, scope) if noted else value
+            case ast.Subscript():
+                base = self.expression(e.value, scope, noted=False)
+                index = self.subscript(e.slice, scope)
+                value = base[index]
+                if isinstance(base, library.Constants):
+                    value = self.outside(str(index), value)
+                return self.loaded(e, value, scope) if noted else value
+            case ast.BinOp():
+                left, right = self.expression(e.left, scope), self.expression(e.right, scope)
+                return self.noted(e, scope, lambda: self.operate(e.op, left, right))
+            case ast.UnaryOp():
+                operand = self.expression(e.operand, scope)
+                return self.noted(e, scope, lambda: OPERATORS[type(e.op)](operand))
+            case ast.Call():
+                return self.called(e, scope)
+            case ast.Tuple():
+                return tuple(self.elements(e.elts, scope))
+            case ast.List():
+                return list(self.elements(e.elts, scope))
+            case ast.Dict():
+                keys = [self.expression(k, scope, noted=False) for k in e.keys if k is not None]
+                return dict(zip(keys, [self.expression(v, scope) for v in e.values]))
+            case ast.IfExp():
+                test = self.expression(e.test, scope)
+                return self.expression(e.body if test else e.orelse, scope)
+            case ast.Compare():
+                left, answer = self.expression(e.left, scope), True
+                for op, part in zip(e.ops, e.comparators):
+                    right = self.expression(part, scope)
+                    answer = OPERATORS[type(op)](left, right)
+                    if len(e.ops) > 1 and not answer:
+                        return False
+                    left = right
+                return answer
+            case ast.BoolOp():
+                value = None
+                for part in e.values:
+                    value = self.expression(part, scope)
+                    if bool(value) != isinstance(e.op, ast.And):
+                        break
+                return value
+            case ast.ListComp() | ast.GeneratorExp():
+                return list(self.comprehended(e.elt, e.generators, dict(scope)))
+            case ast.Lambda():
+                return Function(e, scope)
+            case ast.Starred():
+                self.refuse(e, "a star")
+            case _:
+                self.refuse(e, f"a {kind(e)}: {ast.unparse(e)[:60]}")
+
+    def operate(self, op: ast.operator, left: Any, right: Any) -> Any:
+        """An operator's result; tuples and lists of numbers act as arrays."""
+        return OPERATORS[type(op)](*(library.arrayed(v) for v in (left, right)))
+
+    def elements(self, parts: list[ast.expr], scope: Environment) -> Iterator[Any]:
+        """The values of a sequence's parts, stars unpacked."""
+        for part in parts:
+            if isinstance(part, ast.Starred):
+                yield from library.items(self.expression(part.value, scope))
+            else:
+                yield self.expression(part, scope)
+
+    def comprehended(
+        self, element: ast.expr, generators: list[ast.comprehension], scope: Environment
+    ) -> Iterator[Any]:
+        """The values of a comprehension."""
+        if not generators:
+            yield self.expression(element, scope)
+            return
+        first, *rest = generators
+        for item in self.items(first.iter, scope):
+            self.bind(first.target, item, scope)
+            if all(self.expression(test, scope) for test in first.ifs):
+                yield from self.comprehended(element, rest, scope)
+
+    def items(self, e: ast.expr, scope: Environment) -> Iterator[Any]:
+        """What a loop goes over."""
+        value = self.expression(e, scope, noted=not isinstance(e, ast.Name))
+        return iter(list(library.items(value)))
+
+    def subscript(self, e: ast.expr, scope: Environment) -> Any:
+        """An index: plain numbers, slices, names."""
+        match e:
+            case ast.Tuple():
+                return tuple(self.subscript(part, scope) for part in e.elts)
+            case ast.Slice():
+                ends = (e.lower, e.upper, e.step)
+                return slice(*(None if p is None else self.subscript(p, scope) for p in ends))
+            case ast.Constant():
+                return e.value
+            case _:
+                return library.plain(self.expression(e, scope, noted=False))
+
+    def attribute(self, e: ast.Attribute, scope: Environment) -> Any:
+        """An attribute of an array, a module or a namespace."""
+        base = self.expression(e.value, scope, noted=False)
+        if isinstance(base, library.Constants):
+            value = getattr(base.owner, e.attr)
+            return self.outside(e.attr, value)
+        found = library.attribute(base, e.attr)
+        if found is None:
+            self.refuse(e, f"{ast.unparse(e)} is not understood")
+        return self.lift(found)
+
+    def called(self, e: ast.Call, scope: Environment) -> Any:
+        """A call's result: of the user's function, or of one that is known."""
+        function = self.expression(e.func, scope, noted=False)
+        arguments = list(self.elements(e.args, scope))
+        named = {k.arg: self.expression(k.value, scope) for k in e.keywords if k.arg is not None}
+        if len(named) != len(e.keywords):
+            self.refuse(e, "arguments with two stars")
+        if isinstance(function, Function):
+            outer, self.tape.node = self.tape.node, None
+            value = self.call(function, arguments, named)
+            self.tape.node = outer
+            return self.loaded(e, value, scope)
+        if not callable(function):
+            self.refuse(e, f"calls {ast.unparse(e.func)}, which is not understood")
+        self.node = e
+
+        def compute() -> Any:
+            try:
+                return function(self.tape, arguments, named)
+            except library.NotUnderstood as error:
+                self.refuse(e, f"calls {ast.unparse(e.func)}: {error}")
+
+        return self.noted(e, scope, compute)
+
+    # --- notes ------------------------------------------------------------------------------------
+
+    def noted(self, node: ast.AST, scope: Environment, compute: Any) -> Any:
+        """Compute a node's value, its operations being marked as its own."""
+        outer, self.tape.node = self.tape.node, self.source.number[id(node)]
+        try:
+            value = compute()
+        finally:
+            self.tape.node = outer
+        self.remember(node, value, scope)
+        return value
+
+    def loaded(self, node: ast.expr, value: Any, scope: Environment) -> Any:
+        """What a name holds, read by operations of its own, so that this use can be edited alone."""
+        if isinstance(value, Slot):
+            return self.noted(node, scope, lambda: self.tape.record(identity, value))
+        if isinstance(value, np.ndarray) and value.dtype == object:
+            if not all(isinstance(entry, Slot) for entry in value.flat):
+                return value
+            read = objects([None] * value.size).reshape(value.shape)
+
+            def copy() -> Any:
+                for k in np.ndindex(value.shape):
+                    read[k] = self.tape.record(identity, value[k])
+                return read
+
+            return self.noted(node, scope, copy)
+        return value
+
+    def remember(self, node: ast.AST, value: Any, scope: Environment) -> None:
+        """Keep an evaluation of a node."""
+        if isinstance(value, Slot | np.ndarray):
+            place = self.source.number[id(node)]
+            known = self.result.instances.setdefault(place, [])
+            known.append(Instance(value, {**self.globals, **scope}))
+
+
+class _Reader(_Expressions):
     def __init__(self, source: Source) -> None:
         super().__init__(source)
         self.pending: set[str] = set()
@@ -71,7 +356,7 @@ class _Reader(Expressions):
         self.result.inputs = tuple(slot.index for slot in slots)
         receiver = self.source.outside.get("<self>")
         if receiver is not None:
-            arguments.insert(0, calls.Constants(receiver))
+            arguments.insert(0, library.Constants(receiver))
         try:
             value = self.call(Function(function, {}), arguments, {})
         except TapeError as error:
@@ -82,7 +367,7 @@ class _Reader(Expressions):
             raise
         except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
             self.refuse(self.node, f"{type(error).__name__}: {error}")
-        flat = list(calls.flatten(value))
+        flat = list(library.flatten(value))
         if len(flat) != len(u):
             raise InputError(
                 f"{self.where(function)}: {function.name} returned {len(flat)} numbers, expected the "
@@ -137,7 +422,7 @@ class _Reader(Expressions):
             slot = self.constant(float(value), exact=value)
             self.result.parameters[name] = slot.index
             return slot
-        return calls.known(value)
+        return library.known(value)
 
     def constant(self, value: float, exact: Any) -> Slot:
         node, self.tape.node = self.tape.node, None
@@ -147,8 +432,8 @@ class _Reader(Expressions):
 
     def module_level(self, name: str, node: ast.AST) -> Any:
         """What the module's own text says a name is: only the statements that set it are read."""
-        if name in calls.BUILTINS:
-            return calls.BUILTINS[name]
+        if name in library.BUILTINS:
+            return library.BUILTINS[name]
         if name in self.pending:
             self.refuse(node, f"{name!r} is defined by itself")
         setters = self.source.setters.get(name, [])
@@ -272,17 +557,17 @@ class _Reader(Expressions):
                 scope[s.name] = Function(s, scope)
             case ast.Import():
                 for alias in s.names:
-                    module = calls.module(alias.name)
+                    module = library.module(alias.name)
                     if module is None:
                         self.refuse(s, f"uses the module {alias.name!r}")
                     root = alias.name.partition(".")[0]
                     if alias.asname:
                         scope[alias.asname] = module
                     else:
-                        scope[root] = calls.module(root)
+                        scope[root] = library.module(root)
             case ast.ImportFrom():
                 for alias in s.names:
-                    found = calls.member(s.module or "", alias.name)
+                    found = library.member(s.module or "", alias.name)
                     if found is None:
                         self.refuse(s, f"uses {alias.name!r} of the module {s.module!r}")
                     scope[alias.asname or alias.name] = self.lift(found)
@@ -304,7 +589,7 @@ class _Reader(Expressions):
             if not names and value.tape.exact[value.index] is not None:
                 self.result.parameters.setdefault(target.id, value.index)
         elif isinstance(target, ast.Tuple | ast.List) and isinstance(of, ast.Tuple | ast.List):
-            for one, entry, part in zip(target.elts, calls.items(value), of.elts):
+            for one, entry, part in zip(target.elts, library.items(value), of.elts):
                 self.note_parameters(one, entry, part)
         if isinstance(of, ast.Dict) and isinstance(value, dict):
             for key, entry, part in zip(value, value.values(), of.values):
@@ -320,7 +605,7 @@ class _Reader(Expressions):
             case ast.Name():
                 scope[target.id] = value
             case ast.Tuple() | ast.List():
-                values = list(calls.items(value))
+                values = list(library.items(value))
                 stars = [k for k, e in enumerate(target.elts) if isinstance(e, ast.Starred)]
                 if stars:
                     k, extra = stars[0], len(values) - len(target.elts) + 1

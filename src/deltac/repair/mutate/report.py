@@ -12,13 +12,13 @@ import numpy as np
 
 from deltac.diagnosis.check import chosen_map
 from deltac.diagnosis.models import load_model
-from deltac.diagnosis.mutation import KINDS, Mutant, mutants
-from deltac.diagnosis.repair.interpreter import trace
-from deltac.diagnosis.repair.program import at, named_parameters, read
-from deltac.diagnosis.repair.samples import RIGHT, Target
-from deltac.diagnosis.repair.source import Source, read_source
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
+from deltac.repair.mutate.operators import KINDS, Mutant, mutants
+from deltac.repair.tracing.interpreter import trace
+from deltac.repair.tracing.program import at, named_parameters, read
+from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.source import Source, read_source
 from deltac.simulation.equations import Equations
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
@@ -53,7 +53,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Mutation:
+class MutationReport:
     """What tests see of mutants of a function.
 
     file, function  what was mutated
@@ -148,7 +148,7 @@ def mutate_equations(
     names: int = 2,
     seed: int = 0,
     progress: Callable[[float, str], None] | None = None,
-) -> Mutation:
+) -> MutationReport:
     """Change equations of motion in every small way, and see which tests notice.
 
     The tests are the testing functions in rate form, the momentum balances, and the coordinate residual
@@ -188,7 +188,9 @@ def mutate_equations(
             progress(k / len(made), f"mutant {k + 1} of {len(made)}")
         trials.append(_tried(source, mutant, target, varied))
     tests = tuple(_blank(target))
-    return Mutation(source.name, source.qualified, tests, tuple(trials), program.wrong, varied)
+    return MutationReport(
+        source.name, source.qualified, tests, tuple(trials), program.wrong, varied
+    )
 
 
 def _blank(target: Target) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Run functions in a process of their own, with limits of time and memory.
 
 Only what the reader has understood is run: the function, and the constants and functions of its module
-that it uses. The process is `child.py`: JSON in, JSON out.
+that it uses. The process is `sandbox_worker.py`: JSON in, JSON out.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from deltac.diagnosis.repair.samples import Samples
-from deltac.diagnosis.repair.source import Source
-from deltac.diagnosis.repair.tape import Array
+from deltac.repair.tracing.samples import Samples
+from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tape import Array
 
-CHILD = Path(__file__).with_name("child.py")
+CHILD = Path(__file__).with_name("sandbox_worker.py")
 
 
 def extract(source: Source, statements: frozenset[int]) -> tuple[str, str] | None:

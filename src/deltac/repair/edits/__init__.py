@@ -1,0 +1,1 @@
+"""Edits out: what each expression must be, and what could be written to make it so."""

@@ -1,0 +1,316 @@
+"""The search for edits: what each expression must be, then the edits that make it so."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.errors import InputError
+from deltac.repair.edits.candidates import Candidate, apply, short
+from deltac.repair.edits.insertions import Vocabulary, additions, insertions
+from deltac.repair.edits.required import Requirement, Requirements
+from deltac.repair.edits.substitutions import substitutions
+from deltac.repair.edits.unsolved_form import unsolved_form
+from deltac.repair.tracing.interpreter import trace
+from deltac.repair.tracing.program import Program, at
+from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tape import Array, Change
+
+SIMPLE = 1.25
+"""With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
+
+
+@dataclass(eq=False)
+class Search:
+    """One program, and what was found out about its expressions."""
+
+    program: Program
+    deadline: float = np.inf
+
+    def __post_init__(self) -> None:
+        self.vocabulary = Vocabulary(self.program)
+        self.requirements = Requirements(self.program)
+
+    def require(self) -> None:
+        """Find what each expression must be."""
+        for place in self.program.numbers:
+            if time.monotonic() > self.deadline:
+                break
+            self.requirements.find(place)
+
+    @property
+    def whole(self) -> list[Requirement]:
+        """The expressions any one of which could be the only mistake."""
+        return [r for r in self.requirements.found.values() if r.whole]
+
+    @property
+    def partial(self) -> list[Requirement]:
+        """The expressions that could be the mistake in some of the equations that are wrong."""
+        return [r for r in self.requirements.found.values() if not r.whole]
+
+    def single(self) -> list[Candidate]:
+        """Single edits that seem to make the function right, cheapest first."""
+        found = [c for r in self.whole for c in self.edits(r)]
+        numbers = self.program.numbers
+        # Arrays, and what is evaluated more than once, have no one value that they must have.
+        others = [place for place in self.program.trace.instances if place not in numbers]
+        found += self.tried([*others, *self.requirements.undecided])
+        if not any(c.cost <= SIMPLE for c in found):
+            found += self.exchanged()
+        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+
+    def tried(self, places: Iterable[int]) -> list[Candidate]:
+        """Substitutions at some nodes that make the function right, found by running every one."""
+        found: list[Candidate] = []
+        for place in places:
+            for candidate in itertools.chain(
+                substitutions(self.program, place), additions(self.program, place)
+            ):
+                if time.monotonic() > self.deadline:
+                    return found
+                if candidate.changes and self.program.passes(candidate.changes):
+                    found.append(candidate)
+        return found
+
+    def edits(self, r: Requirement) -> Iterator[Candidate]:
+        """Edits of one expression that give it the value it must have."""
+        for candidate in substitutions(self.program, r.place):
+            if candidate.changes and self.meets(r, candidate.changes):
+                yield candidate
+        yield from insertions(self.program, r, self.vocabulary)
+        if not r.unique:
+            yield from (
+                c for c in additions(self.program, r.place) if self.meets(r, c.changes or {})
+            )
+
+    def meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
+        """Whether an edit gives an expression its required value; by running it where there may be others."""
+        if not r.unique:
+            residual = self.program.residual(changes)
+            return bool(np.abs(residual[list(r.rows)]).max() < RIGHT)
+        change = changes[r.slot]
+        with np.errstate(all="ignore"):
+            x = change.operation(*(self.program.tape.values[k] for k in change.inputs))
+        size = np.abs(r.required).max() + np.abs(r.value).max()
+        return bool(np.abs(x - r.required).max() <= 1e-7 * size)
+
+    def exchanged(self) -> list[Candidate]:
+        """Two elements of a list or of an unpacking exchanged: found by reading the text again."""
+        source = self.program.source
+        found: list[Candidate] = []
+        for place, node in enumerate(source.nodes):
+            if not isinstance(node, ast.Tuple | ast.List) or not 2 <= len(node.elts) <= 6:
+                continue
+            if isinstance(source.nodes[source.parent[place]], ast.Subscript):
+                continue
+            for i in range(len(node.elts)):
+                for j in range(i + 1, len(node.elts)):
+                    if time.monotonic() > self.deadline:
+                        return found
+                    candidate = _exchange(source, place, node, i, j)
+                    if candidate is not None and self._right(candidate):
+                        found.append(candidate)
+        return found
+
+    def _right(self, candidate: Candidate) -> bool:
+        changed = apply(self.program.source, [candidate])
+        if changed is None:
+            return False
+        samples = self.program.samples
+        nominal = samples.group == 0
+        try:
+            found = trace(changed, samples.t[nominal], samples.q[:, nominal], samples.u[:, nominal])
+        except InputError:
+            return False
+        off = found.tape.run(found.outputs) - samples.acceleration[:, nominal]
+        r = np.einsum("bij,jb->ib", samples.M[nominal], off) / samples.typical[:, nominal]
+        return bool(np.abs(r).max() < RIGHT)
+
+
+def _exchange(
+    source: Source, place: int, node: ast.Tuple | ast.List, i: int, j: int
+) -> Candidate | None:
+    first, second = source.segment(node.elts[i]), source.segment(node.elts[j])
+    if first == second or len(first) + len(second) > 200:
+        return None
+    start, end = source.span(node)
+    (a, b), (c, d) = source.span(node.elts[i]), source.span(node.elts[j])
+    text = source.text[start:a] + second + source.text[b:c] + first + source.text[d:end]
+    words = f"{short(first, 40)} and {short(second, 40)} should be exchanged"
+    return Candidate(place, text, words, "order", 1.2, None)
+
+
+def confirmed(
+    source: Source, target: Target, edits: Sequence[Candidate], varied: tuple[str, ...]
+) -> Source | None:
+    """The edited source if it is right at states that the search has not seen, else None.
+
+    Where the search varied parameters, they are varied again; an edit must not hide one.
+    """
+    changed = apply(source, edits)
+    if changed is None:
+        return None
+    try:
+        program = at(changed, target, varied, fresh=True)
+    except InputError:
+        return None
+    return changed if program.wrong < RIGHT else None
+
+
+COMBINED = 12
+"""Edits of one set of equations that are combined with those of another."""
+
+MATCH = 1e-7
+POOL = 20_000
+
+
+def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
+    """Pairs of edits that seem to make the function right, cheapest first within each kind."""
+    rows = unsolved_form(search.program)
+    ways = [search]
+    if rows is not None:
+        ways.insert(0, Search(rows, search.deadline))
+        ways[0].require()
+    for way in ways:
+        yield from _in_different_equations(way)
+        yield from _adding_up(way)
+    yield from sequential(ways[0], target)
+
+
+def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+    """One edit that rights some of the equations, another that rights the rest."""
+    wrong = np.abs(search.program.original_residual).max(axis=1) > RIGHT
+    by_rows: dict[tuple[bool, ...], list[Candidate]] = {}
+    for r in search.partial:
+        if time.monotonic() > search.deadline:
+            return
+        rows = tuple(bool(a and b) for a, b in zip(r.rows, wrong))
+        if any(rows):
+            by_rows.setdefault(rows, []).extend(search.edits(r))
+    for rows in by_rows:
+        by_rows[rows] = sorted(by_rows[rows], key=lambda c: (c.cost, len(c.text)))[:COMBINED]
+    found = []
+    for (a, first), (b, second) in itertools.combinations(by_rows.items(), 2):
+        if all(np.array(a) | np.array(b) | ~wrong):
+            found += [(x, y) for x in first for y in second if x.place != y.place]
+    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from found
+
+
+def _adding_up(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+    """Two substitutions whose effects on the residual add up to what is needed.
+
+    Where neither changes what the other acts on, R(both) = R(one) + R(other) − R(none), which must be zero;
+    with all sums on a line (a random projection), partners are found by sorting.
+    """
+    program = search.program
+    base = program.original_residual
+    pool: list[Candidate] = []
+    effects: list[Array] = []
+    for place in program.numbers:
+        if time.monotonic() > search.deadline:
+            return
+        for candidate in substitutions(program, place):
+            if candidate.changes and len(pool) < POOL:
+                effect = program.residual(candidate.changes) - base
+                size = np.abs(effect).max()
+                if np.isfinite(size) and size > RIGHT:
+                    pool.append(candidate)
+                    effects.append(effect.ravel())
+    if len(pool) < 2:
+        return
+    E = np.array(effects)
+    wanted = -base.ravel()
+    line = np.random.default_rng(0).standard_normal(len(wanted))
+    place_on_line, goal = E @ line, float(wanted @ line)
+    order = np.argsort(place_on_line)
+    sorted_places = place_on_line[order]
+    found = []
+    width = MATCH * (np.abs(wanted).sum() + 1e-3)
+    for i in range(len(pool)):
+        need = goal - place_on_line[i]
+        lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
+        for j in order[lo:hi]:
+            if j <= i or pool[i].place == pool[j].place:
+                continue
+            if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
+                found.append((pool[i], pool[int(j)]))
+    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from found
+
+
+FOLLOWED = 24
+"""First edits after which a second is looked for, cheapest first."""
+
+SEQUENTIAL_TIME = 15.0
+"""Time for it (s): nearly all that can be found is found early."""
+
+
+def sequential(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
+    """Pairs of edits, found by reading the function again after each first one."""
+    program = search.program
+    wrong = _wrong(program)
+    deadline = min(search.deadline, time.monotonic() + SEQUENTIAL_TIME)
+    followed = 0
+    for first in _closing(search, wrong, deadline):
+        if followed == FOLLOWED or time.monotonic() > deadline:
+            return
+        changed = apply(program.source, [first])
+        if changed is None:
+            continue
+        try:
+            again = at(changed, target, tuple(program.samples.parameters))
+        except InputError:
+            continue
+        left = _wrong(unsolved_form(again) or again)
+        if (left & ~wrong).any() or not (wrong & ~left).any():
+            continue
+        followed += 1
+        then = Search(again, deadline)
+        then.require()
+        for second in then.single():
+            place = _before(program.source, first, changed, second.place)
+            if place is not None:
+                yield first, replace(second, place=place, changes=None)
+
+
+def _wrong(program: Program) -> NDArray[np.bool_]:
+    """The equations that are not right."""
+    return np.asarray(~(np.abs(program.original_residual).max(axis=1) < RIGHT))
+
+
+def _closing(search: Search, wrong: NDArray[np.bool_], deadline: float) -> list[Candidate]:
+    """Single edits that make one of the wrong equations right, cheapest first."""
+    found: list[Candidate] = []
+    for place in search.program.numbers:
+        for row in np.flatnonzero(wrong):
+            if time.monotonic() > deadline:
+                break
+            requirement = search.requirements.closing(place, int(row))
+            if requirement is not None:
+                found += search.edits(requirement)
+    return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+
+
+def _before(source: Source, first: Candidate, changed: Source, place: int) -> int | None:
+    """The place in the source of a node of the edited one; None where it is part of the edit."""
+    _, end = source.span(source.nodes[first.place])
+    shift = len(changed.text) - len(source.text)
+    wanted = changed.nodes[place]
+    a, b = changed.span(wanted)
+    start, _ = source.span(source.nodes[first.place])
+    if a >= end + shift:
+        a, b = a - shift, b - shift
+    elif b > start:
+        return None
+    for k, node in enumerate(source.nodes):
+        if type(node) is type(wanted) and hasattr(node, "lineno") and source.span(node) == (a, b):
+            return k
+    return None

@@ -1,0 +1,3 @@
+"""Gone."""
+
+from __future__ import annotations

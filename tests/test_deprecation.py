@@ -1,0 +1,103 @@
+"""Old names work for one release; each use is told at its own line."""
+
+from __future__ import annotations
+
+import sys
+import types
+import warnings
+from dataclasses import dataclass
+from inspect import currentframe, signature
+
+import pytest
+
+from deltac.deprecation import RenamedAttribute, renamed_keywords, renamed_names, warn_renamed
+from deltac.errors import InputError
+
+
+@renamed_keywords(control="controller", h="step")
+def run(step, controller=None):
+    return step, controller
+
+
+@renamed_keywords(size="length")
+@dataclass(frozen=True)
+class Part:
+    length: float
+    extent = RenamedAttribute("length")
+
+
+def line():
+    return currentframe().f_back.f_lineno
+
+
+def test_an_old_keyword_reaches_the_new_one_and_is_told_where_it_was_used():
+    with pytest.warns(DeprecationWarning) as told:
+        assert run(h=0.1, control="c") == (0.1, "c")
+        at = line() - 1
+    assert sorted(str(w.message) for w in told) == [
+        "run(control=…) is now run(controller=…); the old name goes in the next release",
+        "run(h=…) is now run(step=…); the old name goes in the next release",
+    ]
+    assert {(w.filename, w.lineno) for w in told} == {(__file__, at)}
+
+
+def test_new_names_are_silent_and_the_signature_has_them_alone():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert run(step=0.1, controller=1) == run(0.1, 1)
+        assert Part(length=2.0).length == 2.0
+    assert list(signature(run).parameters) == ["step", "controller"]
+
+
+def test_old_and_new_together_are_refused():
+    with pytest.raises(InputError, match="step="):
+        run(h=0.1, step=0.1)
+
+
+def test_an_unknown_keyword_is_still_an_error():
+    with pytest.raises(TypeError):
+        run(0.1, speed=2)
+
+
+def test_a_class_takes_its_old_keywords_and_attributes():
+    with pytest.warns(DeprecationWarning, match=r"Part\(size=…\) is now Part\(length=…\)") as told:
+        part = Part(size=3.0)
+    assert told[0].filename == __file__
+    with pytest.warns(DeprecationWarning, match=r"Part\.extent is now Part\.length") as told:
+        assert part.extent == 3.0
+    assert told[0].filename == __file__
+
+
+def test_a_module_finds_its_old_names():
+    old = types.ModuleType("old_home")
+    old.__getattr__ = renamed_names("old_home", {"join": "os.path.join"})
+    with pytest.warns(DeprecationWarning, match=r"old_home\.join is now os\.path\.join") as told:
+        join = old.join
+    assert join("a", "b") and told[0].filename == __file__
+    with pytest.raises(AttributeError, match="no attribute 'split'"):
+        old.split  # noqa: B018
+
+
+def test_from_import_blames_the_importing_line(monkeypatch):
+    old = types.ModuleType("old_home")
+    old.__path__ = []
+    old.__getattr__ = renamed_names("old_home", {"join": "os.path.join"})
+    monkeypatch.setitem(sys.modules, "old_home", old)
+    with pytest.warns(DeprecationWarning) as told:
+        from old_home import join  # noqa: F401
+    assert {w.filename for w in told} == {__file__}
+
+
+def test_a_warning_is_shown_once_for_each_line():
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            run(h=0.1)
+        run(h=0.1)
+    assert len(told) == 2
+
+
+def test_an_example_is_shown():
+    with pytest.warns(DeprecationWarning) as told:
+        warn_renamed("f(tolerance=…)", "S(tolerance=…)", write="f(solver=S(tolerance=1e-9))")
+    assert "; write f(solver=S(tolerance=1e-9)); " in str(told[0].message)

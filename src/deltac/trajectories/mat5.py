@@ -17,7 +17,7 @@ import numpy as np
 
 from deltac.errors import InputError
 from deltac.limits import Limits
-from deltac.trajectories.rawlog import Budget
+from deltac.trajectories.formats.raw import Budget
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17

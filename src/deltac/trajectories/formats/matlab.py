@@ -1,0 +1,155 @@
+"""MATLAB's .mat files: versions 4 to 7 are parsed by `mat5`, version 7.3 by h5py.
+
+Read are numeric arrays and structures of them, at any depth: ``s.joint.q`` is the column of that
+name, so that structures ``q`` and ``u`` with one field for each coordinate give the columns of the
+log schema. Of Simulink's formats: "Structure with time" (a signal is named by its label), "Structure"
+and "Array". Objects (timeseries, Simulink's Dataset, Simscape's simlog) are stored in a form that only
+MATLAB reads; they are skipped, and the message says how to turn them into structures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from deltac.errors import InputError
+from deltac.files import read_bytes
+from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
+from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
+from deltac.trajectories.mat5 import MatlabObject, variables
+from deltac.trajectories.trajectory import Trajectory
+
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_LARGEST = 2**31 - 1  # bytes of one variable of version 5
+_VALUES = ("values", "data", "Values", "Data")
+_UNITS = ("unit", "units", "Unit", "Units")
+
+_REMEDIES = {
+    "timeseries": "in MATLAB: s.time = x.Time; s.elbow = x.Data; save('log.mat', '-struct', 's')",
+    "Simulink": "in Simulink, Configuration Parameters > Data Import/Export: format 'Structure with "
+    "time', or for each signal: x = out.get('name'); s.time = x.Time; s.elbow = x.Data; "
+    "save('log.mat', '-struct', 's')",
+    "simscape": "in MATLAB, for each variable of the simlog: s.elbow = "
+    "simlog.Elbow.Rz.q.series.values('rad'); s.time = simlog.Elbow.Rz.q.series.time; "
+    "save('log.mat', '-struct', 's')",
+}
+
+
+def write_mat(run: Trajectory, header: str, file: BinaryIO) -> None:
+    """Write the arrays of `to_arrays` as version 5, with the names of their columns as cells."""
+    from scipy.io import savemat
+
+    arrays = to_arrays(run)
+    for name, array in arrays.items():
+        if array.nbytes > _LARGEST:
+            raise InputError(
+                f"{name!r} takes {array.nbytes / 1e9:.1f} GB, and a variable of a MATLAB 5 file at "
+                "most 2.1 GB; write .h5, which MATLAB's h5read reads, or .parquet"
+            )
+    names = {key: np.array(getattr(run, key), dtype=object) for key in ("coordinates", "speeds")}
+    savemat(file, {"deltac": header, **names, **arrays}, oned_as="column")
+
+
+def read_mat(path: Path) -> RawLog:
+    """The arrays of deltac's own logs, or what another program's variables hold."""
+    with path.open("rb") as file:
+        start = file.read(520)
+    modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
+    found = dict(_hdf5_variables(path) if modern else variables(read_bytes(path)))
+    if isinstance(header := found.get("deltac"), str):
+        return from_arrays(found, parse_header(header) or {})
+    collector = Collector()
+    for name, value in found.items():
+        _flatten(collector, name, value)
+    return collector.log()
+
+
+def _flatten(collector: Collector, name: str, value: Any) -> None:
+    """The columns of a variable: arrays, and the fields of structures, joined by dots."""
+    if isinstance(value, MatlabObject):
+        collector.skip(name, _explained(value.kind))
+    elif isinstance(value, Mapping):
+        if "signals" in value:
+            _simulink(collector, name, value)
+            return
+        unit = next((value[k] for k in _UNITS if isinstance(value.get(k), str)), None)
+        for key, item in value.items():
+            if key in _VALUES and isinstance(item, np.ndarray):
+                collector.add(f"{name}.{key}", item, unit)
+            elif not (key in _UNITS and isinstance(item, str)):
+                _flatten(collector, f"{name}.{key}", item)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _flatten(collector, f"{name}[{index}]", item)
+    elif isinstance(value, str):
+        collector.skip(name, "is text, not numbers")
+    else:
+        collector.add(name, value)
+
+
+def _simulink(collector: Collector, name: str, structure: Mapping[str, Any]) -> None:
+    """Simulink's "Structure with time": time, and signals with values and label."""
+    if "time" in structure:
+        _flatten(collector, f"{name}.time", structure["time"])
+    signals = structure["signals"]
+    for index, signal in enumerate(signals if isinstance(signals, list) else [signals]):
+        label = signal.get("label") if isinstance(signal, Mapping) else None
+        full = f"{name}.{label}" if isinstance(label, str) and label else f"{name}.signals[{index}]"
+        if not isinstance(signal, Mapping) or "values" not in signal:
+            collector.skip(full, "has no field 'values', which a signal of Simulink has")
+            continue
+        values = signal["values"]
+        if isinstance(values, np.ndarray) and values.ndim == 3:  # a matrix signal: time comes last
+            values = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
+        _flatten(collector, full, values)
+
+
+def _explained(kind: str) -> str:
+    family = next((key for key in _REMEDIES if kind.lower().startswith(key.lower())), None)
+    remedy = _REMEDIES[family] if family else "save its numbers as a structure of arrays"
+    return f"is an object of MATLAB's class {kind!r}, which only MATLAB can read; {remedy}"
+
+
+# -- version 7.3 ---------------------------------------------------------------------------------
+
+
+def _hdf5_variables(path: Path) -> Iterator[tuple[str, Any]]:
+    with opened_hdf5(path) as file:
+        for name, item in file.members(file.root):
+            if not name.startswith("#"):  # '#refs#' holds what cells refer to
+                yield name, _hdf5_value(file, item, 0)
+
+
+def _hdf5_value(file: Opened, item: Any, depth: int) -> Any:
+    file.check_depth(depth)
+    kind = _text(item.attrs.get("MATLAB_class", b""))
+    if "MATLAB_object_decode" in item.attrs or kind == "function_handle":
+        return MatlabObject(kind)
+    if not hasattr(item, "shape"):  # a group is a structure
+        fields = {key: _hdf5_value(file, value, depth + 1) for key, value in file.members(item)}
+        return _turned(fields) if kind == "struct" or not kind else fields
+    if item.attrs.get("MATLAB_empty"):
+        return np.empty(0)
+    if file.refers(item):  # a cell, or one field of an array of structures
+        places = file.references(item).T.ravel()
+        cells = [_hdf5_value(file, file.target(place), depth + 1) for place in places]
+        return cells[0] if len(cells) == 1 else cells
+    values = np.asarray(file.values(item))
+    if kind == "char" and values.dtype.kind in "iu":
+        return "".join(map(chr, values.T.ravel()))
+    return values.T  # MATLAB's first index varies fastest
+
+
+def _text(value: Any) -> str:
+    return value.decode("latin1") if isinstance(value, bytes) else str(value)
+
+
+def _turned(fields: dict[str, Any]) -> Any:
+    """An array of structures is stored as a structure of lists; turn it."""
+    counts = {len(value) for value in fields.values() if isinstance(value, list)}
+    if not fields or len(counts) != 1 or not all(isinstance(v, list) for v in fields.values()):
+        return fields
+    return [{key: value[i] for key, value in fields.items()} for i in range(counts.pop())]

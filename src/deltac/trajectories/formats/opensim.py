@@ -1,0 +1,150 @@
+"""OpenSim's motions and storages, .mot and .sto: a header, ``endheader``, a table by tabs.
+
+Columns of states, ``/jointset/<joint>/<coordinate>/value`` and ``/speed`` (in older files
+``<coordinate>`` and ``<coordinate>_u``), are read as coordinates and speeds; in a motion a plain
+column is a coordinate if the mechanism has one of that name. ``inDegrees=yes`` speaks of the
+rotational coordinates alone, so that their units must be known from a mechanism or a mapping.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from deltac.errors import InputError, shown
+from deltac.files import read_bytes
+from deltac.limits import Limits
+from deltac.trajectories.formats.delimited import distinct
+from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.trajectory import FloatArray, row_name
+
+_ROWS, _COLUMNS = ("nRows", "datarows"), ("nColumns", "datacolumns")
+_NEWEST = 3
+_END = re.compile(rb"^[ \t]*endheader[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
+_STATE = {"value": "q", "speed": "u"}
+
+
+def read_opensim(path: Path) -> RawLog:
+    """The columns of the table, and what the header says of them."""
+    content = read_bytes(path)
+    _check_header(content)
+    try:
+        lines = content.decode("utf-8-sig").split("\n")
+    except UnicodeDecodeError as error:
+        raise InputError("the file is not UTF-8 text; expected an OpenSim table") from error
+    end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None:
+        raise InputError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+    header = dict(_entry(line) for line in lines[:end] if "=" in line)
+    _check_kind(header)
+    first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
+    if first is None:
+        raise InputError("no column names after 'endheader'; the file is truncated")
+    limits = Limits.current()
+    limits.check("header", len(lines[first]), f"line {first + 1}: the column names are of")
+    names = [name.strip() for name in lines[first].split("\t" if "\t" in lines[first] else None)]
+    limits.check("columns", len(names), "the log has")
+    distinct(names)
+    table = _table(lines, first + 1, len(names))
+    for keys, found, what in ((_ROWS, len(table), "rows"), (_COLUMNS, len(names), "columns")):
+        _check_count(header, keys, found, what)
+    columns = {name: table[:, index] for index, name in enumerate(names)}
+    return RawLog(
+        columns, meanings=_meanings(names), plain_names=True, in_degrees=_in_degrees(header)
+    )
+
+
+def _check_header(content: bytes) -> None:
+    """InputError for a header beyond the limit, before the file is taken apart."""
+    limits = Limits.current()
+    if _END.search(content, 0, limits.header) is None:
+        limits.check("header", len(content), "no line 'endheader' is found: the header is of")
+        raise InputError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+
+
+def _entry(line: str) -> tuple[str, str]:
+    key, _, value = line.partition("=")
+    return key.strip(), value.strip()
+
+
+def _check_kind(header: dict[str, str]) -> None:
+    kind = header.get("DataType", "double")
+    if kind != "double":
+        raise InputError(
+            f"DataType={kind[:80]}: expected double. Vectors and rotations of markers or frames are no "
+            "generalized coordinates; export the states or the coordinates of the motion"
+        )
+    version = header.get("version", "1")
+    if version not in map(str, range(_NEWEST + 1)):
+        raise InputError(
+            f"version={version[:80]}: this deltac reads OpenSim tables up to {_NEWEST}"
+        )
+
+
+def _in_degrees(header: dict[str, str]) -> bool:
+    value = header.get("inDegrees", "no").lower()
+    if value not in ("yes", "no"):
+        raise InputError(f"inDegrees={value[:80]}: expected yes or no")
+    return value == "yes"
+
+
+def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what: str) -> None:
+    for key in keys:
+        if key in header and header[key] != str(found):
+            raise InputError(
+                f"the table has {found} {what}, the header says {key}={header[key][:80]}: the file is cut "
+                "off or was edited. Take the complete one, or correct the header."
+            )
+
+
+def _table(lines: list[str], start: int, width: int) -> FloatArray:
+    numbers = [number for number in range(start, len(lines)) if lines[number].strip()]
+    if not numbers:
+        raise InputError("there are column names but no rows; expected at least one")
+    Limits.current().check("rows", len(numbers), "the log has")
+    for number in (numbers[0], numbers[-1]):
+        _fields(lines, number, width)  # before room is reserved for so many
+    table = np.empty((len(numbers), width))
+    for index, number in enumerate(numbers):
+        fields = _fields(lines, number, width)
+        try:
+            # `float` also reads digits of other scripts, and underscores between digits.
+            table[index] = [float(field) for field in fields]
+            plain = lines[number].isascii() and "_" not in lines[number]
+        except ValueError:
+            plain = False
+        if not plain:
+            bad = next(field for field in fields if not _is_number(field))
+            raise InputError(
+                f"{row_name(index, len(numbers))}, line {number + 1}: found {shown(bad)}, expected a number"
+            )
+    return table
+
+
+def _fields(lines: list[str], number: int, width: int) -> list[str]:
+    fields = lines[number].split()
+    if len(fields) != width:
+        raise InputError(f"line {number + 1} has {len(fields)} fields, expected {width}")
+    return fields
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.isascii() and "_" not in text
+
+
+def _meanings(names: list[str]) -> dict[str, str]:
+    """What OpenSim's conventions say: paths of states, and ``_u`` beside a coordinate."""
+    meanings, known = {}, set(names)
+    for name in names:
+        path = name.strip("/").split("/")
+        if name.startswith("/jointset/") and len(path) == 4 and path[-1] in _STATE:
+            meanings[name] = f"{_STATE[path[-1]]}.{path[-2]}"
+        elif name.endswith("_u") and (base := name.removesuffix("_u")) in known:
+            meanings[name], meanings[base] = f"u.{base}", f"q.{base}"
+    return meanings

@@ -1,3 +1,0 @@
-"""Gone."""
-
-from __future__ import annotations

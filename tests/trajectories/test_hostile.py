@@ -24,7 +24,7 @@ from scipy.sparse import csc_matrix
 from deltac.errors import InputError
 from deltac.limits import Limits, parse_json
 from deltac.trajectories import Trajectory, read_trajectory, to_metadata
-from hostile import outcome
+from tests.support.hostile import outcome
 
 T = np.arange(5.0)
 RUN = Trajectory(t=T, q=T[:, None], u=T[:, None], coordinates=("a",), speeds=("a",))
@@ -354,7 +354,7 @@ def test_our_parser_of_mat_files_reads_what_scipy_writes(
         values |= {"s": {"a": T, "b": {"c": T, "text": "é漢"}}, "cells": np.array([T, "x"], object)}
     path = tmp_path / "log.mat"
     savemat(path, values, format=form, do_compression=compressed and form == "5")
-    from deltac.trajectories.mat5 import variables
+    from deltac.trajectories.formats.mat5 import variables
 
     found = dict(variables(path.read_bytes()))
     assert found.keys() == values.keys()

@@ -1,4 +1,4 @@
-"""Gone."""
+"""Logs on disk: one registry of formats, by suffix; what is written reads back to the last bit."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ import numpy as np
 from deltac.errors import InputError
 from deltac.files import read_bytes
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
+from deltac.trajectories.formats.mat5 import MatlabObject, variables
 from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
-from deltac.trajectories.mat5 import MatlabObject, variables
 from deltac.trajectories.trajectory import Trajectory
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

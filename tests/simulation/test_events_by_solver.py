@@ -40,7 +40,7 @@ def ball() -> dc.Mechanism:
         bodies=[dc.point_mass("ball", 1.0)],
         joints=[dc.prismatic("height", "ground", "ball", axis="z")],
         gravity=(0.0, 0.0, -G),
-        events=[dc.joint_stop("floor", "height", lower=0.0, restitution=E)],
+        events=[dc.events.joint_stop("floor", "height", lower=0.0, restitution=E)],
     )
 
 
@@ -122,14 +122,14 @@ def clutch() -> dc.Mechanism:
     law = f"-{STIFFNESS}*max(-q.slip - {PLAY}, 0)"
     return dc.Mechanism(
         bodies=[
-            dc.disc("driving", 2 * DRIVING, 1.0, "z"),
-            dc.disc("driven", 2 * DRIVEN, 1.0, "z"),
+            dc.bodies.disc("driving", 2 * DRIVING, 1.0, "z"),
+            dc.bodies.disc("driven", 2 * DRIVEN, 1.0, "z"),
         ],
         joints=[
             dc.revolute("shaft", "ground", "driving", "z"),
             dc.revolute("slip", "driving", "driven", "z"),
         ],
-        forces=[dc.joint_torque("clutch", "slip", law.replace("-", "", 1))],
+        forces=[dc.forces.joint_torque("clutch", "slip", law.replace("-", "", 1))],
     )
 
 

@@ -100,8 +100,8 @@ def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> 
         raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
     if correct is not None and (solver.multistep or solver.family == "taylor"):
         raise InputError(
-            f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; use "
-            "a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
+            f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
+            "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
     if correct is not None and watching:
         raise InputError(

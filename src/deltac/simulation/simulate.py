@@ -10,10 +10,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.caching import LRUCache
 from deltac.dynamics.system import trace
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import (
@@ -229,7 +229,7 @@ class Compiled:
     observe_events: Kernel
 
 
-_KEPT: Kept[Compiled] = Kept(32)
+_KEPT: LRUCache[Compiled] = LRUCache(32)
 
 
 def _compiled(

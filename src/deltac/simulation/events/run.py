@@ -13,7 +13,7 @@ from deltac.arrays import Array
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.simulation.events.impact import Collider
 from deltac.simulation.events.location import EPS, End, crossing, may_cross
@@ -155,8 +155,8 @@ class EventRun:
     ) -> tuple[float, Array, list[int]] | None:
         """The first event within a step: its time, the state there, and all that pass zero then.
 
-        `state` gives states within the step, `fresh` tells that an event has just happened at its start. Where
-        there is none, the run is at the end of the step.
+        `state` gives states within the step, `fresh` tells that an event has just happened at its start.
+        Where there is none, the run is at the end of the step.
         """
         h = t1 - t0
         before = self._here or self._look(t0, x0)
@@ -299,9 +299,9 @@ class EventRun:
             self._slack[k] = TOUCHING + max(0.0, -float(sight.g[k])) if resting else 0.0
             if resting and sight.bend[k] < -none:
                 self.message = (
-                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is in lasting contact, pressed on and "
-                    "not parting; impacts are of an instant. Let a terminal event end the run there, or use a "
-                    "compliant contact"
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is in lasting contact, pressed on "
+                    "and not parting; impacts are of an instant. Let a terminal event end the run there, or "
+                    "use a compliant contact"
                 )
 
     def _check_switch(self, t: float, x: Array, which: list[int]) -> None:
@@ -310,9 +310,9 @@ class EventRun:
         for k in which:
             if self._sides[k] * sight.rate[k] < 0.0:
                 self.message = (
-                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} leads back to where it switches, from "
-                    "both sides (stick, a sliding mode): the law has no value there. Give it a steep but "
-                    "continuous slope in place of the jump"
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} leads back to where it switches, "
+                    "from both sides (stick, a sliding mode): the law has no value there. Give it a steep "
+                    "but continuous slope in place of the jump"
                 )
 
 

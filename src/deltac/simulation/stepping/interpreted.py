@@ -1,4 +1,4 @@
-"""What steps taken from Python are made of: ẋ with what users write, and what is done to a state after a step."""
+"""Steps taken from Python: ẋ, with controllers and equations of users, and what follows each step."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction
 from deltac.simulation.constraints.projection import pivot, projection
 from deltac.simulation.equations import Controller, motor_values
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.runge_kutta import Parts
 
 
@@ -50,7 +51,7 @@ def _correction_kernel(flow: Flow) -> Kernel:
 
 
 class Finish:
-    """What a run does to a state after each step: unit quaternions, back on the constraints, energy corrected.
+    """What a run does to a state after each step: unit quaternions, projection, the energy corrected.
 
     Nothing is compiled before the first call: steps that are compiled as a whole hold all this themselves.
     """

@@ -173,8 +173,9 @@ class Loop:
         if not np.isfinite(x1).all():
             if np.isfinite(step.x1).all():
                 raise StepFailed(
-                    f"in the step to {step.t1:.9g} s the new state cannot be brought onto the constraints. The "
-                    f"motion up to t = {t:.9g} s is kept. Take a smaller step, or look for constraints that lock"
+                    f"in the step to {step.t1:.9g} s the new state cannot be brought onto the constraints. "
+                    f"The motion up to t = {t:.9g} s is kept. Take a smaller step, or look for constraints "
+                    "that lock"
                 )
             self.message = _blown_up(step.t1, t)
             return fresh

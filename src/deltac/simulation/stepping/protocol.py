@@ -96,7 +96,7 @@ class Stepper(Protocol):
     """Whether its steps end at the times of the grid; else it chooses them, and has dense output."""
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
-        """The next step, to `until` or, off the grid, as far as it likes but not beyond; may raise StepFailed."""
+        """The next step, to `until`, or off the grid to anywhere before it; StepFailed if there is none."""
 
     def accept(self, t: float, x: Array) -> None:
         """Go on from the end of the last attempt, finished to x; or from one of the states ahead."""

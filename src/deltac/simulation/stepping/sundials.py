@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import Form, Point, Settings
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
@@ -55,8 +56,9 @@ class SundialsSteps:
             return Step(t, x, until, exact(until), exact)
         except RuntimeError as error:
             raise StepFailed(
-                f"{_reason(error)}{_speed(self._flow, x)}; what was computed so far is kept. Look at the laws "
-                "there: one that grows without bound, jumps, or ceases to be defined; or try a larger tolerance="
+                f"{_reason(error)}{_speed(self._flow, x)}; what was computed so far is kept. Look at the "
+                "laws there: one that grows without bound, jumps, or ceases to be defined; or try a larger "
+                "tolerance="
             ) from None
 
     def accept(self, t: float, x: Array) -> None:

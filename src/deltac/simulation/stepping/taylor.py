@@ -11,9 +11,10 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.mechanism.laws import is_smooth
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid
 
 MOST_AHEAD = 256

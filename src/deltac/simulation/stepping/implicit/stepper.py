@@ -47,7 +47,7 @@ def check_radius(solver: Solver, radius: float | None) -> float:
 
 @dataclass(frozen=True)
 class Taken:
-    """A step that was taken: its unknowns y; x and the memory after it, its rates (u̇, P) and multipliers λ."""
+    """A step that was taken: its unknowns y; x and memory after it, its rates (u̇, P) and multipliers λ."""
 
     y: Array
     x: Array
@@ -231,8 +231,9 @@ def _stopped(method: ImplicitMethod, t: float, h: float, outcome: Outcome) -> st
         )
         why += f"; what is left of the equations of motion is{_worst(method, h, outcome)}"
     return (
-        f"in the step to {t + h:.9g} s {why}. The motion up to t = {t:.9g} s is kept. Take a smaller step; if "
-        "that does not help, look for a law that jumps or is not defined there, or for constraints that lock"
+        f"in the step to {t + h:.9g} s {why}. The motion up to t = {t:.9g} s is kept. Take a smaller step; "
+        "if that does not help, look for a law that jumps or is not defined there, or for constraints that "
+        "lock"
     )
 
 

@@ -21,11 +21,20 @@ _PUBLIC: dict[str, str] = {
     for alias in statement.names
 }
 
+#: names of version 0.1 -> what to write now; to go in the next release
+_RENAMED: dict[str, str] = {"Advice": "deltac.Recommendation"}
+
 __all__ = sorted(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
+    if name in _RENAMED:
+        from deltac.deprecation import warn_renamed
+
+        warn_renamed(f"deltac.{name}", _RENAMED[name])
+        home, _, name = _RENAMED[name].rpartition(".")
+        return getattr(import_module(home), name)
     module = _PUBLIC.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

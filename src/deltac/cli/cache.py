@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from deltac.cli.output import Json, print_json
+from deltac.results import plain
 
 
 def command(
@@ -20,16 +21,7 @@ def command(
         clear_cache()
     info = cache_info()
     if as_json:
-        print_json(
-            {
-                "path": None if info.path is None else str(info.path),
-                "enabled": info.enabled,
-                "writable": info.writable,
-                "entries": info.entries,
-                "size_bytes": info.size_bytes,
-                "limit_bytes": info.limit_bytes,
-            }
-        )
+        print_json("Cache", plain(info))
         return
     where = "nowhere: there is no home folder" if info.path is None else str(info.path)
     state = "" if info.enabled else " (off)"

@@ -23,9 +23,9 @@ from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_constrained import ConstrainedTextbook
-from deltac.dynamics.textbook_kinematics import tree
+from deltac.dynamics.textbook.constrained import ConstrainedTextbook
+from deltac.dynamics.textbook.kinematics import tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
 from deltac.mechanism import (
     GROUND,

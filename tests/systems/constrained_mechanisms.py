@@ -238,6 +238,16 @@ class Tied:
         return f"Tied({self.sample!r}; {kinds})"
 
 
+def condition(tied: Tied) -> float:
+    """How much the constrained system magnifies rounding: that of G M⁻¹ Gᵀ, and of M."""
+    ties = tied.ties
+    M = tied.book.mass_matrix
+    G = ties.G[list(tied.independent)]
+    S = G @ np.linalg.solve(M, G.T)
+    d = 1 / np.sqrt(np.diag(S))
+    return float(np.linalg.cond(M) * np.linalg.cond(d[:, None] * S * d))
+
+
 def tied(options: Options, *, moving: bool = True, most: int = 2) -> SearchStrategy[Tied]:
     """Random trees with random constraints, assembled: all constraints are met at both levels."""
     return st.composite(_tied)(options, moving, most)

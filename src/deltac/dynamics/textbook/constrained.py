@@ -112,7 +112,7 @@ class ConstrainedTextbook:
         B: Array = np.array(columns, dtype=float).T
         return B
 
-    @property
+    @cached_property
     def _apart(self) -> dict[str, Frame]:
         """The bodies as if nothing joined them: partial velocities for v itself."""
         b = self.book

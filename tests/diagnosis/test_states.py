@@ -73,7 +73,7 @@ def test_impossible_constraints_are_told() -> None:
     far = dc.Mechanism(
         bodies=[dc.rod("bar", 1.0, 1.0)],
         joints=[dc.revolute("pin", "ground", "bar")],
-        constraints=[dc.distance("wire", "ground", "bar", 0.1, point1=(5.0, 0.0, 0.0))],
+        constraints=[dc.constraints.distance("wire", "ground", "bar", 0.1, point1=(5.0, 0.0, 0.0))],
     )
     with pytest.raises(dc.InputError, match="only 0 of 64 random states .* admissible"):
         random_states(far)

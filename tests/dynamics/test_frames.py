@@ -96,8 +96,8 @@ def oblique() -> dc.Mechanism:
         [
             dc.revolute("j1", "ground", "a", (1, 2, 3), position=(0.1, 0, 0)),
             dc.revolute("j2", "a", "b", (1, 2, 3), position=(0, 0.4, 0)),
-            dc.cylindrical("j3", "b", "c", (-1, 1, 0), position=(0.3, 0, 0.1)),
-            dc.screw("j4", "b", "d", (0, 1, 0), pitch=0.2, position=(0, 0, 0.5)),
+            dc.joints.cylindrical("j3", "b", "c", (-1, 1, 0), position=(0.3, 0, 0.1)),
+            dc.joints.screw("j4", "b", "d", (0, 1, 0), pitch=0.2, position=(0, 0, 0.5)),
             dc.prismatic("j5", "d", "e", (2, 0, -1), position=(0.2, 0.1, 0)),
         ],
         gravity=(0, 0, -9.81),

@@ -110,7 +110,7 @@ def explosive() -> tuple[dc.Mechanism, dc.State]:
     mechanism = dc.Mechanism(
         [dc.body("rotor", 1, [1, 1, 1])],
         [dc.revolute("shaft", "ground", "rotor")],
-        [dc.joint_torque("motor", "shaft", "1 + u.shaft**3")],
+        [dc.forces.joint_torque("motor", "shaft", "1 + u.shaft**3")],
     )
     return mechanism, mechanism.state(speeds={"shaft": 1.0})
 

@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.dynamics.textbook.forces import ChannelForce, Situation, channel_forces
+from deltac.dynamics.textbook.forces import channel_forces
 from deltac.dynamics.textbook.kinematics import (
     Array,
     Tree,
@@ -36,6 +36,7 @@ from deltac.dynamics.textbook.kinematics import (
     prescribed,
     tree,
 )
+from deltac.dynamics.textbook.situation import ChannelForce, Situation
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 

@@ -18,12 +18,17 @@ def command(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            "--only", metavar="FIGURE", help="Only these figures: 4.7, or 4.1,4.2; repeatable."
+            "--only",
+            metavar="FIGURE",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: what inexact accelerations do.",
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where figures and results.json go.")
     ] = Path("results/thesis"),
+    thesis_axes: Annotated[
+        bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
@@ -40,13 +45,17 @@ def command(
     with progress_bar() as progress:
         reproduction = reproduce(figures, lambda done, what: progress(RUNS * done, what))
         written = write(
-            reproduction, out, lambda done, what: progress(RUNS + (1 - RUNS) * done, what)
+            reproduction,
+            out,
+            lambda done, what: progress(RUNS + (1 - RUNS) * done, what),
+            thesis_axes=thesis_axes,
         )
-    if not as_json:
-        print_sections(reproduction.sections())
-        folder = written.results.parent
-        print(f"figures: {folder / 'figure_4_*.png'} ({len(written.figures)})")
-        print(f"results: {written.results} ({len(reproduction.results)} numbers)")
-        raise typer.Exit(reproduction.exit_code)
-    files = {"figures": written.figures, "results_file": written.results}
-    deliver(reproduction, as_json, **plain(files))
+    if as_json:
+        deliver(
+            reproduction, as_json, figures=plain(written.figures), results_file=str(written.results)
+        )
+    print_sections(reproduction.sections())
+    if written.figures:
+        print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
+    print(f"results: {written.results} ({len(reproduction.results)} numbers)")
+    raise typer.Exit(reproduction.exit_code)

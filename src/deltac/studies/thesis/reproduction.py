@@ -9,7 +9,13 @@ from typing import TypeAlias
 
 from deltac.errors import InputError
 from deltac.results import Record, Report, Section, Table, number
-from deltac.studies.thesis.experiments import EXPERIMENTS, REPORTED, Experiment, Reported
+from deltac.studies.thesis.experiments import (
+    EVERYTHING,
+    EXPERIMENTS,
+    REPORTED,
+    Experiment,
+    Reported,
+)
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
@@ -60,7 +66,7 @@ class Result(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees",)):
+class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "assumed")):
     """The experiments that were run, what came out of each run, and the results.
 
     `outcomes` maps a `Run` to its trajectory and ledger; runs that serve several figures are there
@@ -93,6 +99,10 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees",)):
         known = sum(bool(row.difference) for row in self.differences)
         return f"{agree} of {len(judged)} statements agree, {known} differ for a known reason"
 
+    def assumed(self) -> dict[str, str]:
+        """What the thesis does not say and we chose, by figure."""
+        return {e.figure: e.assumed for e in self.experiments if e.assumed}
+
     def sections(self) -> Iterator[Section]:
         """Every statement of the thesis beside our number; then why some are known to differ."""
         reasons = list(dict.fromkeys(r.difference for r in self.differences if r.difference))
@@ -108,6 +118,7 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees",)):
                     name = ""
         yield Table(("experiment", "the thesis reports", "we measure", "agrees?"), tuple(rows))
         yield from (f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
+        yield from (f"{figure}: we chose {what}." for figure, what in self.assumed().items())
 
     def of(self, experiment: Experiment) -> dict[str, Outcome]:
         """What came out of an experiment's runs, by their labels."""
@@ -118,7 +129,8 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     """Run the thesis's experiments again.
 
     Args:
-        only: the figures to reproduce, "4.1" to "4.10"; all of them without it.
+        only: the figures to reproduce, "4.1" to "4.10", all of them without it; or "floor", which
+            repeats three of them with accelerations that an iterative solver left inexact.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -146,7 +158,7 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
 
 
 def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
-    known = [experiment.figure for experiment in EXPERIMENTS]
+    known = [experiment.figure for experiment in EVERYTHING]
     if only is None:
         return EXPERIMENTS
     wanted = [only] if isinstance(only, str) else list(only)
@@ -155,7 +167,7 @@ def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
             raise InputError(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
     if not wanted:
         raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
-    return tuple(experiment for experiment in EXPERIMENTS if experiment.figure in wanted)
+    return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)
 
 
 def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterator[Result]:
@@ -185,7 +197,7 @@ def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterato
 def _reported(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[str, float, str]]:
     """(quantity, value, unit) of every run: its testing functions, and where it ends."""
     end = f"{outcome.run.duration:g} s"
-    if experiment.shows == "testing functions":
+    if experiment.shows in ("testing functions", "numbers"):
         for function, name in NAMES.items():
             yield f"{name} |ΔC| at {end}", final(outcome, function), "J"
             yield f"max {name} |ΔC|", largest(outcome, function), "J"

@@ -19,7 +19,7 @@ from deltac.diagnosis.explain.explain import explain_residual as explain_residua
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
 from deltac.diagnosis.recommend.recommend import recommend as recommend
-from deltac.diagnosis.recommend.result import Advice as Advice
+from deltac.diagnosis.recommend.result import Recommendation as Recommendation
 from deltac.diagnosis.residuals.states import States as States
 from deltac.diagnosis.residuals.states import random_states as random_states
 from deltac.diagnosis.study.convergence import Convergence as Convergence

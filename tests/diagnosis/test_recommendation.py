@@ -29,7 +29,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
     problem = dc.problems.load("triple-pendulum")
     advice = dc.recommend(problem, duration=1.0, tolerance=1e-6, solvers=("ode8", "ode5", "ode4"))
     assert advice.verified
-    assert advice.status == 0
+    assert advice.exit_code == 0
     assert advice.best is not None
     assert advice.coarser is not None
     errors = []
@@ -101,7 +101,7 @@ def test_the_search_finds_what_trying_all_would(
     ]
     if not every:
         assert advice.best is None
-        assert advice.status == 1
+        assert advice.exit_code == 1
         return
     cheapest = min(trial.seconds for trial in every)
     assert advice.verified
@@ -122,7 +122,7 @@ def test_nothing_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = dc.problems.load("simple-pendulum")
     advice = dc.recommend(problem, duration=0.2, tolerance=2e-13, solvers=("ode1",))
     assert advice.best is None
-    assert advice.status == 1
+    assert advice.exit_code == 1
     assert advice.step is None
     assert "Nothing that was tried" in advice.explain()
     assert "ode1" in advice.explain()

@@ -1,4 +1,4 @@
-"""Cases of the foreign bench, one a number: a machine, who simulates it, what is wrong, how it is handed over."""
+"""Cases of the foreign bench: a machine, who simulates it, what is wrong, how it is handed over."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from foreign.machines import Machine, draw
 from foreign.simulators import Drive, Recording, Run
 
 FAULTS = (
-    "gravity", "mass", "centre", "inertia", "missing-damper", "damping", "missing-spring", "gear", "dry-friction",
-    "drag", "wall", "armature",
+    "gravity", "mass", "centre", "inertia", "missing-damper", "damping", "missing-spring", "gear",
+    "dry-friction", "drag", "wall", "armature",
 )  # fmt: skip
 
 

@@ -17,7 +17,9 @@ from deltac.dynamics.terms import (
     prescribed_channels,
     terms,
 )
-from deltac.mechanism import Mechanism, body, fixed, prismatic, revolute, rod
+from deltac.mechanism.bodies import body, rod
+from deltac.mechanism.joints import fixed, prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.random_mechanisms import Sample, assert_close, largest, samples, scalar
 
 

@@ -7,21 +7,17 @@ from typing import Any
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import (
-    Mechanism,
-    body,
-    box,
-    frame,
+from deltac.mechanism.bodies import body, box, frame
+from deltac.mechanism.channels import split
+from deltac.mechanism.forces import (
     joint_damper,
     joint_spring,
     joint_torque,
     point_force,
-    revolute,
-    spherical,
     spring_damper,
-    universal,
 )
-from deltac.mechanism.channels import split
+from deltac.mechanism.joints import revolute, spherical, universal
+from deltac.mechanism.mechanism import Mechanism
 
 A, B = box("upper", 1, [1, 1, 1]), box("lower", 1, [1, 1, 1])
 SHOULDER = revolute("shoulder", "ground", "upper")

@@ -19,8 +19,8 @@ from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
     Vector,
+    as_rotation,
     positive,
-    rotation_matrix,
     unit_vector,
     vector,
 )
@@ -80,7 +80,7 @@ def _loop(
         vector(point2, f"point2 of {where}"),
         unit_vector(axis1, f"axis1 of {where}"),
         unit_vector(axis1 if axis2 is None else axis2, f"axis2 of {where}"),
-        IDENTITY if rotation is None else rotation_matrix(rotation, f"rotation of {where}"),
+        IDENTITY if rotation is None else as_rotation(rotation, f"rotation of {where}"),
     )
 
 

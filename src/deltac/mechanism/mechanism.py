@@ -60,12 +60,12 @@ class Mechanism:
         for attribute, kind, example in (
             ("bodies", Body, "deltac.body(...)"),
             ("joints", Joint, "deltac.revolute(...)"),
-            ("forces", Element, "deltac.joint_torque(...)"),
-            ("constraints", Constraint, "deltac.distance(...)"),
+            ("forces", Element, "deltac.forces.joint_torque(...)"),
+            ("constraints", Constraint, "deltac.constraints.distance(...)"),
             (
                 "events",
                 Happening,
-                "deltac.joint_stop(...), deltac.impact(...) or deltac.event(...)",
+                "deltac.events.joint_stop(...), deltac.events.impact(...) or deltac.events.event(...)",
             ),
         ):
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))

@@ -17,9 +17,9 @@ from deltac.mechanism.quantities import (
     Matrix,
     Quantity,
     Vector,
+    as_rotation,
     part_name,
     positive,
-    rotation_matrix,
     unit_vector,
     vector,
 )
@@ -135,7 +135,7 @@ def box(
     return Box(
         body,
         vector(position, f"position of {where}"),
-        rotation_matrix(rotation, f"rotation of {where}"),
+        as_rotation(rotation, f"rotation of {where}"),
         (a, b, c),
     )
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 import math
 from collections.abc import Callable
+=======
+import contextlib
+from collections.abc import Callable, Iterator
+>>>>>>> main
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +22,17 @@ from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.inputs.models import load_model
+<<<<<<< HEAD
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Verdict, percent
+=======
+from deltac.diagnosis.residuals.at_samples import EquationTerms, equation_terms
+from deltac.diagnosis.verdict import Finding, Judged, Verdict
+>>>>>>> main
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 
@@ -46,8 +57,12 @@ class Row:
     basis: str
 
 
-@dataclass(frozen=True, eq=False)
-class Audit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(
+    Judged,
+    omit=("ledger", "run", "mechanism", "import_report", "left_over"),
+    also=("relative", "turnover", "method", "delta_c", "error_bar", "rows", "samples", "imported"),
+):
     """What an audit found.
 
     Attributes:
@@ -77,11 +92,6 @@ class Audit:
     strict: bool = False
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was noticed, causes first."""
-        return self.verdict.findings
-
-    @property
     def relative(self) -> float:
         """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
         largest = float(np.abs(self.left_over).max())
@@ -89,12 +99,17 @@ class Audit:
         return largest / beside if beside > 0.0 else 0.0
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 the balance holds within the tolerance, 1 it does not, 3 unresolved.
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 the balance holds within the tolerance, 1 not, 3 unresolved.
 
+<<<<<<< HEAD
         A mistake in the model that stays within the tolerance is named by the verdict and is status 0,
         unless a channel of the model moved more energy than that otherwise than in the log, or one is
         missing. If `strict`, a mistake that is real counts however small it is.
+=======
+        A mistake in the model that stays within the tolerance is named by the verdict and is 0, unless a
+        channel of the model moved more energy than that otherwise than in the log, or one is missing.
+>>>>>>> main
         """
         if self.verdict.kind == "unresolved":
             return 3
@@ -129,17 +144,12 @@ class Audit:
             rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
         return tuple(rows)
 
-    def table(self) -> str:
-        """The table as text."""
-        rows = self.rows()
-        width = max(len(row.name) for row in rows)
-        lines = [f"{'':{width}}  {'work (J)':>12}  {'share':>8}  basis"]
-        lines += [
-            f"{row.name:{width}}  {row.energy:12.5g}  {100 * row.share:7.3g}%  {row.basis}"
-            for row in rows
-        ]
-        return "\n".join(lines)
+    @property
+    def turnover(self) -> float:
+        """The energy turned over, J."""
+        return self.ledger.turnover
 
+<<<<<<< HEAD
     def to_dict(self) -> dict[str, Any]:
         """All but the time histories, for JSON: what is not finite is None."""
         ledger = self.ledger
@@ -166,19 +176,59 @@ class Audit:
             "assumed_by_import": [str(r) for r in self.import_report.assumed]
             if self.import_report
             else [],
+=======
+    @property
+    def method(self) -> str:
+        """How ΔC was integrated: "in-loop", "samples" or "discrete"."""
+        return self.ledger.method
+
+    @property
+    def delta_c(self) -> dict[str, float]:
+        """Largest |ΔC| of each testing function, J."""
+        return {name: float(np.abs(x).max()) for name, x in self.ledger.delta_c.items()}
+
+    @property
+    def error_bar(self) -> dict[str, float]:
+        """Largest error bar of each testing function, J."""
+        return {name: float(x.max()) for name, x in self.ledger.error_bar.items()}
+
+    @property
+    def samples(self) -> int:
+        """How many samples were judged."""
+        return len(self.run)
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        report = self.import_report
+        return {
+            "ignored": tuple(map(str, report.ignored)) if report else (),
+            "assumed": tuple(map(str, report.assumed)) if report else (),
+>>>>>>> main
         }
-        plain: dict[str, Any] = _finite(held)
-        return plain
+
+    def summary(self) -> str:
+        """Verdict, and the energy error beside the tolerance."""
+        sign = ">" if self.relative > self.tolerance else "≤"
+        return (
+            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
+            f"{self.turnover:.4g} J turned over (confidence {self.verdict.confidence})"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """Where the energy went, the verdict, what the model's import left out."""
+        rows: list[tuple[str, ...]] = []
+        for row in self.rows():
+            if row.name == "ΔK":
+                rows.append(())
+            rows.append((row.name, number(row.energy), f"{100 * row.share:.3g} %", row.basis))
+        yield Table(("channel", "energy (J)", "share", "basis"), tuple(rows))
+        yield from self.verdict.sections()
+        if self.import_report is not None:
+            yield from self.import_report.sections()
 
     def _bar(self) -> str:
         return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
-
-    def __repr__(self) -> str:
-        return (
-            f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
-            f"{percent(self.relative)} of {self.ledger.turnover:.4g} J turned over; "
-            f"{len(self.findings)} findings)"
-        )
 
 
 _BEYOND_TOLERANCE = (
@@ -279,9 +329,52 @@ def audit(
     )
 
 
+<<<<<<< HEAD
 def _held_energy(ledger: Ledger) -> float:
     """The energy that the system has at a time, as far as it changes: max K and the range of V, J."""
     return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
+=======
+def _of_equations(
+    mechanism: Mechanism,
+    log: Log,
+    terms: EquationTerms,
+    tolerance: float,
+    import_report: ImportReport | None,
+    known: list[Finding],
+) -> list[Finding]:
+    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
+    if any(f.weight == "doubt" for f in known):
+        return checks.blame(terms)
+    whole = log.consecutive is log.run
+    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
+    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
+    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
+    if misread:
+        return misread + checks.blame(terms)
+    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
+    now_and_then = checks.intermittent(terms, log.run, tolerance)
+    simple: list[Finding] = []
+    if terms.significant.any():
+        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
+    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
+    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
+
+
+def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
+    """The few causes that explain the residual of consecutive samples; none where these are too few.
+
+    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    """
+    from deltac.diagnosis.explain.explain import EXPLAINS, explanation
+    from deltac.diagnosis.explain.regression import LEAST_ROWS
+    from deltac.diagnosis.explain.search import MOST
+
+    if len(run) >= LEAST_ROWS:
+        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            return list(explanation(mechanism, run, "samples", least, most=most).findings)
+    return []
+>>>>>>> main
 
 
 def _function(ledger: Ledger) -> str:
@@ -290,15 +383,6 @@ def _function(ledger: Ledger) -> str:
         if name in ledger.delta_c:
             return name
     return next(iter(ledger.delta_c))
-
-
-def _finite(value: Any) -> Any:
-    """Nested lists and dicts with None for what no JSON can hold."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _derived(run: Trajectory, what: str) -> bool:

@@ -1,4 +1,4 @@
-"""The evidence of an audit beyond energy: which columns of a log are believed, and what they say of the equations.
+"""The evidence of an audit beyond energy: which columns are believed, what they say of the equations.
 
 Two tests speak of the equations. The one-step test rests on states and forces alone; the rate form on
 measured accelerations, which are believed as far as the speeds bear them out. A log whose rows follow from
@@ -164,7 +164,7 @@ def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple
 def _believed(
     mechanism: Mechanism, log: Log, step: OneStep | None, *, given: bool
 ) -> tuple[EquationTerms | None, list[Finding]]:
-    """The equations at the samples as far as the accelerations are those of the speeds; None if they are not."""
+    """The equations at the samples, if the accelerations are the rates of the speeds; else None."""
     terms = equation_terms(mechanism, log.run)
     if given:
         return terms, []

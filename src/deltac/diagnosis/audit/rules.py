@@ -39,7 +39,8 @@ HALF = 0.5
 class Measures:
     """Numbers (J, s) that a verdict on one log rests on.
 
-    turnover  energy turned over; held_energy: what of energy the system has at a time; scale: that and the energies themselves; kinetic: the largest K
+    turnover  energy turned over; held_energy: what of energy the system has at a time
+    scale     all of that, and the energies themselves; kinetic: the largest K
     left      largest |ΔC|, corrections included; bar: the error bar of its quadrature, and `held`:
               what of it comes of forces held over steps that were not all logged
     tolerance accepted share of the smaller of turnover and energy held

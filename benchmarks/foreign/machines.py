@@ -66,7 +66,7 @@ class Machine:
             if link.armature:
                 options["armature"] = link.armature
             joints.append(made(link.joint, parent, link.name, link.axis, **options))
-        motors = [dc.joint_torque(f"m{k}", self.links[k].joint) for k in self.motors]
+        motors = [dc.forces.joint_torque(f"m{k}", self.links[k].joint) for k in self.motors]
         return dc.Mechanism(
             bodies=bodies, joints=joints, forces=motors, gravity=(0, 0, -self.gravity),
             name=self.name,

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-import math
-from collections.abc import Callable
-=======
-import contextlib
 from collections.abc import Callable, Iterator
->>>>>>> main
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +16,8 @@ from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.inputs.models import load_model
-<<<<<<< HEAD
 from deltac.diagnosis.residuals.one_step import OneStep
-from deltac.diagnosis.verdict import Finding, Verdict, percent
-=======
-from deltac.diagnosis.residuals.at_samples import EquationTerms, equation_terms
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
->>>>>>> main
+from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -60,8 +49,18 @@ class Row:
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "left_over"),
-    also=("relative", "turnover", "method", "delta_c", "error_bar", "rows", "samples", "imported"),
+    omit=("ledger", "run", "mechanism", "import_report", "left_over", "step"),
+    also=(
+        "relative",
+        "turnover",
+        "method",
+        "delta_c",
+        "error_bar",
+        "rows",
+        "samples",
+        "imported",
+        "one_step",
+    ),  # fmt: skip
 ):
     """What an audit found.
 
@@ -77,7 +76,7 @@ class Audit(
         tolerance: accepted |left_over| as a fraction of the energy turned over, or of the energy that the
             system has, where that is less.
         step: the one-step test of the rows, where it was made.
-        strict: whether a mistake within the tolerance sets the exit status.
+        strict: whether a mistake within the tolerance sets the exit code.
     """
 
     ledger: Ledger
@@ -92,24 +91,27 @@ class Audit(
     strict: bool = False
 
     @property
+    def one_step(self) -> dict[str, Any] | None:
+        """What the one-step test says: the integrator, and what is left of each equation."""
+        return None if self.step is None else self.step.to_dict()
+
+    @property
     def relative(self) -> float:
         """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
-        largest = float(np.abs(self.left_over).max())
-        beside = min(self.ledger.turnover, _held_energy(self.ledger))
-        return largest / beside if beside > 0.0 else 0.0
+        return float(np.abs(self.left_over).max()) / self.beside if self.beside > 0.0 else 0.0
+
+    @property
+    def beside(self) -> float:
+        """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
+        return min(self.ledger.turnover, _held_energy(self.ledger))
 
     @property
     def exit_code(self) -> int:
         """Exit code of the command line: 0 the balance holds within the tolerance, 1 not, 3 unresolved.
 
-<<<<<<< HEAD
-        A mistake in the model that stays within the tolerance is named by the verdict and is status 0,
-        unless a channel of the model moved more energy than that otherwise than in the log, or one is
-        missing. If `strict`, a mistake that is real counts however small it is.
-=======
         A mistake in the model that stays within the tolerance is named by the verdict and is 0, unless a
-        channel of the model moved more energy than that otherwise than in the log, or one is missing.
->>>>>>> main
+        channel of the model moved more energy than that otherwise than in the log, or one is missing. If
+        `strict`, a mistake that is real counts however small it is.
         """
         if self.verdict.kind == "unresolved":
             return 3
@@ -149,34 +151,6 @@ class Audit(
         """The energy turned over, J."""
         return self.ledger.turnover
 
-<<<<<<< HEAD
-    def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON: what is not finite is None."""
-        ledger = self.ledger
-        held = {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "findings": [vars(finding) for finding in self.findings],
-            "limits": list(self.verdict.limits),
-            "status": self.status,
-            "tolerance": self.tolerance,
-            "relative": self.relative,
-            "turnover": ledger.turnover,
-            "method": ledger.method,
-            "testing_function": self.function,
-            "one_step": None if self.step is None else self.step.to_dict(),
-            "delta_c": {n: float(np.abs(x).max()) for n, x in ledger.delta_c.items()},
-            "error_bar": {n: float(x.max()) for n, x in ledger.error_bar.items()},
-            "table": [vars(row) for row in self.rows()],
-            "samples": len(self.run),
-            "ignored_by_import": [str(r) for r in self.import_report.ignored]
-            if self.import_report
-            else [],
-            "assumed_by_import": [str(r) for r in self.import_report.assumed]
-            if self.import_report
-            else [],
-=======
     @property
     def method(self) -> str:
         """How ΔC was integrated: "in-loop", "samples" or "discrete"."""
@@ -204,7 +178,6 @@ class Audit(
         return {
             "ignored": tuple(map(str, report.ignored)) if report else (),
             "assumed": tuple(map(str, report.assumed)) if report else (),
->>>>>>> main
         }
 
     def summary(self) -> str:
@@ -212,7 +185,8 @@ class Audit(
         sign = ">" if self.relative > self.tolerance else "≤"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.turnover:.4g} J turned over (confidence {self.verdict.confidence})"
+            f"{self.beside:.4g} J {'turned over' if self.beside == self.turnover else 'that the system has'} "
+            f"(confidence {self.verdict.confidence})"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -261,7 +235,7 @@ def audit(
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
-        strict: whether a mistake that is real, though it stays within the tolerance, sets the exit status.
+        strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -329,52 +303,9 @@ def audit(
     )
 
 
-<<<<<<< HEAD
 def _held_energy(ledger: Ledger) -> float:
     """The energy that the system has at a time, as far as it changes: max K and the range of V, J."""
     return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
-=======
-def _of_equations(
-    mechanism: Mechanism,
-    log: Log,
-    terms: EquationTerms,
-    tolerance: float,
-    import_report: ImportReport | None,
-    known: list[Finding],
-) -> list[Finding]:
-    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
-    if any(f.weight == "doubt" for f in known):
-        return checks.blame(terms)
-    whole = log.consecutive is log.run
-    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
-    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
-    if misread:
-        return misread + checks.blame(terms)
-    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
-    now_and_then = checks.intermittent(terms, log.run, tolerance)
-    simple: list[Finding] = []
-    if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
-    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
-    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
-
-
-def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
-    """The few causes that explain the residual of consecutive samples; none where these are too few.
-
-    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
-    """
-    from deltac.diagnosis.explain.explain import EXPLAINS, explanation
-    from deltac.diagnosis.explain.regression import LEAST_ROWS
-    from deltac.diagnosis.explain.search import MOST
-
-    if len(run) >= LEAST_ROWS:
-        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-            return list(explanation(mechanism, run, "samples", least, most=most).findings)
-    return []
->>>>>>> main
 
 
 def _function(ledger: Ledger) -> str:

@@ -260,7 +260,7 @@ def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> 
     least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
         until = time.monotonic() + SECONDS
-        return explanation(mechanism, run, "samples", least, most=most, until=until).findings()
+        return list(explanation(mechanism, run, "samples", least, most=most, until=until).findings)
     return []
 
 
@@ -283,21 +283,20 @@ def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -
     local = step.now_and_then
     share = float(local.mean()) if len(local) else 0.0
     if not step.significant.any():
-        return _missing(step, share) if FEWEST <= local.sum() and share <= SHORT else []
+        return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
     simple: list[Finding] = []
     if len(log.consecutive) >= LEAST_ROWS:
         excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
         until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
-            simple = explanation(
-                mechanism, log.consecutive, "weak", excused=excused, until=until
-            ).findings()
+            told = explanation(mechanism, log.consecutive, "weak", excused=excused, until=until)
+            simple = list(told.findings)
     # A mistake below the tolerance is real but small: its causes are told as notes.
     if not beyond(step, tolerance):
         simple = [replace(f, weight="note") for f in simple]
     if simple:
         return simple
-    return _missing(step, share) if FEWEST <= local.sum() and share <= SHORT else []
+    return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
 
 
 def beyond(step: OneStep, tolerance: float) -> bool:

@@ -217,8 +217,8 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
             "small-but-real",
             f"the equations leave {percent(step.relative[k])} of the terms of {step.speeds[k]!r}: within the "
             f"tolerance, but {step.ratio[k]:.2g} error bars",
-            f"|ΔC| {percent(energy)} of the energy; an integrator may leave {percent(step.bar[k] / step.scale[k])} "
-            "at most",
+            f"|ΔC| {percent(energy)} of the energy; an integrator may leave "
+            f"{percent(step.bar[k] / step.scale[k])} at most",
             "Look at the notes for what may cause it; strict=True makes it count",
             "note",
             step.speeds[k],
@@ -233,8 +233,8 @@ def _steps(step: OneStep | None) -> str:
     if step.closes and step.scheme is not None:
         by = f"a step of {step.scheme.name}" if step.scheme.name else "one step of several methods"
         return (
-            f"Each of {step.rows} rows follows from the one before by {by}, to {max(step.scheme.defect, 1e-16):.1g} of "
-            "the accelerations: the equations are the model's"
+            f"Each of {step.rows} rows follows from the one before by {by}, to "
+            f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the equations are the model's"
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
     if not step.significant.any():

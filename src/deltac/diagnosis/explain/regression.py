@@ -304,7 +304,8 @@ def prepare(
 ) -> Prepared:
     """The regression of a run's residual on all columns of the mechanism.
 
-    With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no cause.
+    With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no
+    cause.
 
     Raises InputError for a log of too few rows.
     """

@@ -52,7 +52,10 @@ class Found:
 
 
 def search(regression: Regression, most: int = MOST, until: float = math.inf) -> Found:
-    """The best fit of at most `most` causes, and its equals; of fewer where `time.monotonic()` passes `until`."""
+    """The best fit of at most `most` causes, and its equals.
+
+    The search ends with what it has when `time.monotonic()` reaches `until`.
+    """
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None

@@ -162,7 +162,7 @@ def compare(
 def _robust(
     told: Array, linear: Array, moved: Array, spread: Array, noise: Array
 ) -> tuple[float, float, Array, Mask]:
-    """r and θ by reweighted least squares, what they leave, and the intervals that are no outliers."""
+    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers."""
     X = np.column_stack([told, linear])
     weight = 1.0 / spread
     left = np.zeros_like(moved)
@@ -190,7 +190,7 @@ def _steady(told: Array, moved: Array, ratio: float) -> bool:
 
 
 def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
-    """Coordinates against speeds, for every free speed that is the rate of a coordinate, or turns a quaternion."""
+    """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
     edges = stretches(run)
     if not edges:
         return {}
@@ -237,7 +237,7 @@ def rotation_vectors(p: Array) -> Array:
 
 
 def stretches(run: Trajectory) -> list[tuple[int, int]]:
-    """Rows (first, last + 1) of consecutive samples without gaps or events in between; a choice of long logs."""
+    """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
     happened = np.searchsorted(run.t, [e.t for e in run.events])
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
     found = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
@@ -264,7 +264,7 @@ class Accelerations:
 
     Attributes:
         difference: "backward", "forward" or "central" where u̇ is that difference quotient of u, else "".
-        late: rows by which u̇ is older than the speeds beside it; 0 at the row, ±½ also by first-order schemes.
+        late: rows by which u̇ is older than the speeds beside it; ±½ also by schemes of first order.
         told: u̇ as the speeds have it, by splines (T, nu); NaN where rows are too few.
     """
 
@@ -529,7 +529,7 @@ def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterato
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",
-            f"all coordinates move by {common:.6g} times what their speeds say: the clock of the log is wrong",
+            f"all coordinates move by {common:.6g} times what their speeds say: the clock is wrong",
             f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
             f"Multiply the times by {common:.6g}, or log the simulator's own time",
             "doubt",

@@ -49,7 +49,7 @@ class EquationTerms:
         residual: the sum of forces, inertia forces and constraint forces.
         scale: typical size of the terms that are added up, for each speed (n,).
         precision: residual (n,) that the log's number of digits, or rounding, explains.
-        doubt: residual (n,) that accelerations which do not agree with the speeds, or an integrator, may leave.
+        doubt: residual (n,) that accelerations at odds with the speeds, or an integrator, may leave.
     """
 
     speeds: tuple[str, ...]

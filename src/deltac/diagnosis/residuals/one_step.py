@@ -20,7 +20,7 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -156,8 +156,8 @@ class Model:
         N = M C M.
         """
         flat, g = self._rows(self._matrices, t, q)
-        M = flat.reshape(-1, self.n, self.n)
-        inverse = np.linalg.inv(M)
+        M: Array = flat.reshape(-1, self.n, self.n)
+        inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         if not self.rows_of_G:
             return M, inverse
         G = g.reshape(-1, self.n, self.rows_of_G).transpose(0, 2, 1)
@@ -277,9 +277,10 @@ class Scheme:
 
 ORDERS = {
     "explicit-euler": 1, "semi-implicit-euler": 1, "euler": 1, "implicit-euler": 1,
-    "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1, "implicit-speed-euler": 1, "verlet": 2,
+    "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
+    "implicit-speed-euler": 1, "verlet": 2,
     "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
-    "rk3": 3, "bs3": 3, "rk4": 4, "rk4-on-the-group": 4, "dopri5": 5, "implicit-midpoint-mean": 2,
+    "rk3": 3, "bs3": 3, "rk4": 4, "rk4-on-the-group": 4, "dopri5": 5,
 }  # fmt: skip
 
 EXPLICIT = (
@@ -310,10 +311,10 @@ _TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
 def identify(
     model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
 ) -> tuple[Scheme | None, float, float]:
-    """The integrator whose steps the rows are, or None; the share of a that the best scheme leaves, and that
-    which digits and noise may leave.
+    """The integrator whose steps the rows are, or None; what the best one leaves; what digits may leave.
 
-    `late` is θ of q against u, which tells explicit from semi-implicit Euler.
+    Both are shares of the accelerations. `late` is θ of q against u, which tells explicit from semi-implicit
+    Euler.
     """
     whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
     if len(whole.t) < 6:
@@ -432,7 +433,9 @@ def _runge_kutta(
 ) -> Array:
     """Mean acceleration of a step of an explicit Runge–Kutta method; forces change linearly from F0 to F1."""
     rows, b = _TABLEAUS[name]
-    slopes_u, slopes_q, velocities = [], [], []
+    slopes_u: list[Array] = []
+    slopes_q: list[Array] = []
+    velocities: list[Array] = []
     x, v, c = q, u, 0.0
     for s in range(len(b)):
         if s:
@@ -440,7 +443,7 @@ def _runge_kutta(
             c = float(sum(weights))
             v = u + h * sum(w * k for w, k in zip(weights, slopes_u))
             if on_group:
-                x = model.moved(q, sum(w * k for w, k in zip(weights, velocities)), h)
+                x = model.moved(q, _sum(w * k for w, k in zip(weights, velocities)), h)
             else:
                 x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
         now = t + c * h[:, 0]
@@ -774,15 +777,15 @@ def _judged(
     typical = np.concatenate([_norm(p.N, p.a) for p in parts])
     rate = float(np.clip(np.median(change) / max(float(np.median(typical)), 1e-300), 0.0, 1.0))
     first = max((abs(x) for n, x in c.items() if n not in SECOND), default=0.0)
-    seconds = [sum(np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
-    each = {
+    seconds = [_sum(np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
+    each: dict[str, list[Array]] = {
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
-    systematic = [sum(x[k] for x in each.values()) for k in range(len(parts))]
-    systematic_bar = np.sqrt(sum(np.square(x) for x in bars.values()))
+    systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]
+    systematic_bar = np.sqrt(_sum(np.square(x) for x in bars.values()))
     rng = np.random.default_rng(5)
     # Kinks of held forces look like noise; but noise would not let any scheme come closer than itself.
     believed = min(1.0, 2.0 * off / digits) if digits > 0.0 else 1.0
@@ -849,7 +852,7 @@ def _as_forces(
     u: Array,
     F: Array,
 ) -> Array:
-    """The scheme columns of consecutive rows, times the inertia (T, n, m); the last row repeats its neighbour."""
+    """The scheme columns of consecutive rows as forces (T, n, m); the last row repeats its neighbour."""
     rows = Rows(t, q, u, F)
     found = _defects(model, rows, groups)
     nothing = np.zeros_like(found.w)
@@ -867,8 +870,13 @@ def _trimmed(values: Array) -> Array:
 
 
 def _changes(p: _Defects) -> Array:
-    """How much the accelerations of an interval (I,) change over it, by each of the causes, in the mass metric."""
-    return np.asarray(sum(_norm(p.N, x) for n, x in p.columns.items() if n not in SECOND))
+    """How much accelerations change over each interval (I,), by all causes, in the mass metric."""
+    return _sum(_norm(p.N, x) for n, x in p.columns.items() if n not in SECOND)
+
+
+def _sum(arrays: Iterable[Array]) -> Array:
+    """The sum of arrays."""
+    return np.asarray(np.sum(list(arrays), axis=0))
 
 
 def _rms(values: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.energy import balance
-from deltac.errors import DeltacError, InputError
+from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.step_size.stiffness import StiffStep
@@ -140,7 +140,7 @@ class Trial:
         return max(self.energy / tolerance, motion / motion_tolerance)
 
 
-class Refused(InputError):
+class Refused(SolverError):
     """A solver that cannot do what the model asks for, whatever its step."""
 
 

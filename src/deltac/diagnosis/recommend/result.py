@@ -33,7 +33,7 @@ class Advice:
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        turnover: energy turned over in it, J.
+        turnover: energy exchanged in it, J; `still`: so little that the motion is rounding.
         notes: why some solvers were left out.
     """
 
@@ -47,6 +47,7 @@ class Advice:
     motion_tolerance: float
     duration: float
     turnover: float
+    still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
 
@@ -79,8 +80,8 @@ class Advice:
 
     @property
     def status(self) -> int:
-        """Exit status: 0 a verified advice, 1 none of what was tried keeps the tolerance."""
-        return 0 if self.verified else 1
+        """Exit status: 0 a verified advice, 1 nothing tried keeps the tolerance, 3 nothing moves."""
+        return 3 if self.still else 0 if self.verified else 1
 
     def explain(self, width: int = 96) -> str:
         """The advice in words: what, why, why not the runner-up, and what it does not cover."""
@@ -112,6 +113,7 @@ class Advice:
             else None,
             "duration": self.duration,
             "turnover": self.turnover,
+            "still": self.still,
             "notes": list(self.notes),
             "limits": list(self.limits),
         }
@@ -119,6 +121,12 @@ class Advice:
 
 def _explained(advice: Advice) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
+    if advice.still:
+        return [
+            f"Unresolved: {advice.turnover:.2g} J are exchanged in {advice.duration:g} s, which is rounding. "
+            "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
+            "in which energy flows."
+        ]
     if best is None:
         tried = [t for t in advice.trials if math.isfinite(t.energy)]
         line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"

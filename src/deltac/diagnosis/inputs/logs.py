@@ -14,7 +14,7 @@ from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, LogError, WrongType, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
@@ -128,7 +128,7 @@ def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) 
             raise InputError("mapping= is for log files; this log is a Trajectory already")
         return _whole(mechanism, source, work)
     if not isinstance(source, str | Path):
-        raise InputError(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+        raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
     path = Path(source)
     if path.suffix.lower() == ".parquet" and path.is_file():
         rows, columns = _size(path)
@@ -199,7 +199,7 @@ def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) ->
         absurd = np.argwhere(np.abs(values) > LARGEST)
         if len(absurd):
             row, k = absurd[0]
-            raise InputError(
+            raise LogError(
                 f"column '{what}.{names[k]}', {row_name(first + int(row), rows or len(run))}, t = "
                 f"{run.t[row]:g} s: found {values[row, k]:.4g}, which is beyond any physical quantity. The "
                 "file is damaged, or the run blew up: keep only the rows before it, or repair the source"

@@ -23,7 +23,7 @@ from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import Accelerations, accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step
+from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -130,7 +130,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
     known = work or run.integrals or run.events or "held" in run.provenance.notes
     if (
         scheme is None
-        or scheme.forces == "linear"
+        or scheme.forces == "smooth"
         or not moving
         or known
         or log.consecutive is not run
@@ -182,6 +182,8 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         doubt = np.maximum(doubt, BESIDE * step.bar)
+    # What filters leave at the ends of a log is not all along it.
+    doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
     proven = step is not None and step.closes
     if proven and (terms.significant.any() or terms.doubtful.any()):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
-SECONDS = 30.0
+SECONDS = 12.0
 """Time that the search for causes may take."""
 
 AGREE = 4.0
@@ -119,7 +119,7 @@ def gather(
 
 def _late(log: Log) -> float:
     """By how many rows coordinates are ahead of their speeds, over all of them."""
-    lates = [c.late for c in log.comparisons.values() if c.off < 0.1]
+    lates = [c.late for c in log.comparisons.values() if c.off < 0.1 and c.instant]
     return float(np.median(lates)) if lates else 0.0
 
 

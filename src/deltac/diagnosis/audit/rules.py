@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.diagnosis.audit.evidence import Evidence, beyond
+from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
@@ -147,10 +148,12 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("equation-error", "medium", balance, *equations)
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
-    elif (
-        small and step is not None and step.spent >= HALF * measures.left > HALF * measures.allowed
-    ):
-        return verdict("equation-error", "medium", balance, *equations)
+    elif small and step is not None and measures.left > measures.allowed + measures.bar:
+        # Whose error the energy is cannot be told apart; but that equations are wrong is known.
+        explained = any(f.kind in PREFERENCE for f in findings)
+        if explained or step.spent >= HALF * measures.left:
+            return verdict("equation-error", "medium", balance, *equations)
+        return verdict("unresolved", "medium", balance, *equations, _open(step))
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
     if measures.turnover <= NOTHING * measures.scale:

@@ -376,7 +376,7 @@ def identify(
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
         for name in _TABLEAUS:
-            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, lambda c, F=F: F, h0))
+            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
         middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
@@ -436,6 +436,11 @@ def identify(
 def _norm(N: Array, w: Array) -> Array:
     """√(wᵀ N w) (T,)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", w, N, w), 0.0)))
+
+
+def _held(F: Array, c: float) -> Array:
+    """Forces that do not change within a step."""
+    return F
 
 
 def _runge_kutta(
@@ -890,7 +895,11 @@ def _as_forces(
     found = _defects(model, rows, groups)
     nothing = np.zeros_like(found.w)
     columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
-    forces = found.N @ columns
+    # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
+    there, _ = model.matrices(t[1:], q[1:])
+    told, _ = model.matrices(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
+    momentum = np.einsum("tij,tj->ti", there - told, u[:-1]) / rows.h
+    forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
     return np.concatenate([forces, forces[-1:]])
 
 

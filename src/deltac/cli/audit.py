@@ -35,6 +35,10 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
+    ] = False,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
@@ -54,7 +58,7 @@ def command(
     from deltac.diagnosis.audit.audit import audit
 
     checked_figure(figure)
-    found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
+    found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
     explanations = []
@@ -84,5 +88,5 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
-    allowed = found.tolerance * found.ledger.turnover
+    allowed = found.tolerance * found.beside
     write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)

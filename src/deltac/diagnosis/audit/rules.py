@@ -32,6 +32,9 @@ IDLE = 2.0
 FAR = 3.0
 """How many tolerances a residual without a known cause must be to accuse the equations."""
 
+LOWERING = ("constraint-violation",)
+"""Notes that lower the confidence in a motion that is consistent otherwise."""
+
 HALF = 0.5
 """Share of what is left that the residual must account for to be its cause."""
 
@@ -114,7 +117,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     small = any(f.kind == "small-but-real" for f in findings)
 
     def verdict(kind: Kind, confidence: Confidence, *said: str) -> Verdict:
-        if small:
+        if small or (kind == "consistent" and any(f.kind in LOWERING for f in findings)):
             confidence = "medium" if confidence == "high" else "low"
         return Verdict(kind, confidence, tuple(x for x in said if x), findings)
 

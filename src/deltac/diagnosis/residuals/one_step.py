@@ -894,7 +894,9 @@ def _as_forces(
     rows = Rows(t, q, u, F)
     found = _defects(model, rows, groups)
     nothing = np.zeros_like(found.w)
-    columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
+    columns = np.zeros((*found.w.shape, 0))
+    if names:
+        columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
     # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
     there, _ = model.matrices(t[1:], q[1:])
     told, _ = model.matrices(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))

@@ -1,4 +1,4 @@
-"""Compiled steps of a fixed-step solver by themselves: no records, checks or projections of a run about them."""
+"""Compiled steps of a fixed-step solver by themselves, without the records and checks of a run."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def _taylor(problem: dc.problems.Problem) -> Pair:
     times = np.arange(0.0, DURATION + EVERY / 2, EVERY)
 
     def whole() -> dc.Trajectory:
-        return dc.simulate(problem.mechanism, problem.state, DURATION, EVERY, "taylor", testing=())
+        return dc.simulate(problem.mechanism, problem.state, DURATION, EVERY, "taylor", record=())
 
     def bare() -> Array:
         method.time, method.state[:] = 0.0, start

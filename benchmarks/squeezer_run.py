@@ -82,8 +82,7 @@ class Squeezer:
         duration, steps = self.problem.duration, self.steps
         return dc.simulate(
             *(self.problem.mechanism, self.problem.state, duration, duration / steps, SOLVER),
-            ("wang",),
-            record_every=steps,
+            dc.Record(("wang",), every=steps),
         )
 
     def error(self, end: Array) -> float:

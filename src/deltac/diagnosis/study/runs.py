@@ -18,8 +18,8 @@ from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.step_size.stiffness import StiffStep
+from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8
@@ -208,9 +208,9 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
         run = simulator(step)
     stiff = ""
     for warning in caught:
-        if issubclass(warning.category, StiffStep):
+        if issubclass(warning.category, StiffStepWarning):
             stiff = stiff or str(warning.message)  # the first names the element
-        elif not issubclass(warning.category, SimulationStopped):
+        elif not issubclass(warning.category, SimulationStoppedWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
 from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.residuals.at_samples import EPS
@@ -36,9 +37,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Stabilisation
+from deltac.simulation.flow import Keeping, stabilised
 from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import find_solver
+from deltac.simulation.solvers import Options, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
 
@@ -407,7 +408,7 @@ def study(
     state: State | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
-    solver: str = "",
+    solver: str | Options = "",
     equations: Equations | Callable[..., Any] | None = None,
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
@@ -418,9 +419,10 @@ def study(
     order: int | None = None,
     controller: Controller | None = None,
     control: Callable[[Any, Any], object] | None = None,
-    stabilisation: Stabilisation = "projection",
+    constraints: str | Keeping = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
+    stabilisation: Any = None,
 ) -> Study:
     """Study a motion at several steps, and say whether its error is the integrator's or the equations'.
 
@@ -432,7 +434,8 @@ def study(
         duration: s; for a Problem its own by default.
         steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
             default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
-        solver: a name of `solver_names()` ("ode5" by default), or "mujoco:" and an integrator's name.
+        solver: a name of `solver_names()` ("ode5" by default) or an object of `deltac.solvers`; or "mujoco:"
+            and an integrator's name.
         equations: hand-written equations of motion in place of the mechanism's own, or their function.
         testing: testing functions that are integrated in the loop.
         simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
@@ -442,9 +445,10 @@ def study(
         order: the nominal order of `simulator`, if it has one.
         controller: sets the motors that have no law; for MuJoCo give `control`.
         control: called as control(model, data) before each step of MuJoCo.
-        stabilisation: as for `simulate`.
+        constraints: how runs stay on their constraints, as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
         progress: called with the fraction done and what is being done.
+        stabilisation: the old name of `constraints`.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -454,6 +458,9 @@ def study(
     """
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    if stabilisation is not None:
+        warn_renamed("study(stabilisation=…)", "study(constraints=…)")
+        constraints = stabilised(stabilisation)
     loaded = load_model(model)
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)
@@ -484,7 +491,7 @@ def study(
             state = loaded.problem.state if state is None and loaded.problem else state
             duration = _duration(loaded, duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
-            if solver.startswith(MUJOCO):
+            if isinstance(solver, str) and solver.startswith(MUJOCO):
                 if equations is not None or controller is not None:
                     raise InputError(
                         "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
@@ -506,7 +513,7 @@ def study(
                     testing,
                     equations,
                     controller,
-                    stabilisation,
+                    constraints,
                     order,
                     adaptive=adaptive,
                 )
@@ -542,11 +549,11 @@ def _own(
     mechanism: Mechanism,
     state: State,
     duration: float,
-    solver: str,
+    solver: str | Options,
     testing: Sequence[str],
     equations: Equations | None,
     controller: Controller | None,
-    stabilisation: Stabilisation,
+    constraints: str | Keeping,
     order: int | None,
     *,
     adaptive: bool,
@@ -558,14 +565,15 @@ def _own(
         )
     if equations is not None:
         equations = carefully(equations, mechanism, state)
-    found = find_solver(solver)
+    options = solver_options(solver)
+    found = find_solver(options.name)
     if adaptive and found.takes_steps:
         raise InputError(
-            f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
+            f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
         )
     if not adaptive and not found.takes_steps:
         raise InputError(
-            f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
+            f"solver {found.name!r} chooses its own steps: give tolerances= in place of steps="
         )
 
     def run(step: float) -> Trajectory:
@@ -574,17 +582,16 @@ def _own(
             state,
             duration,
             duration / SAMPLES if adaptive else step,
-            solver,
+            solver_options(found.name, step) if adaptive else options,
             testing,
             equations,
             controller=controller,
-            tolerance=step if adaptive else None,
-            stabilisation=stabilisation,
+            constraints=constraints,
         )
 
     # The error of an adaptive solver follows its tolerance, not a power of a step.
     nominal = None if adaptive else found.order
-    return _Maker(run, solver, nominal if order is None else order, own=True)
+    return _Maker(run, found.name, nominal if order is None else order, own=True)
 
 
 def _of_user(simulator: Simulator, order: int | None) -> _Maker:

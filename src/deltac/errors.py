@@ -14,6 +14,12 @@ class InputError(DeltacError, ValueError):
     """The input cannot be used as it is; the message says what to change (exit status 2)."""
 
 
+class UnknownName(InputError, KeyError):
+    """A name that is not there; the message says which are."""
+
+    __str__ = Exception.__str__  # a KeyError would show the message in quotes
+
+
 def closest(name: str, options: Iterable[str]) -> str:
     """The tail of an "unknown name" message: the closest match, else what is known.
 

@@ -85,7 +85,7 @@ class Audit:
     def relative(self) -> float:
         """Largest |left_over| as a fraction of the energy turned over."""
         largest = float(np.abs(self.left_over).max())
-        return largest / self.ledger.turnover if self.ledger.turnover > 0.0 else 0.0
+        return largest / self.ledger.energy_exchanged if self.ledger.energy_exchanged > 0.0 else 0.0
 
     @property
     def status(self) -> int:
@@ -98,14 +98,14 @@ class Audit:
         if self.verdict.kind == "unresolved":
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
-        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
         kept = self.verdict.kind == "consistent" or small
         return 0 if kept and not differs else 1
 
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
         ledger = self.ledger
-        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+        unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
         def row(name: str, energy: float, basis: str) -> Row:
             return Row(name, energy, energy / unit, basis)
@@ -149,7 +149,7 @@ class Audit:
             "status": self.status,
             "tolerance": self.tolerance,
             "relative": self.relative,
-            "turnover": ledger.turnover,
+            "turnover": ledger.energy_exchanged,
             "method": ledger.method,
             "testing_function": self.function,
             "delta_c": {n: float(np.abs(x).max()) for n, x in ledger.delta_c.items()},
@@ -172,7 +172,7 @@ class Audit:
     def __repr__(self) -> str:
         return (
             f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
-            f"{percent(self.relative)} of {self.ledger.turnover:.4g} J turned over; "
+            f"{percent(self.relative)} of {self.ledger.energy_exchanged:.4g} J turned over; "
             f"{len(self.findings)} findings)"
         )
 
@@ -234,7 +234,7 @@ def audit(
     findings += checks.impacts_not_held(mechanism, run)
     findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
     works = foreign_channels(mechanism, log_read.consecutive, loaded.import_report)
-    findings += foreign_notes(works, ledger.turnover)
+    findings += foreign_notes(works, ledger.energy_exchanged)
     terms = None
     if basis["u̇"] == "measured" and len(mechanism.free.u):
         terms = equation_terms(mechanism, run)
@@ -243,8 +243,9 @@ def audit(
         )
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(left_over).max()),
         bar=float(ledger.error_bar[function].max()) + held,

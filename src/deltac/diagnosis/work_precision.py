@@ -283,7 +283,7 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> tuple[float, float] |
     left = ledger.uncorrected("wang")
     if not np.isfinite(left).all():
         return "the energies are not finite"
-    return float(np.abs(left).max()), ledger.turnover
+    return float(np.abs(left).max()), ledger.energy_exchanged
 
 
 def _share(energy: float, turnover: float) -> float:

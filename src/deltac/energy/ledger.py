@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from deltac.by_name import ByName
+from deltac.deprecation import RenamedAttribute
+from deltac.energy.works import unresolved
+from deltac.mechanism.channels import ChannelName
 
 if TYPE_CHECKING:
     import polars
@@ -25,11 +30,13 @@ class Ledger:
         kinetic: K (T,); `K2`, `K1`, `K0` are its parts of degree 2, 1, 0 in the generalized speeds.
         potential: V of each source, ``"gravity"``, ``"spring elbow"`` (T,).
         power: power of each channel, positive into the system (T,).
-        work: cumulated work of each channel, from the first sample on (T,).
+        work: cumulated work of each channel, from the first sample on (T,); `work_error`: how far it may
+            be off (T,).
         delta_c: ΔC of each testing function (T,); exact motion keeps it at zero. Where the driving force
             of a prescribed joint was logged, "wang" uses it and "wang-inertial" does not.
-        error_bar: how far ΔC may be off for other reasons than the motion: quadrature and rounding (T,).
-        turnover: the energy turned over, ∫Σ|P| dt + range(K) + range(V): what ΔC is to be compared with.
+        error_bar: numerical uncertainty of ΔC (quadrature and round-off) (T,).
+        energy_exchanged: ∫Σ|P| dt + range(K) + range(V), as far as the samples resolve it: what ΔC is to be
+            compared with.
         momentum: departure of each momentum balance (T,), kg·m/s or kg·m²/s; `momentum_bar` likewise.
         violation: departure of prescribed joints from their laws, of the motion from its constraints, of
             quaternions from unit length (T,).
@@ -45,17 +52,24 @@ class Ledger:
     K2: Array
     K1: Array
     K0: Array
-    potential: Mapping[str, Array]
-    power: Mapping[str, Array]
-    work: Mapping[str, Array]
+    potential: Mapping[ChannelName, Array]
+    power: Mapping[ChannelName, Array]
+    work: Mapping[ChannelName, Array]
+    work_error: Mapping[ChannelName, Array]
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
-    turnover: float
+    energy_exchanged: float
     momentum: Mapping[str, Array]
     momentum_bar: Mapping[str, Array]
     violation: Mapping[str, Array]
     basis: Mapping[str, str]
     rule: str = ""
+
+    turnover = RenamedAttribute("energy_exchanged")
+
+    def __post_init__(self) -> None:
+        for name, what in _WHAT.items():
+            object.__setattr__(self, name, ByName(what, getattr(self, name)))
 
     @property
     def kinetic(self) -> Array:
@@ -67,15 +81,30 @@ class Ledger:
         """Potential energy V of all sources together (T,)."""
         return sum(self.potential.values(), start=np.zeros(len(self.t)))
 
+    @property
+    def energy_stored(self) -> Array:
+        """K + V above the lowest potential energy of the run (T,): what the system has at a time."""
+        V = self.potential_energy
+        above: Array = self.kinetic + (V - V.min())
+        return above
+
+    @property
+    def unresolved(self) -> tuple[ChannelName, ...]:
+        """The channels whose work is hardly known: its error is a tenth of it, or more.
+
+        Errors below a millionth of the energy exchanged do not count.
+        """
+        return unresolved(self.work, self.work_error, self.energy_exchanged)
+
     def relative(self, name: str) -> float:
-        """Largest |ΔC| of a testing function as a fraction of the energy turned over."""
+        """Largest |ΔC| of a testing function as a fraction of the energy exchanged."""
         largest = float(np.abs(self.delta_c[name]).max())
-        return largest / self.turnover if self.turnover > 0 else 0.0
+        return largest / self.energy_exchanged if self.energy_exchanged > 0 else 0.0
 
     @property
     def corrections(self) -> Array:
         """Work (T,) by which a simulator corrected its own state: channels ``correction …``."""
-        works = (w - w[0] for n, w in self.work.items() if n.startswith("correction "))
+        works = (w - w[0] for name, w in self.work.items() if name.kind == "correction")
         return sum(works, start=np.zeros(len(self.t)))
 
     def uncorrected(self, name: str) -> Array:
@@ -87,10 +116,11 @@ class Ledger:
         import polars
 
         columns: dict[str, Array] = {"time": self.t, "kinetic": self.kinetic}
-        groups = {
+        groups: dict[str, Mapping[Any, Array]] = {
             "potential": self.potential,
             "power": self.power,
             "work": self.work,
+            "work_error": self.work_error,
             "delta_c": self.delta_c,
             "error_bar": self.error_bar,
             "momentum": self.momentum,
@@ -105,4 +135,18 @@ class Ledger:
             f"{name} {np.abs(values).max():.3g} ± {self.error_bar[name].max():.1g} J"
             for name, values in self.delta_c.items()
         )
-        return f"Ledger({self.method}; max |ΔC|: {worst}; {self.turnover:.4g} J turned over)"
+        return f"Ledger({self.method}; max |ΔC|: {worst}; {self.energy_exchanged:.4g} J exchanged)"
+
+
+_WHAT = {
+    "potential": "source of potential energy",
+    "power": "channel",
+    "work": "channel",
+    "work_error": "channel",
+    "delta_c": "testing function",
+    "error_bar": "testing function",
+    "momentum": "momentum balance",
+    "momentum_bar": "momentum balance",
+    "violation": "violation",
+}
+"""What each of the ledger's mappings is of."""

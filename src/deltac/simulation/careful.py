@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import VANISHED
 from deltac.dynamics.recursions import crba, rnea
-from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.dynamics.testing_functions import testing_functions
 from deltac.simulation.flow import Flow, constraint_forces, quaternions
 from deltac.simulation.solvers.solver import Parts, Solver
 
@@ -50,11 +48,11 @@ class LeastSquares:
         lam = ca.SX.sym("lambda", len(rows))
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
-        powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
+        powers = flow.powers(known, forces, Reactions(driving, lam), bound)
         due = [known.nonpotential_power + known.prescribed_power] if flow.correcting else []
-        still = ca.SX.zeros(len(flow.integrals) - len(powers) - len(due))
+        still = ca.SX.zeros(len(flow.integrals) - len(flow.testing) - len(due))
         given = [flow.t, flow.x, flow.p, system.udot, lam]
-        self._powers = ca.Function("P", given, [ca.vertcat(*powers, still, *due)])
+        self._powers = ca.Function("P", given, [ca.vertcat(powers, still, *due)])
         seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
         self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
 
@@ -80,7 +78,9 @@ class LeastSquares:
             x[q_part] += (W @ _least(M, G, phi)).ravel()
         M, G, _, _, _, psi, _, _ = self._evaluated(t, x)
         x[u_part] += _least(M, G, psi).ravel()
-        x[z_part][: len(before)] += np.array(self._energies(t, x, self._p)).ravel() - before
+        first = z_part.start + len(self._flow.works)
+        after = np.array(self._energies(t, x, self._p)).ravel()
+        x[first : first + len(before)] += after - before
         return x
 
     def _motion(self, t: float, x: Array) -> tuple[Array, Array, Array]:

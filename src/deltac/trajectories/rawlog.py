@@ -96,27 +96,28 @@ class Collector:
 
 
 def to_arrays(run: Trajectory) -> dict[str, FloatArray]:
-    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), integral."""
+    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), work, integral."""
     arrays = {"time": run.t, "q": run.q, "u": run.u}
     if run.udot is not None:
         arrays["udot"] = run.udot
     if run.forces:
         arrays["force"] = np.stack(list(run.forces.values()), axis=1)
-    if run.integrals:
-        arrays["integral"] = np.stack(list(run.integrals.values()), axis=1)
+    for name, sums in (("work", run.works), ("integral", run.integrals)):
+        if sums:
+            arrays[name] = np.stack(list(sums.values()), axis=1)
     return arrays
 
 
 def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
     """The inverse of `to_arrays`; InputError when an array is missing or of the wrong size."""
     try:
-        rows, counts = int(header["rows"]), {k: len(header[k]) for k in _LISTS}
+        rows, counts = int(header["rows"]), {k: len(_listed(header, k)) for k in _LISTS}
         accelerations = bool(header["accelerations"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"the deltac metadata are damaged ({error!r}); write the log again"
         ) from error
-    names = {k: list(map(str, header[k])) for k in _LISTS}
+    names = {k: list(map(str, _listed(header, k))) for k in _LISTS}
     columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
 
     def add(key: str, group: str, prefix: str) -> None:
@@ -132,12 +133,19 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         for i, channel in enumerate(names["channels"]):
             for j, speed in enumerate(names["speeds"]):
                 columns[f"force.{channel}.{speed}"] = force[:, i, j]
-    if counts["integrals"]:
-        add("integral", "integrals", "integral")
+    for name in ("work", "integral"):
+        if counts[f"{name}s"]:
+            add(name, f"{name}s", name)
     return RawLog(columns, header)
 
 
-_LISTS = ("coordinates", "speeds", "channels", "integrals")
+_LISTS = ("coordinates", "speeds", "channels", "works", "integrals")
+
+
+def _listed(header: Mapping[str, Any], key: str) -> list[Any]:
+    """A list of the header; logs before version 3 have no works."""
+    found: list[Any] = header[key] if key in header or key != "works" else []
+    return found
 
 
 def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:

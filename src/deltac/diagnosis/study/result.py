@@ -81,7 +81,7 @@ class Study:
                 "step": entry.step,
                 "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.turnover if entry.ledger else None,
+                "turnover": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }

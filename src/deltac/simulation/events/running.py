@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import DeltacError
+from deltac.mechanism.channels import ChannelName
 from deltac.simulation.course import Motion
 from deltac.simulation.events.accumulation import Accumulation
 from deltac.simulation.events.colliding import Collider
@@ -43,7 +44,7 @@ class Happened:
     p_before: Array
     p_after: Array
     inputs: Array
-    impulses: dict[str, Array]
+    impulses: dict[ChannelName, Array]
 
 
 @dataclass(frozen=True)
@@ -275,7 +276,8 @@ class Run:
         self._apply_sides()
         also = (*also, *self._jumped_over())
         sight = self._look(t, self.x)
-        hit = [c for c in dict.fromkeys(self.watch.names[k] for k in touching) if impulses[c].any()]
+        channels = dict.fromkeys(self.watch.points[k].channel for k in touching)
+        hit = [c for c in channels if impulses[c].any()]
         self._record(
             before, p_before, [*hit, *also], {n: j for n, j in impulses.items() if j.any()}
         )
@@ -306,7 +308,7 @@ class Run:
                 self.ended = f"event {self.watch.events[k - m].name!r} at t = {self.t:.9g} s"
 
     def _record(
-        self, before: Array, p_before: Array, names: list[str], impulses: dict[str, Array]
+        self, before: Array, p_before: Array, names: list[str], impulses: dict[ChannelName, Array]
     ) -> None:
         if not names:  # nothing was pushed: pairs that only touch
             return

@@ -56,7 +56,7 @@ def totals(run: Run, factor: float = 1.0) -> ThreeWays:
         first.delta_c["wang"],
         others.delta_c["wang"],
         others.delta_c["wang-inertial"],
-        others.turnover,
+        others.energy_exchanged,
     )
 
 
@@ -82,5 +82,5 @@ def _mechanisms() -> tuple[Mechanism, Mechanism]:
 def _told(trajectory: Trajectory, factor: float) -> tuple[Trajectory, Trajectory]:
     """The motion with M1 as the log of a motor, and as that of the prescribed joint."""
     torque = factor * trajectory.forces[PRESCRIBED]
-    bare = replace(trajectory, forces={}, integrals={})
+    bare = replace(trajectory, forces={}, works={}, integrals={})
     return replace(bare, forces={APPLIED: torque}), replace(bare, forces={PRESCRIBED: torque})

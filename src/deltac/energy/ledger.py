@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.by_name import ByName
 from deltac.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
@@ -16,8 +16,6 @@ from deltac.mechanism.channels import ChannelName
 
 if TYPE_CHECKING:
     import polars
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

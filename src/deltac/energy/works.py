@@ -12,14 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.mechanism.channels import ChannelName
 
-Array: TypeAlias = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
 
 RESOLVED = 0.1

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from deltac.diagnosis.check import chosen_map
-from deltac.diagnosis.models import load_model
+from deltac.arrays import Array
+from deltac.diagnosis.check.check import chosen_map
+from deltac.diagnosis.inputs.models import load_model
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
@@ -26,8 +26,6 @@ from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
 from deltac.repair.tracing.tape import ELEMENTARY, Slot
 from deltac.simulation.equations import Equations
-
-Array: TypeAlias = NDArray[np.float64]
 
 TIME_LIMIT = 60.0
 """Time for a search (s)."""

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.repair.tracing.samples import Samples
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array
 
 CHILD = Path(__file__).with_name("sandbox_worker.py")
 

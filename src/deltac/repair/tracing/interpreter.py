@@ -16,10 +16,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array, Slot, Tape, TapeError, identity
+from deltac.repair.tracing.tape import Slot, Tape, TapeError, identity
 
 Environment = dict[str, Any]
 

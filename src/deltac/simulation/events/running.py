@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.mechanism.channels import ChannelName
 from deltac.simulation.course import Motion
@@ -19,7 +19,6 @@ from deltac.simulation.events.locating import EPS, End, crossing, may_cross
 from deltac.simulation.events.stepping import Step, Stepper
 from deltac.simulation.events.watching import Sight, Watch
 
-Array = NDArray[np.float64]
 TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 

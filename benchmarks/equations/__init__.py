@@ -20,7 +20,7 @@ DAMPING = (0.1, 0.08, 0.05)
 def load(case: str) -> tuple[Any, Any]:
     """A case's mechanism and the coordinates of its equations (None: the mechanism's own)."""
     from deltac import problems
-    from deltac.mechanism.absolute import absolute_angles
+    from deltac.mechanism.coordinate_map import absolute_angles
     from deltac.problems import triple_pendulum
 
     if case == "triple_pendulum":
@@ -41,7 +41,7 @@ def _top() -> Any:
 
     return dc.Mechanism(
         bodies=[dc.body("top", "m", ("Jx", "Jy", "Jz"), (0.0, "h", 0.0))],
-        joints=[dc.spherical("tip", "ground", "top")],
+        joints=[dc.joints.spherical("tip", "ground", "top")],
         gravity=(0.0, 0.0, "-g"),
         parameters={"m": 15.0, "g": 9.81, "h": 0.8, "Jx": 0.3, "Jy": 0.47, "Jz": 0.39},
         name="heavy body on a tip",

@@ -32,7 +32,7 @@ def machine(
     """A floating body with a limb on a turned hinge; the limb has the properties given."""
     inertia = [[scale * x for x in row] for row in INERTIA]
     return dc.Mechanism(
-        bodies=[dc.box("hull", 2.0, (0.3, 0.2, 0.1)), dc.body("limb", mass, inertia, centre)],
+        bodies=[dc.bodies.box("hull", 2.0, (0.3, 0.2, 0.1)), dc.body("limb", mass, inertia, centre)],
         joints=[
             dc.free("root", "hull"),
             dc.revolute(

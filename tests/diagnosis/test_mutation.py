@@ -37,7 +37,7 @@ def body() -> dc.Mechanism:
     """A body on a ball joint at its mass centre, without gravity."""
     return dc.Mechanism(
         bodies=[dc.body("top", 1.0, ("A", "B", "C"))],
-        joints=[dc.spherical("ball", "ground", "top")],
+        joints=[dc.joints.spherical("ball", "ground", "top")],
         parameters={"A": 2.1, "B": 3.3, "C": 4.7},
     )
 

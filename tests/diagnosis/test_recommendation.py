@@ -134,7 +134,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
     mechanism = dc.Mechanism(
         bodies=[mass],
         joints=[dc.prismatic("slide", "ground", "mass", axis=(1, 0, 0))],
-        forces=[dc.joint_spring("spring", "slide", stiffness=1e8)],
+        forces=[dc.forces.joint_spring("spring", "slide", stiffness=1e8)],
     )
     state = mechanism.state({"slide": 1e-3})
     advice = dc.recommend(mechanism, state, 0.5, 1e-3, solvers=("ode4",))
@@ -184,8 +184,8 @@ def kicked() -> tuple[dc.Mechanism, dc.State]:
             dc.prismatic("fast", "ground", "fast", axis=(1, 0, 0)),
         ],
         forces=[
-            dc.joint_spring("spring", "slow", stiffness=SLOW**2),
-            dc.joint_damper("damper", "fast", damping=RATE),
+            dc.forces.joint_spring("spring", "slow", stiffness=SLOW**2),
+            dc.forces.joint_damper("damper", "fast", damping=RATE),
         ],
     )
     return mechanism, mechanism.state({"slow": 1.0}, {"fast": KICK * 2 * SLOW})

@@ -12,7 +12,7 @@ import deltac as dc
 from deltac import Mechanism, State, Study, Trajectory
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from machines import pendulum, robot
+from tests.systems.machines import pendulum, robot
 
 FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
 COARSEST = {1: 512, 2: 128, 3: 64, 4: 64, 5: 48, 8: 8}
@@ -35,7 +35,7 @@ def arm() -> tuple[Mechanism, State]:
             dc.revolute("shoulder", "ground", "upper", damping=0.2),
             dc.revolute("elbow", "upper", "lower", position=(0.7, 0, 0), damping=0.1),
         ],
-        [dc.joint_torque("motor", "shoulder", "0.7*cos(2*t)*sin(q.shoulder)")],
+        [dc.forces.joint_torque("motor", "shoulder", "0.7*cos(2*t)*sin(q.shoulder)")],
         gravity=[0, -9.81, 0],
     )
     return mechanism, mechanism.state({"shoulder": -0.9, "elbow": 0.4}, {"elbow": 1.5})
@@ -162,7 +162,7 @@ def test_a_force_that_is_not_smooth_lowers_the_order() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("slide", "ground", "block", "x", stiffness=20.0)],
-        [dc.joint_torque("rub", "slide", "-0.5*sign(u.slide)")],
+        [dc.forces.joint_torque("rub", "slide", "-0.5*sign(u.slide)")],
         gravity=[0, 0, 0],
     )
     found = dc.study(mechanism, mechanism.state({"slide": 1.0}), 2.0, halved(0.02, 4), "ode5")
@@ -174,7 +174,7 @@ def test_a_controller_held_over_the_step_makes_the_motion_first_order() -> None:
     mechanism = dc.Mechanism(
         [dc.rod("arm", 1.0, 1.0)],
         [dc.revolute("hinge", "ground", "arm")],
-        [dc.joint_torque("motor", "hinge")],
+        [dc.forces.joint_torque("motor", "hinge")],
         gravity=[0, -9.81, 0],
     )
     state = mechanism.state({"hinge": 0.5})

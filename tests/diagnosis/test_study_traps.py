@@ -116,7 +116,7 @@ def test_dry_friction(solver: str) -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("x", "ground", "block", "x", stiffness=20.0)],
-        [dc.joint_torque("rub", "x", "-0.5*sign(u.x)")],
+        [dc.forces.joint_torque("rub", "x", "-0.5*sign(u.x)")],
         gravity=[0, 0, 0],
     )
     state = mechanism.state({"x": 1.0})
@@ -193,7 +193,7 @@ def test_a_controller_with_a_period_of_its_own(every_row: bool) -> None:
     mechanism = dc.Mechanism(
         [dc.rod("arm", 1.0, 1.0)],
         [dc.revolute("x", "ground", "arm")],
-        [dc.joint_torque("motor", "x")],
+        [dc.forces.joint_torque("motor", "x")],
         gravity=[0, -9.81, 0],
     )
     found = dc.study(mechanism, simulator=lambda h: sampled_control(h, every_row), steps=STEPS)

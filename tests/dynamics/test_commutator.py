@@ -22,9 +22,12 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward, terms
 from deltac.dynamics.textbook_kinematics import along, coordinate_rates
-from deltac.mechanism import CoordinateMap, Mechanism, frame, point_mass, prismatic
-from random_mechanisms import Options, Sample, assert_close, samples, scalar
-from rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
+from tests.support.rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from tests.systems.random_mechanisms import Options, Sample, assert_close, samples, scalar
 
 Array = NDArray[Any]
 

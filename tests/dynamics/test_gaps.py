@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from deltac import InputError, Mechanism, box, free, shapes
+from deltac import InputError, Mechanism, free, shapes
+from deltac.bodies import box
 from deltac.dynamics.gaps import _PAIRS, all_velocities, gaps
 from deltac.dynamics.system import trace
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
@@ -235,7 +236,7 @@ def test_shapes_without_sense_are_refused() -> None:
     with pytest.raises(
         InputError, match=r"contact 'c': a shape belongs to the unknown body 'ball'"
     ):
-        shapes.check_shape(MACHINE, shapes.point("ball"), "contact 'c'")
+        shapes.check_shape(MACHINE.scope, shapes.point("ball"), "contact 'c'")
     with pytest.raises(InputError, match=r"a size of the sphere of 'a' in contact 'c': found -0.2"):
         negative = MACHINE.with_parameters(r=-0.2)
-        shapes.check_shape(negative, shapes.sphere("a", "r"), "contact 'c'")
+        shapes.check_shape(negative.scope, shapes.sphere("a", "r"), "contact 'c'")

@@ -18,8 +18,10 @@ from deltac.dynamics.terms import (
     reaction_powers,
     terms,
 )
-from deltac.mechanism import Mechanism, body, fixed, prismatic, revolute, rod
-from random_mechanisms import Sample, assert_close, largest, samples, scalar
+from deltac.mechanism.bodies import body, rod
+from deltac.mechanism.joints import fixed, prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
+from tests.systems.random_mechanisms import Sample, assert_close, largest, samples, scalar
 
 
 @given(samples())

@@ -11,14 +11,14 @@ import pytest
 import deltac as dc
 from deltac.energy import residuals
 from deltac.errors import InputError
-from machines import pendulum, robot, workshop
+from tests.systems.machines import pendulum, robot, workshop
 
 
 @pytest.fixture(scope="module")
 def driven() -> tuple[dc.Mechanism, dc.Trajectory]:
     """A pendulum on a cart that is shaken: small, with a prescribed joint and a damper."""
     mechanism = dc.Mechanism(
-        [dc.frame("cart"), dc.point_mass("bob", 2.0, [0, 0, -0.5])],
+        [dc.bodies.frame("cart"), dc.point_mass("bob", 2.0, [0, 0, -0.5])],
         [
             dc.prismatic("shake", "ground", "cart", "x", motion="0.1*sin(5*t)"),
             dc.revolute("hinge", "cart", "bob", "y", damping=0.1),
@@ -139,7 +139,7 @@ def test_a_decimated_log_has_wider_bars_and_still_closes(driven: Any) -> None:
 def test_a_wrong_model_shows_beyond_its_bar(driven: Any) -> None:
     _, run = driven
     wrong = dc.Mechanism(
-        [dc.frame("cart"), dc.point_mass("bob", 2.0, [0, 0, -0.51])],
+        [dc.bodies.frame("cart"), dc.point_mass("bob", 2.0, [0, 0, -0.51])],
         [
             dc.prismatic("shake", "ground", "cart", "x", motion="0.1*sin(5*t)"),
             dc.revolute("hinge", "cart", "bob", "y", damping=0.1),
@@ -200,7 +200,7 @@ def test_a_joint_that_leaves_its_law_is_a_violation(driven: Any) -> None:
 
 
 def test_quaternions_off_unit_length_are_a_violation() -> None:
-    mechanism = dc.Mechanism([dc.box("b", 1, [1, 2, 3])], [dc.free("base", "b")])
+    mechanism = dc.Mechanism([dc.bodies.box("b", 1, [1, 2, 3])], [dc.free("base", "b")])
     run = dc.simulate(mechanism, mechanism.state(speeds={"base": [0, 0, 1, 1, 2, 3]}), 0.2, 0.02)
     q = run.q.copy()
     q[3, 3:] *= 1.1
@@ -302,9 +302,9 @@ def test_runs_of_another_mechanism(driven: Any) -> None:
 
 def test_motors_whose_force_nobody_knows() -> None:
     mechanism = dc.Mechanism(
-        [dc.box("arm", 1, [1, 1, 1])],
+        [dc.bodies.box("arm", 1, [1, 1, 1])],
         [dc.revolute("hinge", "ground", "arm")],
-        [dc.joint_torque("motor", "hinge")],
+        [dc.forces.joint_torque("motor", "hinge")],
     )
     t = np.linspace(0, 1, 11)
     zero = np.zeros((11, 1))

@@ -10,8 +10,8 @@ import pytest
 import deltac as dc
 from deltac.energy import TESTING_FUNCTIONS, residuals
 from deltac.simulation.solvers import SOLVERS
-from machines import pendulum, robot, workshop
-from slow import ONE_OF_A_KIND, repeated
+from tests.support.slow import ONE_OF_A_KIND, repeated
+from tests.systems.machines import pendulum, robot, workshop
 
 NAMES = tuple(TESTING_FUNCTIONS)
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
@@ -84,10 +84,13 @@ def test_delta_c_falls_at_the_order_of_the_solver(solver: str) -> None:
     conservative = solver == "discrete-gradient"  # refuses drives, and closes Wang's function
     drive = {} if conservative else {"motion": "0.4*sin(1.3*t)"}
     mechanism = dc.Mechanism(
-        [dc.box("hub", 1.2, [0.3, 0.2, 0.4]), dc.box("arm", 0.5, [0.1, 0.2, 0.6], [0, 0, -0.3])],
+        [
+            dc.bodies.box("hub", 1.2, [0.3, 0.2, 0.4]),
+            dc.bodies.box("arm", 0.5, [0.1, 0.2, 0.6], [0, 0, -0.3]),
+        ],
         [
             dc.revolute("drive", "ground", "hub", "z", **drive),
-            dc.spherical("ball", "hub", "arm", position=[0.3, 0, 0], damping=0.02),
+            dc.joints.spherical("ball", "hub", "arm", position=[0.3, 0, 0], damping=0.02),
         ],
         gravity=[0, 0, -9.81],
     )

@@ -6,24 +6,17 @@ from typing import Any
 
 import pytest
 
-from deltac import (
-    InputError,
-    Mechanism,
+from deltac import InputError, Mechanism, free, point_mass, prismatic, revolute, shapes
+from deltac.bodies import sphere
+from deltac.forces import (
     contact,
-    fixed,
-    free,
     friction_law,
     joint_damper,
     joint_friction,
     point_friction,
-    point_mass,
-    prismatic,
-    revolute,
-    shapes,
-    sphere,
-    spherical,
     spring_damper,
 )
+from deltac.joints import fixed, spherical
 
 BALL, FLOOR = shapes.sphere("ball", 0.1), shapes.half_space()
 
@@ -114,9 +107,9 @@ def test_dampers_of_joints_are_no_sources_either() -> None:
 
 def test_names_of_channels_are_told_apart() -> None:
     spring = spring_damper("c", "ball", "hung", stiffness=1.0)
-    with pytest.raises(InputError, match="two springs and contacts are called 'c'"):
+    with pytest.raises(InputError, match="both use the channel 'spring c'"):
         machine(contact("c", BALL, FLOOR, 1.0), spring)
-    with pytest.raises(InputError, match="two frictions and contacts are called 'c'"):
+    with pytest.raises(InputError, match="both use the channel 'friction c'"):
         machine(contact("c", BALL, FLOOR, 1.0), joint_friction("c", "j", 1.0))
 
 

@@ -7,21 +7,17 @@ from typing import Any
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import (
-    Mechanism,
-    body,
-    box,
-    frame,
+from deltac.mechanism.bodies import body, box, frame
+from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.forces import (
     joint_damper,
     joint_spring,
     joint_torque,
     point_force,
-    revolute,
-    spherical,
     spring_damper,
-    universal,
 )
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.joints import revolute, spherical, universal
+from deltac.mechanism.mechanism import Mechanism
 
 A, B = box("upper", 1, [1, 1, 1]), box("lower", 1, [1, 1, 1])
 SHOULDER = revolute("shoulder", "ground", "upper")
@@ -156,11 +152,11 @@ def test_forces_that_cannot_be(make: Any, words: list[str]) -> None:
 
 def test_two_elements_of_one_kind_need_two_names() -> None:
     refused(
-        ["two dampers", "'d'"],
+        ["both use the channel 'damper d'"],
         forces=[joint_damper("d", "elbow", [1, 1, 1]), joint_damper("d", "shoulder", 1)],
     )
     refused(
-        ["two springs", "'d'"],
+        ["both use the channel 'spring d'"],
         forces=[joint_spring("d", "elbow", 1), spring_damper("d", "upper", "ground")],
     )
     Mechanism(

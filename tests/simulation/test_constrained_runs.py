@@ -16,8 +16,8 @@ import deltac as dc
 from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from linkages import ALL, disc, four_bars, linkage, worst
-from slow import ONE_OF_A_KIND, repeated
+from tests.support.slow import ONE_OF_A_KIND, repeated
+from tests.systems.linkages import ALL, disc, four_bars, linkage, worst
 
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 PROJECTABLE = ["RK45", "DOP853", "Radau"]
@@ -258,7 +258,7 @@ def test_a_start_off_the_constraints_is_refused_with_the_remedy() -> None:
 
 def test_no_degree_of_freedom_is_refused() -> None:
     mechanism, state = linkage()
-    held = dc.holonomic("held", f"q.input - {float(state.q[0])!r}")
+    held = dc.constraints.holonomic("held", f"q.input - {float(state.q[0])!r}")
     stiff = replace(mechanism, constraints=[*mechanism.constraints, held])
     with pytest.raises(InputError, match="'crank-rocker' no degree of freedom; it cannot move"):
         dc.simulate(stiff, stiff.state(state.q), 0.1, 0.01, "ode4")
@@ -318,7 +318,9 @@ def test_a_mechanism_at_the_end_of_its_reach_stops_with_words() -> None:
             dc.revolute("shoulder", "ground", "upper"),
             dc.revolute("elbow", "upper", "lower", position=(1, 0, 0)),
         ],
-        constraints=[dc.distance("winch", "ground", "lower", "0.5+t", point2=(1, 0, 0))],
+        constraints=[
+            dc.constraints.distance("winch", "ground", "lower", "0.5+t", point2=(1, 0, 0))
+        ],
     )
     start = dc.assemble(mechanism, mechanism.state({"shoulder": 1.0, "elbow": -2.6})).state
     with pytest.warns(dc.SimulationStopped, match=r"'winch' can no longer be met at t = 1\.[45]"):

@@ -18,25 +18,18 @@ from deltac import (
     StiffStep,
     assemble,
     balance,
-    box,
-    contact,
-    disc,
-    frame,
     free,
-    friction_law,
-    joint_friction,
-    joint_torque,
-    point_friction,
     point_mass,
     prismatic,
     problems,
     revolute,
     shapes,
     simulate,
-    sphere,
     time_scales,
 )
-from slow import repeated
+from deltac.bodies import box, disc, frame, sphere
+from deltac.forces import contact, friction_law, joint_friction, joint_torque, point_friction
+from tests.support.slow import repeated
 
 MASS = 0.7
 

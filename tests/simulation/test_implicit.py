@@ -12,8 +12,8 @@ import deltac as dc
 from deltac.simulation.flow import build_flow
 from deltac.simulation.implicit.stepper import ImplicitStepper, Run
 from deltac.simulation.solvers import SOLVERS, find_solver
-from linkages import disc, four_bars
-from machines import pendulum, robot, workshop
+from tests.systems.linkages import disc, four_bars
+from tests.systems.machines import pendulum, robot, workshop
 
 IMPLICIT = [s.name for s in SOLVERS.values() if s.family == "implicit"]
 
@@ -133,12 +133,12 @@ L, G, M = 0.5, 9.81, 2.0
 def tethered() -> tuple[dc.Mechanism, dc.State]:
     """The pendulum as a particle in the plane (x, y) with a constraint on its distance."""
     mechanism = dc.Mechanism(
-        [dc.frame("carriage"), dc.point_mass("bob", M)],
+        [dc.bodies.frame("carriage"), dc.point_mass("bob", M)],
         [
             dc.prismatic("x", "ground", "carriage", "x"),
             dc.prismatic("y", "carriage", "bob", "y"),
         ],
-        constraints=[dc.distance("rope", "ground", "bob", L)],
+        constraints=[dc.constraints.distance("rope", "ground", "bob", L)],
         gravity=(0, -G, 0),
     )
     return mechanism, mechanism.state({"x": L, "y": 0.0}, {"x": 0.0, "y": -1.0})
@@ -289,7 +289,7 @@ def test_a_held_controller(solver: str) -> None:
     joints = [dc.prismatic("x", "ground", "block", "x", damping=0.3)]
     runs = []
     for torque in (None, 3.0):
-        mechanism = dc.Mechanism(bodies, joints, [dc.joint_torque("push", "x", torque)])
+        mechanism = dc.Mechanism(bodies, joints, [dc.forces.joint_torque("push", "x", torque)])
         given = {} if torque else {"controller": dc.Controller(lambda t, q, u: {"push": 3.0})}
         runs.append(dc.simulate(mechanism, mechanism.state(), 1.0, 0.005, solver, **given))
         ledger = dc.balance(mechanism, runs[-1])

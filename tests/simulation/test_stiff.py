@@ -15,8 +15,8 @@ import deltac as dc
 from deltac.errors import InputError
 from deltac.problems import Problem
 from deltac.simulation.solvers import SOLVERS
-from linkages import four_bars
-from machines import pendulum, robot
+from tests.systems.linkages import four_bars
+from tests.systems.machines import pendulum, robot
 
 IMPLICIT = [s.name for s in SOLVERS.values() if s.family == "implicit"]
 SUNDIALS = ["CVODES", "IDAS"]
@@ -41,7 +41,7 @@ def pushed(law: str) -> dc.Mechanism:
     return dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("push", "x", law)],
+        [dc.forces.joint_torque("push", "x", law)],
     )
 
 
@@ -80,7 +80,7 @@ def test_a_finite_blow_up_is_no_completed_run() -> None:
 
 
 def test_a_blow_up_that_events_keep_in_bounds_is_told() -> None:
-    mechanism = spring(dc.joint_stop("stop", "x", lower=-10, upper=10, restitution=0.5))
+    mechanism = spring(dc.events.joint_stop("stop", "x", lower=-10, upper=10, restitution=0.5))
     state = mechanism.state({"x": 0.5})
     with pytest.warns(dc.StiffStep, match=r"0\.001 s \(an oscillation\).*steps below 0\.0028 s"):
         dc.simulate(mechanism, state, 0.1, 0.01, "ode4")
@@ -169,9 +169,9 @@ def test_many_unknowns_are_solved_sparse() -> None:
     n, k, h = 60, 1e5, 0.01
     bodies = [dc.point_mass(f"m{i}", 1.0) for i in range(n)]
     joints = [dc.prismatic(f"x{i}", "ground", f"m{i}", "x") for i in range(n)]
-    springs = [dc.tendon("s0", coordinates={"x0": 1.0}, stiffness=k)]
+    springs = [dc.forces.tendon("s0", coordinates={"x0": 1.0}, stiffness=k)]
     springs += [
-        dc.tendon(f"s{i}", coordinates={f"x{i}": 1.0, f"x{i - 1}": -1.0}, stiffness=k)
+        dc.forces.tendon(f"s{i}", coordinates={f"x{i}": 1.0, f"x{i - 1}": -1.0}, stiffness=k)
         for i in range(1, n)
     ]
     mechanism = dc.Mechanism(bodies, joints, springs)
@@ -193,7 +193,7 @@ def test_kinks_are_got_over() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", m)],
         [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("friction", "x", f"-{force}*Min(Max(u.x/{width}, -1), 1)")],
+        [dc.forces.joint_torque("friction", "x", f"-{force}*Min(Max(u.x/{width}, -1), 1)")],
     )
     run = dc.simulate(mechanism, mechanism.state(speeds={"x": 1.0}), 1.0, h, "ode1be", ())
     u = [1.0]
@@ -275,7 +275,7 @@ def test_the_discrete_gradient_refuses_what_is_fed_in_time() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("m", 1.0)],
         [dc.prismatic("x", "ground", "m", "x")],
-        [dc.joint_spring("coil", "x", "3 + sin(t)")],
+        [dc.forces.joint_spring("coil", "x", "3 + sin(t)")],
     )
     message = refusal(mechanism, mechanism.state(), 1.0, 0.01, "discrete-gradient")
     assert "coil" in message and "depends on time" in message
@@ -311,7 +311,7 @@ def test_controllers_within_steps_are_refused(solver: str) -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("m", 1.0)],
         [dc.prismatic("x", "ground", "m", "x")],
-        [dc.joint_torque("push", "x", None)],
+        [dc.forces.joint_torque("push", "x", None)],
     )
     controller = dc.Controller(lambda t, q, u: {"push": 1.0}, hold=False)
     message = refusal(mechanism, mechanism.state(), 1.0, 0.01, solver, controller=controller)

@@ -25,7 +25,7 @@ def mechanism() -> dc.Mechanism:
         ],
         gravity=(0.0, 0.0, -9.81),
         events=[
-            dc.impact(
+            dc.events.impact(
                 "hit", dc.shapes.point("ball"), dc.shapes.half_space("table"), restitution=0.7
             )
         ],
@@ -101,7 +101,7 @@ def test_without_accelerations_pieces_are_derived_one_by_one() -> None:
         bodies=[dc.point_mass("ball", 1.0)],
         joints=[dc.prismatic("height", "ground", "ball", axis="z", damping=0.2)],
         gravity=(0.0, 0.0, -9.81),
-        events=[dc.joint_stop("floor", "height", lower=0.0, restitution=0.7)],
+        events=[dc.events.joint_stop("floor", "height", lower=0.0, restitution=0.7)],
     )
     full = dc.simulate(m, m.state({"height": 0.5}), 1.28, 0.01, "ode8")
     events = tuple(replace(e, udot_before=None, udot_after=None) for e in full.events)

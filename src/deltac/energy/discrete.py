@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -15,7 +14,7 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.sampling.segments import Rows
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class DiscreteWork:
     `explicit` is the part of `work` that is ∂V/∂t of driven springs: it feeds V and no force does it.
     """
 
-    work: Mapping[ChannelName, Array]
+    work: ByChannel
     explicit: Array
     bias: Array
     potential: frozenset[ChannelName]

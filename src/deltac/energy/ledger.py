@@ -12,7 +12,7 @@ from deltac.arrays import Array
 from deltac.by_name import ByName
 from deltac.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 if TYPE_CHECKING:
     import polars
@@ -50,10 +50,10 @@ class Ledger:
     K2: Array
     K1: Array
     K0: Array
-    potential: Mapping[ChannelName, Array]
-    power: Mapping[ChannelName, Array]
-    work: Mapping[ChannelName, Array]
-    work_error: Mapping[ChannelName, Array]
+    potential: ByChannel
+    power: ByChannel
+    work: ByChannel
+    work_error: ByChannel
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
     energy_exchanged: float

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -94,9 +94,7 @@ def exchanged(work: Work, power: Array, t: Array) -> float:
     return max(0.0, float(certain) - float(np.ptp(work.bar)))
 
 
-def unresolved(
-    works: Mapping[ChannelName, Array], bars: Mapping[ChannelName, Array], energy: float
-) -> tuple[ChannelName, ...]:
+def unresolved(works: ByChannel, bars: ByChannel, energy: float) -> tuple[ChannelName, ...]:
     """The channels whose work is hardly known: its bar is large beside it and beside an `energy` (J)."""
     return tuple(
         name

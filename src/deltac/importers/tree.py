@@ -16,7 +16,7 @@ from deltac.importers.names import JOINT_KINDS, body_names, joint_names
 from deltac.importers.report import Remark
 from deltac.mechanism.bodies import Body, body, frame
 from deltac.mechanism.joints import KINDS, Joint, fixed, free, prismatic, revolute, spherical
-from deltac.mechanism.quantities import rotation, rotation_matrix
+from deltac.mechanism.quantities import as_rotation, rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _placement(model: Any, i: int) -> tuple[Array, Array]:
 
 def turned(quaternion: Any) -> Array:
     """The rotation matrix of a unit quaternion, scalar first."""
-    return np.array(rotation_matrix(list(map(float, quaternion)), "rotation"), dtype=np.float64)
+    return np.array(as_rotation(list(map(float, quaternion)), "rotation"), dtype=np.float64)
 
 
 def _body(model: Any, i: int, name: str) -> Body:
@@ -124,7 +124,7 @@ def _joint(model: Any, j: int, parent: str, child: str, armature: Array) -> Join
     match kind:
         case "revolute":
             if reference:
-                options["rotation"] = rotated @ np.array(rotation(axis.tolist(), -reference))
+                options["rotation"] = rotated @ np.array(rotation_matrix(axis.tolist(), -reference))
             else:
                 options["rotation"] = rotated
             placed = {"position": at + rotated @ anchor, "child_position": anchor}

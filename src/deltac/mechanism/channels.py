@@ -6,8 +6,10 @@ list, so that logs, ledgers and verdicts of every simulator speak of the same th
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from collections.abc import Mapping
+from typing import Any, NoReturn, TypeAlias
 
+from deltac.arrays import Array
 from deltac.errors import InputError, closest
 
 KINDS: tuple[str, ...] = (
@@ -71,3 +73,7 @@ class ChannelName(str):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ChannelName, (self.kind, self.element)
+
+
+ByChannel: TypeAlias = Mapping[Any, Array]
+"""Arrays by channel: the keys are `ChannelName`s, and text finds them."""

@@ -7,7 +7,7 @@ names are resolved by the mechanism that holds the part. Vectors are tuples of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from deltac.errors import InputError
@@ -63,7 +63,7 @@ def unit_vector(value: str | Sequence[float], where: str) -> tuple[float, float,
     return (x, y, z)
 
 
-def rotation_matrix(value: Any, where: str) -> Matrix:
+def as_rotation(value: Any, where: str) -> Matrix:
     """A rotation from three by three numbers, or from a unit quaternion (scalar first).
 
     Its columns are the turned axes. InputError when it is not a rotation to 1e-6.
@@ -83,14 +83,14 @@ def rotation_matrix(value: Any, where: str) -> Matrix:
         raise InputError(
             f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {off:.3g}, "
             f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or "
-            "deltac.rotation(axis, angle)"
+            "deltac.rotation_matrix(axis, angle)"
         )
     a, b, c = ((row[0], row[1], row[2]) for row in r)
     return (a, b, c)
 
 
-def rotation(axis: str | Sequence[float], angle: float) -> Matrix:
-    """The matrix of a turn by `angle` (rad, right-handed) about `axis`, for joints' placements."""
+def rotation_matrix(axis: str | Sequence[float], angle: float) -> Matrix:
+    """The matrix of a turn by `angle` (rad, right-handed) about `axis`: for joints, shapes, loops."""
     n = unit_vector(axis, "rotation")
     half = 0.5 * float(angle)
     w, s = math.cos(half), math.sin(half)
@@ -133,7 +133,3 @@ def require_positive(value: float, where: str, *, allow_zero: bool = False) -> N
         return
     expected = "zero or a positive number" if allow_zero else "a positive number"
     raise InputError(f"{where}: found {value:g}, expected {expected}")
-
-
-Number: TypeAlias = Callable[[Quantity], float]
-"""Turns a quantity into a float by the parameters' values."""

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, contact, prismatic, shapes, sphere
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import sphere
+from deltac.mechanism.contact import contact
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, instant, largest
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

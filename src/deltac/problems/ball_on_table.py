@@ -8,7 +8,10 @@ from typing import Any, Literal
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, disc, frame, free, prismatic, revolute, rolling, sphere
+from deltac.mechanism.bodies import disc, frame, sphere
+from deltac.mechanism.constraints import rolling
+from deltac.mechanism.joints import free, prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, coordinate, instant, rotated, work
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

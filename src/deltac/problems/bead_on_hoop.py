@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, frame, point_mass, revolute
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, energy, instant, work
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

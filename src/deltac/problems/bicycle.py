@@ -7,7 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, free, revolute, rolling
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import rolling
+from deltac.mechanism.joints import free, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

@@ -7,7 +7,11 @@ import math
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, event, impact, point_mass, prismatic, shapes
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.events import event, impact
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

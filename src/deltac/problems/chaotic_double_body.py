@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, revolute
+from deltac.mechanism.bodies import body
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

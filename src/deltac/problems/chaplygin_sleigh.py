@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, planar, skate
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import skate
+from deltac.mechanism.joints import planar
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, disc, joint_friction, revolute
+from deltac.mechanism.bodies import disc
+from deltac.mechanism.friction import joint_friction
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import instant, speed, work
 from deltac.problems.problem import Problem, Reference
 

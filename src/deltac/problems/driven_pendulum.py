@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, frame, point_mass, prismatic, revolute
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.joints import prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import coordinate, instant
 from deltac.problems.problem import Problem
 

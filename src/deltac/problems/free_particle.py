@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from deltac.mechanism import CoordinateMap, Mechanism, frame, point_mass, prismatic
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, delta_c_range, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

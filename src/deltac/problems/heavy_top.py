@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, spherical
+from deltac.mechanism.bodies import body
+from deltac.mechanism.joints import spherical
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, coordinate, energy, instant, rotated
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Kind, Reference
 from deltac.trajectories import Trajectory
 

@@ -7,7 +7,10 @@ import math
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, loop_revolute, revolute, rod
+from deltac.mechanism.bodies import rod
+from deltac.mechanism.constraints import loop_revolute
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

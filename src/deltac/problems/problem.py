@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism, State
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 
 if TYPE_CHECKING:
     from deltac.problems.measures import Measure, Signal

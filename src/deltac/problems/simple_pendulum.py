@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, point_mass, revolute
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, energy, instant, period
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

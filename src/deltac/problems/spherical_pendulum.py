@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, distance, frame, point_mass, prismatic
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.constraints import distance
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, frame, friction_law, point_friction, point_mass, prismatic
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.friction import friction_law, point_friction
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, period
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

@@ -6,15 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import (
-    Mechanism,
-    box,
-    fixed,
-    point_mass,
-    prismatic,
-    revolute,
-    spring_damper,
-)
+from deltac.mechanism.bodies import box, point_mass
+from deltac.mechanism.forces import spring_damper
+from deltac.mechanism.joints import fixed, prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

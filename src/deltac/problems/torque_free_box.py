@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, box, free
+from deltac.mechanism.bodies import box
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant, rotated, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism, joint_torque, revolute, rod
+from deltac.mechanism.bodies import rod
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.forces import joint_torque
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant, kinetic, largest, work
 from deltac.problems.problem import Problem, Reference
 from deltac.problems.triple_pendulum_equations import HandEquations

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, box, contact, free, friction_law, shapes
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import box
+from deltac.mechanism.contact import contact
+from deltac.mechanism.friction import friction_law
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import energy, instant, kinetic
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.errors import InputError, closest
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
-from deltac.mechanism import State
+from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
     OCCASIONAL,

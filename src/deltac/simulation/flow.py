@@ -15,17 +15,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.dynamics.constraints import constraint_rows
+from deltac.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
-from deltac.dynamics.forces import Channel, channels
+from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
-from deltac.dynamics.system import System, trace
+from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
     Constrained,
     Reactions,
     Terms,
     channel_powers,
-    constrained,
     forward,
     reaction_powers,
     reactions_from,
@@ -33,8 +33,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
@@ -44,7 +43,7 @@ Stabilisation: TypeAlias = str | tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Flow:
+class Flow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
@@ -144,18 +143,6 @@ class Flow:
         return x
 
 
-def quaternions(mechanism: Mechanism) -> list[slice]:
-    """Places of unit quaternions in the free coordinates."""
-    places = []
-    free = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = free[mechanism.coordinates.of(joint.name).start + offset]
-            places.append(slice(start, start + 4))
-    return places
-
-
 CORRECTIONS = ("correction kinetic", "correction potential")
 """Integrals of a projected or corrected run: what that did to K and to V, J."""
 
@@ -190,11 +177,12 @@ def build_flow(
     testing functions, if there are any: of all that can do work but those with a potential, whose work is
     known without.
     """
-    system = trace(mechanism, vary)
+    mechanics = equations_of_motion(mechanism, vary)
+    system = mechanics.system
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
-    parts = channels(system)
+    parts = mechanics.channels
     split_own = trace_map(system, split) if split is not None else None
-    bound = constrained(system, constraint_rows(system).select(rows))
+    bound = mechanics.constrained(rows)
     own: OwnCoordinates | None = None
     damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
     given = ca.SX(0, 1)

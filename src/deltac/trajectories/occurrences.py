@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import InputError, closest
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
@@ -45,9 +45,9 @@ class Occurrence:
     u_after: FloatArray
     udot_before: FloatArray | None = None
     udot_after: FloatArray | None = None
-    forces_before: Mapping[ChannelName, FloatArray] = field(default_factory=dict)
-    forces_after: Mapping[ChannelName, FloatArray] = field(default_factory=dict)
-    impulses: Mapping[ChannelName, FloatArray] = field(default_factory=dict)
+    forces_before: ByChannel = field(default_factory=dict)
+    forces_after: ByChannel = field(default_factory=dict)
+    impulses: ByChannel = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f"occurrence {', '.join(self.names)!r} at t = {self.t!r}"

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import InputError, closest
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
@@ -105,8 +105,8 @@ class Trajectory:
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     udot: FloatArray | None = None
-    forces: Mapping[ChannelName, FloatArray] = field(default_factory=dict)
-    works: Mapping[ChannelName, FloatArray] = field(default_factory=dict)
+    forces: ByChannel = field(default_factory=dict)
+    works: ByChannel = field(default_factory=dict)
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()

@@ -23,8 +23,8 @@ from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.sampling.quadrature import Integral, hermite_parts, integrate
 from deltac.energy.sampling.samples import Powers, Samples
-from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.channels import ByChannel
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
 INWARD = 1e-9
@@ -51,7 +51,7 @@ class Rows:
     q: Array
     u: Array
     udot: Array | None
-    forces: Mapping[ChannelName, Array]
+    forces: ByChannel
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     provenance: Provenance
@@ -184,7 +184,7 @@ class Jumps:
     `exchanged` is the sum of all |work|.
     """
 
-    work: Mapping[ChannelName, Array]
+    work: ByChannel
     functions: Mapping[str, Array]
     momentum: Mapping[str, Array]
     exchanged: float

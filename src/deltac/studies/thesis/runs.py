@@ -13,7 +13,8 @@ import numpy as np
 from deltac import problems
 from deltac.arrays import Array
 from deltac.energy import Ledger, balance, residuals
-from deltac.mechanism import Mechanism, State
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 from deltac.problems import Problem
 from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory

@@ -18,21 +18,20 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
-from deltac.dynamics.terms import Constrained, constrained
+from deltac.dynamics.terms import Constrained
 from deltac.dynamics.textbook import Textbook
 from deltac.dynamics.textbook_constrained import ConstrainedTextbook
 from deltac.dynamics.textbook_kinematics import tree
 from deltac.errors import InputError
-from deltac.mechanism import (
-    GROUND,
-    Mechanism,
+from deltac.mechanism.bodies import body, rod
+from deltac.mechanism.constraints import (
+    Constraint,
     angle,
-    body,
     distance,
-    free,
     gear,
     holonomic,
     loop_prismatic,
@@ -44,22 +43,20 @@ from deltac.mechanism import (
     point_in_plane,
     point_on,
     point_on_line,
-    revolute,
-    rod,
     rolling,
-    rotation,
     skate,
-    spherical,
-    universal,
 )
-from deltac.mechanism.constraints import Constraint
-from random_mechanisms import Options, Sample, random_state, samples
+from deltac.mechanism.joints import free, revolute, spherical, universal
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.quantities import rotation_matrix
+from deltac.mechanism.scope import GROUND
+from tests.systems.random_mechanisms import Options, Sample, random_state, samples
 
 Array = NDArray[Any]
 
 # --- one example of every kind ------------------------------------------------------------------------
 
-TURNED = rotation((0.3, -0.5, 0.8), 0.7)
+TURNED = rotation_matrix((0.3, -0.5, 0.8), 0.7)
 
 EXAMPLES: dict[str, tuple[Constraint, int]] = {
     "spherical loop": (
@@ -165,7 +162,7 @@ def four_bar(
     """
     along = {"z": "x", "x": "y", "y": "z"}[axis]
     x = np.array([float(along == e) for e in "xyz"])
-    standing = rotation((0.3, -0.5, 0.8), 0.7) if spatial else rotation("z", 0.0)
+    standing = rotation_matrix((0.3, -0.5, 0.8), 0.7) if spatial else rotation_matrix("z", 0.0)
     far = tuple(np.array(standing) @ x)
     turned = tuple(np.array(standing) @ np.array([float(axis == e) for e in "xyz"]))
     if closure is None:
@@ -205,18 +202,18 @@ class Tied:
 
     @cached_property
     def all_rows(self) -> Rows:
-        return constraint_rows(self.system)
+        return equations_of(self.system).rows
 
     @cached_property
     def independent(self) -> tuple[int, ...]:
         """Rows independent at this very state."""
         q = self.sample.q[self.sample.mechanism.free.q]
-        found = independence(self.system, self.all_rows, self.sample.t, q, np.empty(0))
+        found = independence(equations_of(self.system), self.sample.t, q)
         return found.independent
 
     @cached_property
     def bound(self) -> Constrained:
-        made = constrained(self.system, self.all_rows.select(self.independent))
+        made = equations_of(self.system).constrained(self.independent)
         assert made is not None
         return made
 

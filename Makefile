@@ -34,8 +34,8 @@ test-casadi: $(TEST)  ## the numerical tests again, on CasADi's own evaluator
 	DELTAC_EVALUATOR=casadi $(PYTEST) $(SPREAD) -m "not slow and not heyoka" \
 		tests/kernels tests/dynamics tests/energy $(ARGS)
 
-test-slow: $(TEST)  ## the slow tests, with many more random examples
-	HYPOTHESIS_PROFILE=thorough $(PYTEST) $(SPREAD) -m slow $(ARGS)
+test-slow: $(TEST)  ## the slow tests; those on random examples with ten times as many
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) $(SPREAD) -m "slow or random_examples" $(ARGS)
 
 lint: $(DEV)  ## style: ruff's rules and format
 	$(PY) -m ruff check

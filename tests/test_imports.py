@@ -65,9 +65,11 @@ def test_public_name_resolves(name: str) -> None:
 
 
 def test_public_names_are_listed() -> None:
-    assert set(deltac._PUBLIC) == set(deltac.__all__)
-    assert set(deltac.__all__) <= set(dir(deltac))
-    assert "simulate" in deltac.__all__
+    # The verbs of the README and the commonest parts, by hand: none of them may get lost.
+    verbs = "assemble audit balance check_equations explain_residual localise mutate_equations"
+    verbs += " read_mechanism read_trajectory recommend repair_equations simulate simulate_ensemble study"
+    parts = "Mechanism State Trajectory body free point_mass prismatic revolute rod"
+    assert {*verbs.split(), *parts.split()} <= set(deltac.__all__) <= set(dir(deltac))
 
 
 @pytest.mark.parametrize("name", NAMESPACES)

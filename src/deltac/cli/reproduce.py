@@ -29,12 +29,17 @@ def command(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            "--only", metavar="FIGURE", help="Only these figures: 4.7, or 4.1,4.2; repeatable."
+            "--only",
+            metavar="FIGURE",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: what inexact accelerations do.",
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where figures and results.json go.")
     ] = Path("results/thesis"),
+    thesis_axes: Annotated[
+        bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
@@ -51,7 +56,10 @@ def command(
     with progress_bar() as progress:
         reproduction = reproduce(figures, lambda done, what: progress(RUNS * done, what))
         written = write(
-            reproduction, out, lambda done, what: progress(RUNS + (1 - RUNS) * done, what)
+            reproduction,
+            out,
+            lambda done, what: progress(RUNS + (1 - RUNS) * done, what),
+            thesis_axes=thesis_axes,
         )
     (_print_json if as_json else _print)(reproduction, written)
     raise typer.Exit(0 if reproduction.agrees else 1)
@@ -71,6 +79,7 @@ def _print_json(reproduction: Reproduction, written: Written) -> None:
                 for row in reproduction.differences
                 if row.difference
             ],
+            "assumed": {e.figure: e.assumed for e in reproduction.experiments if e.assumed},
             "agrees": reproduction.agrees,
             "figures": [str(path) for path in written.figures],
             "results_file": str(written.results),
@@ -98,8 +107,12 @@ def _print(reproduction: Reproduction, written: Written) -> None:
     print_table(table)
     for k, reason in enumerate(reasons, 1):
         print_text(f"[{k}] {reason}")
+    for experiment in reproduction.experiments:
+        if experiment.assumed:
+            print_text(f"{experiment.figure}: we chose {experiment.assumed}.")
     folder = written.results.parent
-    typer.echo(f"figures: {folder / 'figure_4_*.png'} ({len(written.figures)})")
+    if written.figures:
+        typer.echo(f"figures: {folder / 'figure_*.png'} ({len(written.figures)})")
     typer.echo(f"results: {written.results} ({len(reproduction.results)} numbers)")
 
 

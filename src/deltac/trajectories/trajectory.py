@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.trajectories.occurrences import Occurrence
 
@@ -362,7 +362,7 @@ def _positive(name: str, value: Any, *, zero: bool) -> float | None:
         raise _unfit(name, value, expected)
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise _unfit(name, value, expected) from None
     if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
         raise _unfit(name, value, expected)
@@ -370,7 +370,7 @@ def _positive(name: str, value: Any, *, zero: bool) -> float | None:
 
 
 def _unfit(name: str, value: Any, expected: str) -> InputError:
-    return InputError(f"provenance: {name} is {value!r}, expected {expected}")
+    return InputError(f"provenance: {name} is {shown(value)}, expected {expected}")
 
 
 def _set(instance: Any, name: str, value: Any) -> None:

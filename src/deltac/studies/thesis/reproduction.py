@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from deltac.errors import InputError
-from deltac.studies.thesis.experiments import EXPERIMENTS, REPORTED, Experiment, Reported
+from deltac.studies.thesis.experiments import (
+    EVERYTHING,
+    EXPERIMENTS,
+    REPORTED,
+    Experiment,
+    Reported,
+)
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
@@ -77,7 +83,8 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     """Run the thesis's experiments again.
 
     Args:
-        only: the figures to reproduce, "4.1" to "4.10"; all of them without it.
+        only: the figures to reproduce, "4.1" to "4.10", all of them without it; or "floor", which
+            repeats three of them with accelerations that an iterative solver left inexact.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -105,7 +112,7 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
 
 
 def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
-    known = [experiment.figure for experiment in EXPERIMENTS]
+    known = [experiment.figure for experiment in EVERYTHING]
     if only is None:
         return EXPERIMENTS
     wanted = [only] if isinstance(only, str) else list(only)
@@ -114,7 +121,7 @@ def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
             raise InputError(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
     if not wanted:
         raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
-    return tuple(experiment for experiment in EXPERIMENTS if experiment.figure in wanted)
+    return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)
 
 
 def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterator[Result]:
@@ -144,7 +151,7 @@ def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterato
 def _reported(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[str, float, str]]:
     """(quantity, value, unit) of every run: its testing functions, and where it ends."""
     end = f"{outcome.run.duration:g} s"
-    if experiment.shows == "testing functions":
+    if experiment.shows in ("testing functions", "numbers"):
         for function, name in NAMES.items():
             yield f"{name} |ΔC| at {end}", final(outcome, function), "J"
             yield f"max {name} |ΔC|", largest(outcome, function), "J"

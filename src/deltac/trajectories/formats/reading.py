@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, closest, listed
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
@@ -155,7 +156,7 @@ def _sources(
     if not any(target.startswith("q.") for target in sources):
         raise InputError(
             "no column is known to be a coordinate; give the model, or say in a mapping file which "
-            f"columns are. Columns: {', '.join(raw.columns)}{_also(raw)}"
+            f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
         )
     return sources
 
@@ -198,7 +199,8 @@ def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputEr
                 f"which then takes the unit from it: {table} {key} = "
                 f'{{ column = "{name}" }}'
             )
-    unused = [name for name in raw.columns if name not in {s.column for s in sources.values()}]
+    taken = {source.column for source in sources.values()}
+    unused = [name for name in raw.columns if name not in taken]
     hint = closest(target, unused)
     if "did you mean" not in hint and "." in target:
         hint = closest(target.partition(".")[2], unused)
@@ -215,7 +217,11 @@ def _purpose(target: str) -> str:
 def _also(raw: RawLog) -> str:
     if not raw.skipped:
         return ""
-    return ". Not read: " + "; ".join(raw.skipped.values())
+    return (
+        ". Not read: "
+        + "; ".join(islice(raw.skipped.values(), 12))
+        + "; …" * (len(raw.skipped) > 12)
+    )
 
 
 def _reading(

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, closest, listed, shown
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
@@ -221,15 +221,17 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
         if not found:
             raise InputError(
                 f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
-                f"for example '{prefix}.elbow'. Columns: {', '.join(columns)}"
+                f"for example '{prefix}.elbow'. Columns: {listed(columns)}"
             )
     accelerations = _strip("udot.", columns)
+    moving = set(speeds)
     for name in accelerations:
-        if name not in speeds:
+        if name not in moving:
             raise InputError(
                 f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
             )
-    channels = dict.fromkeys(_channel(name, speeds) for name in _strip("force.", columns))
+    known, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
+    channels = dict.fromkeys(_channel(n, known, lengths) for n in _strip("force.", columns))
     return _Layout(
         coordinates,
         speeds,
@@ -257,10 +259,10 @@ def _unknown(name: str, columns: Iterable[str]) -> InputError:
     )
 
 
-def _channel(name: str, speeds: tuple[str, ...]) -> str:
+def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
     """The channel of ``<channel>.<speed>``; exactly one way to take it apart must make sense."""
     column = f"column {f'force.{name}'!r}"
-    endings = [speed for speed in speeds if name.endswith(f".{speed}")]
+    endings = [name[-n:] for n in lengths if name[-n - 1 : -n] == "." and name[-n:] in speeds]
     if not endings:
         raise InputError(
             f"{column}: expected 'force.<channel>.<speed>' and the name of a speed at its end"
@@ -301,7 +303,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
     for quantity, unit in _entry(metadata, "units", dict).items():
         if unit != UNITS.get(quantity, unit):
             raise InputError(
-                f"the log has {quantity} in {unit!r}, expected {UNITS[quantity]!r}. "
+                f"the log has {quantity} in {shown(unit)}, expected {UNITS[quantity]!r}. "
                 "Convert its columns."
             )
     return _Layout(
@@ -341,12 +343,12 @@ def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:
         raise InputError(f"metadata: no entry {key!r}{closest(key, metadata)}")
     value = metadata[key]
     if type(value) is not kind:  # bool is no int here
-        raise InputError(f"metadata: {key} is {value!r}, expected {kind.__name__}")
+        raise InputError(f"metadata: {key} is {shown(value)}, expected {kind.__name__}")
     return value
 
 
 def _texts(metadata: Mapping[str, Any], key: str) -> tuple[str, ...]:
     values = _entry(metadata, key, list)
     if not all(isinstance(value, str) for value in values):
-        raise InputError(f"metadata: {key} is {values!r}, expected a list of names")
+        raise InputError(f"metadata: {key} is {shown(values)}, expected a list of names")
     return tuple(values)

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltac.errors import InputError
+from deltac.files import opened
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.delimited import raw_log
 from deltac.trajectories.formats.files import naming
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.formats.parquet import damage_named, parquet_header, parquet_size
+from deltac.trajectories.formats.parquet import damaged, parquet_header, parquet_size
 from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
@@ -57,8 +58,8 @@ def scan_trajectory(
         raise InputError(f"{path}: only Parquet is read in parts; store the log as .parquet")
     if rows < 1 or overlap < 0:
         raise InputError(f"rows is {rows}, overlap {overlap}; expected 1 or more, 0 or more")
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file")
+    with naming(path), opened(path):
+        pass
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     return _chunks(Path(path), rows, overlap, as_mapping(mapping), names)
 
@@ -84,7 +85,7 @@ def _chunks(
         stop = min(total, start + rows)
         last = min(total, stop + overlap)
         with naming(path):
-            with damage_named():
+            with damaged():
                 frame = table.slice(first, last - first).collect()
             part = None if header is None else {**header, "rows": last - first}
             try:

@@ -63,8 +63,8 @@ def test_json_and_figure(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
         MODEL, str(logs / "damped.parquet"), "--json", "--figure", str(picture), capsys=capsys
     )
     held = json.loads(out)
-    assert held["status"] == status == 1
-    assert {f["kind"] for f in held["findings"] if f["weight"] == "cause"} == {"missing-damper"}
+    assert held["exit_code"] == status == 1
+    assert {f["code"] for f in held["findings"] if f["weight"] == "cause"} == {"F-MISSING-DAMPER"}
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -77,7 +77,10 @@ def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> 
     with pytest.raises(SystemExit) as stop:
         cli.main(["audit", MODEL, str(logs / "good.parquet"), "--explain-log", "--json"])
     assert not stop.value.code
-    read = {entry["column"]: entry["meaning"] for entry in json.loads(capsys.readouterr().out)}
+    read = {
+        entry["column"]: entry["meaning"]
+        for entry in json.loads(capsys.readouterr().out)["columns"]
+    }
     assert read["time"] == "time"
     assert read["q.joint1"] == "q.joint1"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +13,32 @@ from deltac.by_name import ByName
 from deltac.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
+from deltac.results import Report, Section, Table, number, percent
 
 if TYPE_CHECKING:
     import polars
 
 
-@dataclass(frozen=True, eq=False)
-class Ledger:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ledger(
+    Report,
+    omit=(
+        *(
+            "t",
+            "K2",
+            "K1",
+            "K0",
+            "potential",
+            "power",
+            "work",
+            "work_error",
+            "delta_c",
+            "error_bar",
+        ),
+        *("momentum", "momentum_bar", "violation"),
+    ),
+    also=("duration", "works", "energies", "functions"),
+):
     """Energies, works and testing functions of a trajectory at its sample times. J, W, s.
 
     Attributes:
@@ -128,12 +147,79 @@ class Ledger:
             columns.update({f"{group}.{name}": values for name, values in members.items()})
         return polars.DataFrame(columns)
 
-    def __repr__(self) -> str:
-        worst = ", ".join(
-            f"{name} {np.abs(values).max():.3g} ± {self.error_bar[name].max():.1g} J"
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last, s."""
+        return float(self.t[-1] - self.t[0])
+
+    def works(self) -> dict[str, dict[str, float | bool]]:
+        """Of each channel, largest first: its work over the whole time, how far that may be off (J).
+
+        `resolved` is False for those in `unresolved`.
+        """
+        unknown = self.unresolved
+        return {
+            name: {
+                "work": float(self.work[name][-1] - self.work[name][0]),
+                "error": float(self.work_error[name].max()),
+                "resolved": name not in unknown,
+            }
+            for name in sorted(self.work, key=lambda name: -abs(self.work[name][-1]))
+        }
+
+    def energies(self) -> dict[str, float]:
+        """Change of K and of V from each source over the whole time, J."""
+        changes = {f"V {name}": v for name, v in self.potential.items()}
+        return {
+            name: float(values[-1] - values[0])
+            for name, values in {"K": self.kinetic, **changes}.items()
+        }
+
+    def functions(self) -> dict[str, dict[str, float]]:
+        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy turned over."""
+        return {
+            name: {
+                "delta_c": float(np.abs(values).max()),
+                "error_bar": float(self.error_bar[name].max()),
+                "relative": self.relative(name),
+            }
             for name, values in self.delta_c.items()
+        }
+
+    def summary(self) -> str:
+        """Method, largest |ΔC| of each testing function, energy exchanged."""
+        worst = ", ".join(
+            f"{name} {f['delta_c']:.3g} ± {f['error_bar']:.1g} J"
+            for name, f in self.functions().items()
         )
-        return f"Ledger({self.method}; max |ΔC|: {worst}; {self.energy_exchanged:.4g} J exchanged)"
+        return f"{self.method}; max |ΔC|: {worst}; {self.energy_exchanged:.4g} J exchanged"
+
+    def sections(self) -> Iterator[Section]:
+        """Works of the channels and changes of the energies, then the testing functions."""
+        rows = [
+            (
+                name,
+                number(found["work"]) if found["resolved"] else "unresolved",
+                number(found["error"], digits=2),
+                self.basis.get(name, "computed"),
+            )
+            for name, found in self.works().items()
+        ]
+        changes = [(f"Δ{name}", number(change), "", "") for name, change in self.energies().items()]
+        yield Table(("channel", "energy (J)", "± (J)", "basis"), (*rows, (), *changes))
+        yield Table(
+            ("testing function", "max |ΔC| (J)", "± (J)", "share"),
+            tuple(
+                (
+                    name,
+                    number(f["delta_c"], digits=3),
+                    number(f["error_bar"], digits=2),
+                    percent(f["relative"]),
+                )
+                for name, f in self.functions().items()
+            ),
+        )
+        yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
 
 
 _WHAT = {

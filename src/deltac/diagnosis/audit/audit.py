@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +18,11 @@ from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.at_samples import EquationTerms, equation_terms
-from deltac.diagnosis.verdict import Finding, Verdict, percent
+from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 
@@ -50,8 +50,12 @@ class Row:
     basis: str
 
 
-@dataclass(frozen=True, eq=False)
-class Audit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(
+    Judged,
+    omit=("ledger", "run", "mechanism", "import_report", "left_over"),
+    also=("relative", "turnover", "method", "delta_c", "error_bar", "rows", "samples", "imported"),
+):
     """What an audit found.
 
     Attributes:
@@ -76,23 +80,17 @@ class Audit:
     tolerance: float
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was noticed, causes first."""
-        return self.verdict.findings
-
-    @property
     def relative(self) -> float:
         """Largest |left_over| as a fraction of the energy turned over."""
         largest = float(np.abs(self.left_over).max())
         return largest / self.ledger.energy_exchanged if self.ledger.energy_exchanged > 0.0 else 0.0
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 the balance holds within the tolerance, 1 it does not, 3 unresolved.
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 the balance holds within the tolerance, 1 not, 3 unresolved.
 
-        A mistake in the model that stays within the tolerance is named by the verdict and is status 0,
-        unless a channel of the model moved more energy than that otherwise than in the log, or one is
-        missing.
+        A mistake in the model that stays within the tolerance is named by the verdict and is 0, unless a
+        channel of the model moved more energy than that otherwise than in the log, or one is missing.
         """
         if self.verdict.kind == "unresolved":
             return 3
@@ -125,55 +123,62 @@ class Audit:
             rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
         return tuple(rows)
 
-    def table(self) -> str:
-        """The table as text."""
-        rows = self.rows()
-        width = max(len(row.name) for row in rows)
-        lines = [f"{'':{width}}  {'work (J)':>12}  {'share':>8}  basis"]
-        lines += [
-            f"{row.name:{width}}  {row.energy:12.5g}  {100 * row.share:7.3g}%  {row.basis}"
-            for row in rows
-        ]
-        return "\n".join(lines)
+    @property
+    def turnover(self) -> float:
+        """The energy turned over, J."""
+        return self.ledger.energy_exchanged
 
-    def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON: what is not finite is None."""
-        ledger = self.ledger
-        held = {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "findings": [vars(finding) for finding in self.findings],
-            "limits": list(self.verdict.limits),
-            "status": self.status,
-            "tolerance": self.tolerance,
-            "relative": self.relative,
-            "turnover": ledger.energy_exchanged,
-            "method": ledger.method,
-            "testing_function": self.function,
-            "delta_c": {n: float(np.abs(x).max()) for n, x in ledger.delta_c.items()},
-            "error_bar": {n: float(x.max()) for n, x in ledger.error_bar.items()},
-            "table": [vars(row) for row in self.rows()],
-            "samples": len(self.run),
-            "ignored_by_import": [str(r) for r in self.import_report.ignored]
-            if self.import_report
-            else [],
-            "assumed_by_import": [str(r) for r in self.import_report.assumed]
-            if self.import_report
-            else [],
+    @property
+    def method(self) -> str:
+        """How ΔC was integrated: "in-loop", "samples" or "discrete"."""
+        return self.ledger.method
+
+    @property
+    def delta_c(self) -> dict[str, float]:
+        """Largest |ΔC| of each testing function, J."""
+        return {name: float(np.abs(x).max()) for name, x in self.ledger.delta_c.items()}
+
+    @property
+    def error_bar(self) -> dict[str, float]:
+        """Largest error bar of each testing function, J."""
+        return {name: float(x.max()) for name, x in self.ledger.error_bar.items()}
+
+    @property
+    def samples(self) -> int:
+        """How many samples were judged."""
+        return len(self.run)
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        report = self.import_report
+        return {
+            "ignored": tuple(map(str, report.ignored)) if report else (),
+            "assumed": tuple(map(str, report.assumed)) if report else (),
         }
-        plain: dict[str, Any] = _finite(held)
-        return plain
+
+    def summary(self) -> str:
+        """Verdict, and the energy error beside the tolerance."""
+        sign = ">" if self.relative > self.tolerance else "≤"
+        return (
+            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
+            f"{self.turnover:.4g} J turned over (confidence {self.verdict.confidence})"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """Where the energy went, the verdict, what the model's import left out."""
+        rows: list[tuple[str, ...]] = []
+        for row in self.rows():
+            if row.name == "ΔK":
+                rows.append(())
+            rows.append((row.name, number(row.energy), f"{100 * row.share:.3g} %", row.basis))
+        yield Table(("channel", "energy (J)", "share", "basis"), tuple(rows))
+        yield from self.verdict.sections()
+        if self.import_report is not None:
+            yield from self.import_report.sections()
 
     def _bar(self) -> str:
         return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
-
-    def __repr__(self) -> str:
-        return (
-            f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
-            f"{percent(self.relative)} of {self.ledger.energy_exchanged:.4g} J turned over; "
-            f"{len(self.findings)} findings)"
-        )
 
 
 _BEYOND_TOLERANCE = (
@@ -310,7 +315,7 @@ def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> 
     if len(run) >= LEAST_ROWS:
         least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
         with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-            return explanation(mechanism, run, "samples", least, most=most).findings()
+            return list(explanation(mechanism, run, "samples", least, most=most).findings)
     return []
 
 
@@ -320,15 +325,6 @@ def _function(ledger: Ledger) -> str:
         if name in ledger.delta_c:
             return name
     return next(iter(ledger.delta_c))
-
-
-def _finite(value: Any) -> Any:
-    """Nested lists and dicts with None for what no JSON can hold."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _derived(run: Trajectory, what: str) -> bool:

@@ -110,7 +110,7 @@ def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: b
         from deltac.recorders.mujoco_recorder import ORDERS
 
         return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
-    stepping = [s for s in SOLVERS.values() if s.family not in ("adaptive", "taylor")]
+    stepping = [s for s in SOLVERS.values() if s.takes_steps]
     names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
     held = controller is not None and controller.hold
     return names + [n for n in SUITED if n in SOLVERS and not held]
@@ -168,7 +168,7 @@ def _own(
             for span in (duration / 10**k for k in range(DECADES))
         ]
 
-    if solver.family == "adaptive":
+    if solver.family in ("scipy", "sundials"):
         return Family(
             solver.name,
             solver.order,

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.recommend.families import families
-from deltac.diagnosis.recommend.result import SAME_TIME, Advice, failing, setting_of
+from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
 from deltac.diagnosis.recommend.work_precision import Family, Refused, Trial, Trials, distance
 from deltac.errors import InputError
 from deltac.mechanism.state import State
@@ -46,7 +46,7 @@ def recommend(
     controller: Controller | None = None,
     control: Callable[[Any, Any], object] | None = None,
     progress: Progress | None = None,
-) -> Advice:
+) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
     The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
@@ -69,7 +69,7 @@ def recommend(
         progress: called with the fraction done and what is being tried.
 
     Returns:
-        The advice; its `status` is 1 if nothing tried keeps the tolerance, and then `best` is None.
+        The advice; its `exit_code` is 1 if nothing tried keeps the tolerance, and then `best` is None.
 
     Raises:
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
@@ -184,7 +184,9 @@ class _Search:
         coarser = self._kept.get((family.name, settings[low])) if low >= 0 else None
         self._found.append(_Bracket(family, best, coarser))
 
-    def advice(self, found: Sequence[Family], duration: float, notes: tuple[str, ...]) -> Advice:
+    def advice(
+        self, found: Sequence[Family], duration: float, notes: tuple[str, ...]
+    ) -> Recommendation:
         """Rank the brackets by measured time; the best is verified, and its energy by a finer run too."""
         ranked = sorted(self._found, key=lambda b: b.best.seconds)
         close = [b for b in ranked if b.best.seconds <= SAME_TIME * ranked[0].best.seconds]
@@ -198,7 +200,7 @@ class _Search:
             finer = self._trial(best.family, half)
             if second is not None:
                 agreement = self._agreement(best, second)
-        return Advice(
+        return Recommendation(
             best=None if best is None else best.best,
             coarser=None if best is None else best.coarser,
             finer=finer,

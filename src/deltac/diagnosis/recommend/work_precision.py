@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from deltac.energy import balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.step_size.stiffness import StiffStep
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -138,13 +138,6 @@ class Trial:
         """By what factor the worse of the two exceeds its tolerance."""
         motion = 0.0 if math.isnan(self.motion) else self.motion
         return max(self.energy / tolerance, motion / motion_tolerance)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON; what is not finite becomes None."""
-        values: dict[str, Any] = dict(vars(self))
-        for name in ("energy", "motion"):
-            values[name] = values[name] if math.isfinite(values[name]) else None
-        return values
 
 
 class Refused(InputError):

@@ -19,7 +19,7 @@ from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.step_size.stiffness import StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8

@@ -126,7 +126,7 @@ def balance(
     quadrature = dict(zip(kernels.channels, sums["channels"]))
     if discrete is not None:
         nothing = np.zeros(len(run))
-        works = {n: Work.exact(discrete.work.get(n, nothing)) for n in kernels.powers}
+        works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
     else:
         works = dict(quadrature)
         if method == "in-loop":
@@ -145,16 +145,16 @@ def balance(
     bars = {name: bar + rounding for name, bar in bars.items()}
     impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
     for name in dict.fromkeys((*impulsive, *jumped.work)):
-        added = Work.exact(jumped.work.get(name, np.zeros(len(run))))
+        added = Work.exact(jumped.work.get(name, np.zeros(len(run))), "events")
         works[name] = works[name] + added if name in works else added
         power.setdefault(name, np.zeros(len(run)))
         basis.setdefault(name, "measured")
-    works |= {name: Work(value, rounding) for name, value in corrected.items()}
+    works |= {name: Work(value, rounding, "booked") for name, value in corrected.items()}
     if method == "in-loop" and "wang" in delta_c:
         free = {n: w for n, w in works.items() if n not in potential}
         E = parts.K + parts.V
         missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
-        works |= widened(free, frozenset(quadrature.keys() - run.works.keys()), missing)
+        works |= widened(free, missing)
     momentum, momentum_bar = _momenta(kernels, here["momentum"], sums["force"], jumped.momentum)
     return Ledger(
         t=run.t,
@@ -166,6 +166,7 @@ def balance(
         power=power,
         work={name: w.value for name, w in works.items()},
         work_error={name: w.bar for name, w in works.items()},
+        work_from={name: w.way for name, w in works.items()},
         delta_c=delta_c,
         error_bar=bars,
         energy_exchanged=energy_exchanged,

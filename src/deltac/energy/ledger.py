@@ -23,19 +23,8 @@ if TYPE_CHECKING:
 class Ledger(
     Report,
     omit=(
-        *(
-            "t",
-            "K2",
-            "K1",
-            "K0",
-            "potential",
-            "power",
-            "work",
-            "work_error",
-            "delta_c",
-            "error_bar",
-        ),
-        *("momentum", "momentum_bar", "violation"),
+        *("t", "K2", "K1", "K0", "potential", "power", "work", "work_error", "work_from"),
+        *("delta_c", "error_bar", "momentum", "momentum_bar", "violation"),
     ),
     also=("duration", "works", "energies", "functions"),
 ):
@@ -48,7 +37,8 @@ class Ledger(
         potential: V of each source, ``"gravity"``, ``"spring elbow"`` (T,).
         power: power of each channel, positive into the system (T,).
         work: cumulated work of each channel, from the first sample on (T,); `work_error`: how far it may
-            be off (T,).
+            be off (T,); `work_from`: how it was found, "in-loop", "samples", "discrete", from a
+            "potential", from "events", or "booked" by a correction.
         delta_c: ΔC of each testing function (T,); exact motion keeps it at zero. Where the driving force
             of a prescribed joint was logged, "wang" uses it and "wang-inertial" does not.
         error_bar: numerical uncertainty of ΔC (quadrature and round-off) (T,).
@@ -73,6 +63,7 @@ class Ledger(
     power: ByChannel
     work: ByChannel
     work_error: ByChannel
+    work_from: Mapping[Any, str]
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
     energy_exchanged: float
@@ -152,7 +143,7 @@ class Ledger(
         """Time from the first sample to the last, s."""
         return float(self.t[-1] - self.t[0])
 
-    def works(self) -> dict[str, dict[str, float | bool]]:
+    def works(self) -> dict[str, dict[str, Any]]:
         """Of each channel, largest first: its work over the whole time, how far that may be off (J).
 
         `resolved` is False for those in `unresolved`.
@@ -163,6 +154,7 @@ class Ledger(
                 "work": float(self.work[name][-1] - self.work[name][0]),
                 "error": float(self.work_error[name].max()),
                 "resolved": name not in unknown,
+                "from": self.work_from[name],
             }
             for name in sorted(self.work, key=lambda name: -abs(self.work[name][-1]))
         }
@@ -227,6 +219,7 @@ _WHAT = {
     "power": "channel",
     "work": "channel",
     "work_error": "channel",
+    "work_from": "channel",
     "delta_c": "testing function",
     "error_bar": "testing function",
     "momentum": "momentum balance",

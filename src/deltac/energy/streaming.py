@@ -103,12 +103,12 @@ class _Carry:
         through = np.arange(before, core[-1] + 1)
         t = ledger.t[through]
         for name, power in ledger.power.items():
-            work = ledger.work[name][through]
+            sums, bar = ledger.work[name][through], ledger.work_error[name][through]
+            work = Work(sums, bar, ledger.work_from[name])
             if name.kind == "impact":  # an impulse has no power
-                self.exchanged += float(np.abs(np.diff(work)).sum())
+                self.exchanged += float(np.abs(np.diff(work.value)).sum())
             else:
-                bar = ledger.work_error[name][through]
-                self.exchanged += exchanged(Work(work, bar), power[through], t)
+                self.exchanged += exchanged(work, power[through], t)
         for extremes, values in ((self.K, ledger.kinetic), (self.V, ledger.potential_energy)):
             extremes[:] = [
                 float(np.min([values[core].min(), *extremes])),

@@ -11,7 +11,7 @@ There are four ways to a work, each with an error bar of its own:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,31 +26,35 @@ RESOLVED = 0.1
 NEGLIGIBLE = 1e-6
 """… or this part of the energy exchanged."""
 
+LIKELY = 2.0
+"""How much more than the work between two samples the trapezoid of its power may be believed to be."""
+
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The cumulated work of a channel at the samples (T,), J, and how far it may be off (T,)."""
+    """The cumulated work of a channel at the samples (T,), J, and how far it may be off (T,).
+
+    `way`: one of the four, "potential", "in-loop", "samples", "discrete"; "events" where impulses alone did
+    it, "booked" for corrections.
+    """
 
     value: Array
     bar: Array
+    way: str = "samples"
 
     @staticmethod
-    def exact(value: Array, size: float = 0.0) -> Work:
+    def exact(value: Array, way: str, size: float = 0.0) -> Work:
         """A work known but for rounding; `size` is that of the numbers it is a difference of."""
         steps = 4.0 + np.sqrt(np.arange(len(value)))
-        return Work(value, EPS * (float(np.abs(value).max()) + size) * steps)
+        return Work(value, EPS * (float(np.abs(value).max()) + size) * steps, way)
 
     def __add__(self, other: Work) -> Work:
-        return Work(self.value + other.value, self.bar + other.bar)
-
-    def less(self, other: Work) -> Work:
-        """The difference."""
-        return Work(self.value - other.value, self.bar + other.bar)
+        return Work(self.value + other.value, self.bar + other.bar, self.way)
 
 
 def of_potential(V: Array, explicit: Work | None) -> Work:
     """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero."""
-    lost = Work.exact(V[0] - V, float(np.abs(V).max()))
+    lost = Work.exact(V[0] - V, "potential", float(np.abs(V).max()))
     return lost if explicit is None else lost + explicit
 
 
@@ -62,14 +66,12 @@ def in_loop(value: Array, sampled: Work, unaccounted: Array) -> Work:
     left of the whole balance so far: |ΔC|, `unaccounted` (T,).
     """
     apart = np.maximum.accumulate(np.abs(value - sampled.value)) + sampled.bar
-    exact = Work.exact(value)
-    return Work(value, exact.bar + np.minimum(apart, unaccounted))
+    rounding = Work.exact(value, "in-loop").bar
+    return Work(value, rounding + np.minimum(apart, unaccounted), "in-loop")
 
 
-def widened(
-    works: Mapping[ChannelName, Work], sampled: frozenset[ChannelName], missing: Array
-) -> dict[ChannelName, Work]:
-    """The works, the bars of those `sampled` no smaller than what all together are `missing` (T,; J).
+def widened(works: Mapping[ChannelName, Work], missing: Array) -> dict[ChannelName, Work]:
+    """The works, the bars of those on samples no smaller than what all together are `missing` (T,; J).
 
     Samples that are too far apart for a power can also be too far apart for the bar of its integral; what
     the balance lacks beyond the bars may then be in any of these works.
@@ -77,21 +79,21 @@ def widened(
     excess = missing - sum(work.bar for work in works.values())
     lacking = np.maximum.accumulate(np.where(excess > 0.0, missing, 0.0))
     return {
-        name: Work(work.value, np.maximum(work.bar, lacking)) if name in sampled else work
+        name: replace(work, bar=np.maximum(work.bar, lacking)) if work.way == "samples" else work
         for name, work in works.items()
     }
 
 
 def exchanged(work: Work, power: Array, t: Array) -> float:
-    """∫|power| dt of a channel, as far as it is certain (J): noise and gaps must not add to a scale.
+    """∫|P| dt of a channel, as far as it is certain (J): what no sample shows must not add to a scale.
 
-    In each interval between samples the smaller of two estimates: the amount of its work, which misses what
-    goes to and fro within, and the trapezoid of |power|, which knows nothing of what is within. Less what
-    the whole work may be off.
+    By trapezoids, less what the work may be off in the whole run. Where the work is known without the powers
+    at the samples, an interval counts no more than `LIKELY` times the work that was done in it.
     """
-    by_power = 0.5 * np.diff(t) * (np.abs(power[1:]) + np.abs(power[:-1]))
-    certain = np.minimum(np.abs(np.diff(work.value)), by_power).sum()
-    return max(0.0, float(certain) - float(np.ptp(work.bar)))
+    flow = 0.5 * np.diff(t) * (np.abs(power[1:]) + np.abs(power[:-1]))
+    if work.way in ("potential", "in-loop"):
+        flow = np.minimum(flow, LIKELY * np.abs(np.diff(work.value)))
+    return max(0.0, float(flow.sum()) - float(np.ptp(work.bar)))
 
 
 def unresolved(works: ByChannel, bars: ByChannel, energy: float) -> tuple[ChannelName, ...]:

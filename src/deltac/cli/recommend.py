@@ -41,6 +41,9 @@ def command(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw work against precision (PNG).")
     ] = None,
+    time_limit: Annotated[
+        float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
+    ] = 120.0,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
@@ -62,6 +65,7 @@ def command(
             motion_tolerance=motion_tolerance,
             solvers=chosen,
             control=None if control is None else load_callable(control),
+            time_limit=time_limit,
             progress=progress,
         )
     if figure is not None:

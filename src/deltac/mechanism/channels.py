@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any, NoReturn, TypeAlias
 
 from deltac.arrays import Array
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 
 KINDS: tuple[str, ...] = (
     "gravity",
@@ -45,13 +45,13 @@ class ChannelName(str):
     def __new__(cls, kind: str, element: str = "") -> ChannelName:
         """Join the two, checked."""
         if kind not in KINDS:
-            raise InputError(
+            raise UnknownName(
                 f"channel {f'{kind} {element}'.strip()!r}: {kind!r} is no kind of channel"
                 f"{closest(kind, KINDS)}. "
                 "A channel is named '<kind> <element>', for example 'damper elbow'."
             )
         if not element and kind != "gravity":
-            raise InputError(
+            raise ModelError(
                 f"channel {kind!r} names no element; expected '{kind} <element>', "
                 f"for example '{kind} elbow'."
             )

@@ -32,7 +32,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        turnover: energy turned over in it, J.
+        turnover: energy exchanged in it, J; `still`: so little that the motion is rounding.
         notes: why some solvers were left out.
     """
 
@@ -46,6 +46,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
     motion_tolerance: float
     duration: float
     turnover: float
+    still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
 
@@ -78,11 +79,13 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
 
     @property
     def exit_code(self) -> int:
-        """Exit code: 0 a verified recommendation, 1 none of what was tried keeps the tolerance."""
-        return 0 if self.verified else 1
+        """Exit code: 0 verified, 1 nothing that was tried keeps the tolerance, 3 nothing moves."""
+        return 3 if self.still else 0 if self.verified else 1
 
     def summary(self) -> str:
         """What to use, or that nothing keeps the tolerance."""
+        if self.still:
+            return "unresolved: next to nothing moves"
         if self.best is None:
             return f"nothing that was tried keeps a tolerance of {self.tolerance:g}"
         return f"{self.best.solver} with {setting_of(self.best)}" + (
@@ -123,6 +126,12 @@ def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:
 
 def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
+    if advice.still:
+        return [
+            f"Unresolved: {advice.turnover:.2g} J are exchanged in {advice.duration:g} s, which is rounding. "
+            "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
+            "in which energy flows."
+        ]
     if best is None:
         tried = [t for t in advice.trials if math.isfinite(t.energy)]
         line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"

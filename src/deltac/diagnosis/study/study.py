@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
 from deltac.diagnosis.inputs.models import Model, load_model
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, UnknownName
 from deltac.results import Record, Report, Section, Table, number
 from deltac.studies.thesis.experiments import (
     EVERYTHING,
@@ -164,7 +164,7 @@ def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
     wanted = [only] if isinstance(only, str) else list(only)
     for figure in wanted:
         if figure not in known:
-            raise InputError(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
+            raise UnknownName(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
     if not wanted:
         raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
     return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
     actuator_names,
@@ -31,7 +31,7 @@ def require_mujoco() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InputError(
+        raise PackageError(
             'reading MJCF and URDF needs MuJoCo; install it with: pip install "deltac[mujoco]"'
         ) from None
     return mujoco
@@ -55,23 +55,23 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     if isinstance(source, mujoco.MjSpec):
         return _compiled(source.copy(), "the MjSpec"), "an MjSpec", [], None
     if not isinstance(source, str | Path):
-        raise InputError(
+        raise WrongType(
             f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
             "a mujoco.MjModel or a mujoco.MjSpec"
         )
     path = Path(source)
     if not path.is_file():
-        raise InputError(f"model file {str(path)!r} does not exist; check the path")
+        raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
         model, assumed, urdf = _urdf(mujoco, path, base)
         return model, path.name, assumed, urdf
     if path.suffix.lower() not in (".xml", ".mjcf"):
-        raise InputError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
+        raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
     try:
         with _quiet(mujoco):
             return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
     except ValueError as error:
-        raise InputError(_refused(path.name, error)) from None
+        raise ModelError(_refused(path.name, error)) from None
 
 
 def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf | None]:
@@ -84,14 +84,14 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
     # Meshes are often out of reach (package://…), and MuJoCo is strict about inertias.
     for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
         try:
-            model = _tree(
-                mujoco, urdf, placeholders and bool(urdf.links), shapes, path, base
-            ).compile()
+            with _quiet(mujoco):
+                spec = _tree(mujoco, urdf, placeholders and bool(urdf.links), shapes, path, base)
+                model = spec.compile()
             break
         except ValueError as error:
             problem = _refused(path.name, error)
     else:
-        raise InputError(problem)
+        raise ModelError(problem)
     if not shapes:
         assumed.append(
             Remark(
@@ -146,7 +146,7 @@ def _compiled(spec: Any, name: str) -> Any:
     try:
         return spec.compile()
     except ValueError as error:
-        raise InputError(_refused(name, error)) from None
+        raise ModelError(_refused(name, error)) from None
 
 
 def _refused(name: str, error: Exception) -> str:
@@ -237,7 +237,7 @@ def read_mechanism(
             is not known.
     """
     if equality not in ("log", "constraints"):
-        raise InputError(f"equality: expected 'log' or 'constraints', found {equality!r}")
+        raise ModelError(f"equality: expected 'log' or 'constraints', found {equality!r}")
     model, name, assumed, urdf = load_model(source, base)
     found = Findings(assumed=assumed)
     tree = read_tree(model, total_armature(model), urdf)

@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, InputError, ModelError, shown
 from deltac.files import read_text
 from deltac.importers.report import Remark
 from deltac.limits import Limits
@@ -109,16 +109,16 @@ def read_urdf(path: Path) -> Urdf:
     try:
         text = read_text(path, "model")
     except InputError as error:
-        raise InputError(f"model file {path.name!r} cannot be read: {error}") from None
+        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError(f"model file {path.name!r} has a document type; a URDF file needs none")
+        raise ModelError(f"model file {path.name!r} has a document type; a URDF file needs none")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(f"MuJoCo cannot compile {path.name}: it is no XML: {error}") from None
+        raise ModelError(f"MuJoCo cannot compile {path.name}: it is no XML: {error}") from None
     _check_depth(root, path.name)
     if root.tag != "robot" or root.find("link") is None:
-        raise InputError(f"model file {path.name!r} has no <robot> with links; is it URDF?")
+        raise ModelError(f"model file {path.name!r} has no <robot> with links; is it URDF?")
     links: dict[str, LinkInertia] = {}
     remarks: list[Remark] = []
     own = [c for c in root.findall("mujoco/compiler") if _OWN & set(c.attrib)]
@@ -152,7 +152,7 @@ def _inertia(link: ElementTree.Element, where: str) -> LinkInertia:
     origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
     m = _numbers(mass, "value", 1, f"{where}: mass")[0]
     if m < 0.0:
-        raise InputError(f"{where}: the mass is {m:g} kg, expected 0 or more")
+        raise ModelError(f"{where}: the mass is {m:g} kg, expected 0 or more")
     x, y, z = _numbers(origin, "xyz", 3, f"{where}: origin of the inertia")
     roll, pitch, yaw = _numbers(origin, "rpy", 3, f"{where}: angles of the inertia")
     xx, xy, xz, yy, yz, zz = (_numbers(inertia, k, 1, f"{where}: {k}")[0] for k in _MOMENTS)
@@ -169,10 +169,10 @@ def _numbers(element: ElementTree.Element | None, key: str, count: int, where: s
         return [0.0] * count
     words = text.split()
     if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
-        raise InputError(f"{where} is {shown(text)}, expected {count} numbers")
+        raise ModelError(f"{where} is {shown(text)}, expected {count} numbers")
     values = [float(word) for word in words]
     if not all(math.isfinite(value) for value in values):
-        raise InputError(f"{where} is {shown(text)}, expected finite numbers")
+        raise ModelError(f"{where} is {shown(text)}, expected finite numbers")
     return values
 
 
@@ -230,7 +230,7 @@ def _refuse_impossible(
             seen.add(top)
         joined = _joined(top, links, carried)
         if joined[0] < -link.slack:
-            raise InputError(
+            raise ModelError(
                 f"{file}: link {name!r}: its principal moment of inertia {smallest:.6g} kg·m² is negative, "
                 f"and with the links that are fixed to it {joined[0]:.6g}: its motion would have negative "
                 "kinetic energy. Correct <inertia>"

@@ -41,7 +41,9 @@ def test_right_equations_can_be_trusted_and_wrong_ones_cannot() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    repeated(["elastic-pendulum", "bead-on-hoop", "andrews-squeezer", "chaplygin-sleigh"], "bead-on-hoop"),
+    repeated(
+        ["elastic-pendulum", "bead-on-hoop", "andrews-squeezer", "chaplygin-sleigh"], "bead-on-hoop"
+    ),
 )
 def test_published_problems_can_be_trusted(name: str) -> None:
     problem = dc.problems.load(name)

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import audit, cache, check, describe, mutate, problems, recommend, reproduce, study
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
@@ -34,6 +34,7 @@ app.command("audit")(audit.command)
 app.command("recommend")(recommend.command)
 app.command("check")(check.command)
 app.command("mutate")(mutate.command)
+app.command("describe")(describe.command)
 app.command("cache")(cache.command)
 
 

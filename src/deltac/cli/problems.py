@@ -64,13 +64,13 @@ def _list(library: list[Problem], as_json: bool) -> None:
         print_json([_description(problem) for problem in library])
         return
     table = new_table()
-    for column in ("name", "class", "dof", "conserved", "refs"):
+    for column in ("name", "what", "dof", "conserved", "refs"):
         table.add_column(column, no_wrap=column == "name")  # a name is to be copied
     for problem in library:
         known = _description(problem)
         table.add_row(
             problem.name,
-            problem.classification,
+            problem.title,
             str(known["dof"]),
             ", ".join(problem.conserved) or "–",
             str(len(problem.reference)),
@@ -82,7 +82,6 @@ def _description(problem: Problem) -> dict[str, Any]:
     return {
         "name": problem.name,
         "title": problem.title,
-        "class": problem.classification,
         "dof": problem.freedom,
         "conserved": list(problem.conserved),
         "source": problem.source,
@@ -100,14 +99,18 @@ def _description(problem: Problem) -> dict[str, Any]:
 
 
 def _print_json(problem: Problem, compared: tuple[Comparison, ...]) -> None:
+    from deltac.analysis.classify import classify
+
     description = _description(problem)
     for entry, row in zip(description["reference"], compared, strict=True):
         entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
-    print_json(description)
+    print_json(description | {"class": classify(problem).kind})
 
 
 def _print(problem: Problem, compared: tuple[Comparison, ...]) -> None:
-    print_text(f"{problem.title} ({problem.classification})")
+    from deltac.analysis.classify import classify
+
+    print_text(f"{problem.title} ({classify(problem).kind})")
     print_text(f"source: {problem.source}")
     print_text(f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s")
     print()

@@ -1,0 +1,28 @@
+"""`deltac describe`: what a model is, before anything is simulated."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from deltac.cli.output import Json, print_json
+
+
+def command(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="A problem's name, an .xml, .mjcf or .urdf file, or FILE.py:FUNCTION.",
+        ),
+    ],
+    as_json: Json = False,
+) -> None:
+    """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
+    from deltac.analysis.classify import classify
+
+    found = classify(model)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print(found.explain())

@@ -26,7 +26,9 @@ def kinds(study: Study) -> set[str]:
 def log(run: Trajectory, udot: bool = False, step: bool = True) -> Trajectory:
     """The bare log that another program would have written."""
     source = Provenance("another program", step=run.provenance.step if step else None)
-    return replace(run, udot=run.udot if udot else None, integrals={}, forces={}, provenance=source)
+    return replace(
+        run, udot=run.udot if udot else None, works={}, integrals={}, forces={}, provenance=source
+    )
 
 
 def samples(step: float, q: Any, u: Any, udot: Any = None, **forces: Any) -> Trajectory:
@@ -259,7 +261,7 @@ def test_a_wrong_parameter(parameter: str, udot: bool) -> None:
     other = mechanism.with_parameters(**{parameter: 1.05 * mechanism.parameters[parameter]})
     found = of_logs(other, [log(run, udot) for run in runs])
     assert found.verdict.kind == "equation-error", found.verdict.explain()
-    assert found.status == 1
+    assert found.exit_code == 1
     assert found.verdict.confidence == ("high" if udot else "medium")
 
 

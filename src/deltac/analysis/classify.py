@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +27,7 @@ from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.results import Report, Section, Table, number
 
 LOOKED_AT = 8
 """Random states at which what is said to be constant, and constraints to be integrable, are tested."""
@@ -34,8 +36,8 @@ ROUNDING = 1e-9
 """A power below this share of the powers that it is made of is zero."""
 
 
-@dataclass(frozen=True, eq=False)
-class Classification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Classification(Report, also=("kind",)):
     """The class of a mechanism, in the terms of the theory.
 
     Attributes:
@@ -84,57 +86,36 @@ class Classification:
             words.append("catastatic" if self.catastatic else "acatastatic")
         return ", ".join(words)
 
-    def explain(self) -> str:
-        """The classification as text, a fact a line."""
-        count = f"{len(self.bodies)} bodies" if len(self.bodies) != 1 else "1 body"
-        lines = [f"{self.mechanism}: {count}, {self.freedom} degrees of freedom; {self.kind}"]
-        for name, kind, parent, child, prescribed in self.joints:
-            driven = ", prescribed" if prescribed else ""
-            lines.append(f"  {name}: {kind}{driven}, {parent} → {child}")
+    def summary(self) -> str:
+        """The class in one line."""
+        bodies = f"{len(self.bodies)} bodies" if len(self.bodies) != 1 else "1 body"
+        freedom = f"{self.freedom} degree{'s' if self.freedom != 1 else ''} of freedom"
+        return f"{self.mechanism}: {bodies}, {freedom}; {self.kind}"
+
+    def sections(self) -> Iterator[Section]:
+        """What it is made of, what kind it is, what stays constant."""
+        yield self.summary()
+        rows = tuple(
+            (name, f"{kind}, prescribed" if prescribed else kind, parent, child)
+            for name, kind, parent, child, prescribed in self.joints
+        )
+        yield Table(("joint", "kind", "from", "to"), rows)
         if self.motion_constraints:
-            lines.append(f"not integrable: {', '.join(self.motion_constraints)}")
+            yield f"not integrable: {', '.join(self.motion_constraints)}"
         if self.integrable:
-            lines.append(f"integrable, though written on velocities: {', '.join(self.integrable)}")
+            yield f"integrable, though written on velocities: {', '.join(self.integrable)}"
         if self.redundant:
-            lines.append(f"redundant rows: {self.redundant}")
-        lines.append(f"testing functions: {', '.join(self.testing_functions)}")
+            yield f"redundant rows: {self.redundant}"
+        yield f"testing functions: {', '.join(self.testing_functions)}"
         for group in self.coincide:
-            lines.append(f"  the same here: {', '.join(group)}")
-        lines.append(f"constant: {', '.join(self.constant) or 'nothing that is looked for'}")
+            yield f"the same function here: {', '.join(group)}"
+        yield f"constant: {', '.join(self.constant) or 'neither energy nor a momentum of a ground joint'}"
         if self.nonpotential:
-            lines.append(f"forces without a potential: {', '.join(self.nonpotential)}")
+            yield f"forces without a potential: {', '.join(self.nonpotential)}"
         if self.events:
-            lines.append(f"between events: {', '.join(self.events)}")
-        energies = ", ".join(f"{name} = {value:.6g} J" for name, value in self.energies.items())
-        return "\n".join([*lines, f"at the state: {energies}"])
-
-    def __str__(self) -> str:
-        return self.explain()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {
-            "mechanism": self.mechanism,
-            "kind": self.kind,
-            "freedom": self.freedom,
-            "bodies": list(self.bodies),
-            "joints": [
-                dict(zip(("name", "kind", "parent", "child", "prescribed"), joint))
-                for joint in self.joints
-            ],
-            "scleronomic": self.scleronomic,
-            "catastatic": self.catastatic,
-            "holonomic": self.holonomic,
-            "motion_constraints": list(self.motion_constraints),
-            "integrable": list(self.integrable),
-            "redundant": self.redundant,
-            "testing_functions": list(self.testing_functions),
-            "coincide": [list(group) for group in self.coincide],
-            "constant": list(self.constant),
-            "nonpotential": list(self.nonpotential),
-            "events": list(self.events),
-            "energies": self.energies,
-        }
+            yield f"constant only between events: {', '.join(self.events)}"
+        energies = ", ".join(f"{n} = {number(x, 'J', 6)}" for n, x in self.energies.items())
+        yield f"at the state: {energies}"
 
 
 def classify(model: Any, state: State | None = None) -> Classification:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -21,11 +21,12 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.results import Record
 from deltac.trajectories import Trajectory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Evaluation:
+class Evaluation(Record):
     """M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 at an instant; along a run every array has the samples in front.
 
     p free speeds, nu of all joints, c rows of constraints; SI units.
@@ -63,16 +64,6 @@ class Evaluation:
     G: Array
     multipliers: Array
     driving: Array
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as lists and numbers, by name."""
-
-        def plain(value: Any) -> Any:
-            if isinstance(value, dict):
-                return {name: plain(entry) for name, entry in value.items()}
-            return value.tolist() if isinstance(value, np.ndarray) else value
-
-        return {field.name: plain(getattr(self, field.name)) for field in fields(self)}
 
 
 def evaluate(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.results import Report, Section, Table, number
 
 DEPENDENT = 1e-8
 """Share of a constraint row below which it counts as redundant."""
@@ -36,8 +38,8 @@ AT_REST = 1e-10
 MOST = 100
 
 
-@dataclass(frozen=True, eq=False)
-class Linearisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearisation(Report):
     """δẋ = A δx + B δi about a motion, in independent coordinates and speeds.
 
     δx holds displacements along the independent speeds (δq = W δθ: of a coordinate whose rate is its speed
@@ -72,20 +74,38 @@ class Linearisation:
         order = np.lexsort((values.imag, values.real))
         return values[order].astype(complex), vectors[:, order].astype(complex)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists; eigenvalues as [real, imaginary]."""
-        return {
-            "t": self.state.t,
-            "names": list(self.names),
-            "inputs": list(self.inputs),
-            "A": self.A.tolist(),
-            "B": self.B.tolist(),
-            "eigenvalues": [[float(s.real), float(s.imag)] for s in self.eigenvalues],
-        }
+    def summary(self) -> str:
+        """The size of it, and the eigenvalue with the largest real part."""
+        values = self.eigenvalues
+        told = f", Re λ ≤ {number(float(values[-1].real), '1/s')}" if len(values) else ""
+        return f"linearised at t = {self.state.t:g} s: {len(values)} states{told}"
+
+    def sections(self) -> Iterator[Section]:
+        """The eigenvalues, with frequency and damping."""
+        yield self.summary()
+        rows = []
+        for value in self.eigenvalues:
+            if value.imag < 0.0:
+                continue
+            size = abs(value)
+            rows.append(
+                (
+                    number(float(value.real), digits=6),
+                    number(float(value.imag), digits=6),
+                    number(float(value.imag) / (2 * math.pi)) if value.imag else "",
+                    number(float(-value.real) / size) if value.imag else "",
+                )
+            )
+        yield Table(("Re λ, 1/s", "Im λ, 1/s", "frequency, Hz", "damping ratio"), tuple(rows))
+
+    def contents(self) -> dict[str, Any]:
+        """Matrices and names; eigenvalues as pairs of real and imaginary part."""
+        pairs = [[float(value.real), float(value.imag)] for value in self.eigenvalues]
+        return {**super().contents(), "eigenvalues": pairs}
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Report):
     """Where a mechanism rests: the state, the multipliers there, and small motions about it.
 
     Attributes:
@@ -108,15 +128,14 @@ class Equilibrium:
         """Of small motions, 1/s, by rising real part."""
         return self.linearisation.eigenvalues
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists."""
-        return {
-            "q": self.state.q.tolist(),
-            "multipliers": self.multipliers.tolist(),
-            "residual": self.residual,
-            "stability": self.stability,
-            **self.linearisation.to_dict(),
-        }
+    def summary(self) -> str:
+        """Whether it is stable."""
+        return f"equilibrium at t = {self.state.t:g} s: {self.stability}"
+
+    def sections(self) -> Iterator[Section]:
+        """Its stability and small motions."""
+        yield self.summary()
+        yield from self.linearisation.sections()
 
 
 def linearise(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, print_json
+from deltac.cli.output import Json, deliver
 
 
 def command(
@@ -21,8 +21,4 @@ def command(
     """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
     from deltac.analysis.classify import classify
 
-    found = classify(model)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        print(found.explain())
+    deliver(classify(model), as_json)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
 from deltac.mechanism.quantities import Quantity, part_name, require_positive
@@ -68,15 +68,15 @@ class Scope:
         """There is such a body; the ground counts if it may."""
         known = (GROUND, *self.bodies) if ground else self.bodies
         if name not in known:
-            raise InputError(f"{where}: unknown body {name!r}{closest(name, known)}")
+            raise UnknownName(f"{where}: unknown body {name!r}{closest(name, known)}")
 
     def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
         """There is such a joint and it moves: its coordinates and speeds."""
         if name not in self.joints:
-            raise InputError(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
+            raise UnknownName(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
         speeds = self.speeds[self.speeds.of(name)]
         if not speeds:
-            raise InputError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
+            raise ModelError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
         return self.coordinates[self.coordinates.of(name)], speeds
 
     def rate_is_speed(self, coordinate: str) -> bool:
@@ -92,7 +92,7 @@ class Scope:
         """A strength that must not be negative, or it would create energy, is not."""
         value = self.number(strength)
         if value < 0.0:
-            raise InputError(
+            raise ModelError(
                 f"{where} is {value:g}: below zero it would create energy. If that is meant, say "
                 "allow_energy_source=True; what it gives is then booked in its channel"
             )
@@ -132,4 +132,4 @@ class Part:
 def require_count(values: Sequence[Any], expected: int, where: str) -> None:
     """InputError unless there are as many values as expected."""
     if len(values) != expected:
-        raise InputError(f"{where}: expected {expected} values, found {len(values)}")
+        raise ModelError(f"{where}: expected {expected} values, found {len(values)}")

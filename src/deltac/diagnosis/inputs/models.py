@@ -9,7 +9,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, InputError, UnknownName, WrongType, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem
 
@@ -46,7 +46,7 @@ def load_model(source: Any) -> Model:
         return _named(str(source))
     if type(source).__module__.partition(".")[0] == "mujoco":
         return _imported(source)
-    raise InputError(
+    raise WrongType(
         f"model: found {type(source).__name__}; expected a Mechanism, a Problem, a problem's name, an .xml "
         "or .urdf file, a MuJoCo model, or file.py:callable"
     )
@@ -74,11 +74,11 @@ def _named(text: str) -> Model:
     path = Path(text)
     if path.suffix.lower() in IMPORTED:
         if not path.is_file():
-            raise InputError(f"model {text}: no such file")
+            raise FileError(f"model {text}: no such file")
         return _imported(path)
     if path.suffix == ".py":
         raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
-    raise InputError(
+    raise UnknownName(
         f"unknown model {text!r}: neither a problem of the library{closest(text, problems.names())}, nor an "
         ".xml or .urdf file, nor file.py:callable"
     )
@@ -97,7 +97,7 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
     Raises InputError for a file that is missing or cannot be run, and an unknown name.
     """
     if not path.is_file():
-        raise InputError(f"{what} {path}:{name}: no file {path}")
+        raise FileError(f"{what} {path}:{name}: no file {path}")
     spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -112,14 +112,14 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
         sys.path.pop(0)
     if not hasattr(module, name):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
-        raise InputError(f"{what} {path}: no function {name!r}{closest(name, known)}")
+        raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
     return getattr(module, name)
 
 
 def _callable(path: Path, name: str) -> Callable[..., Any]:
     made = from_file(path, name)
     if not callable(made):
-        raise InputError(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
+        raise WrongType(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
     function: Callable[..., Any] = made
     return function
 
@@ -136,7 +136,7 @@ def _made(function: Callable[[], Any], text: str) -> Model:
     if isinstance(made, tuple) and made and isinstance(made[0], Mechanism):  # what importers return
         return Model(made[0], import_report=made[1] if len(made) > 1 else None)
     if not isinstance(made, Mechanism | Problem):
-        raise InputError(
+        raise WrongType(
             f"model {text} returned {type(made).__name__}; expected a Mechanism or a Problem"
         )
     return load_model(made)

@@ -14,7 +14,18 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import (
+    audit,
+    cache,
+    check,
+    describe,
+    examine,
+    mutate,
+    problems,
+    recommend,
+    reproduce,
+    study,
+)
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
@@ -32,11 +43,13 @@ app = typer.Typer(
 )
 app.command("reproduce")(reproduce.command)
 app.command("problems")(problems.command)
+app.command("examine")(examine.command)
 app.command("study")(study.command)
 app.command("audit")(audit.command)
 app.command("recommend")(recommend.command)
 app.command("check")(check.command)
 app.command("mutate")(mutate.command)
+app.command("describe")(describe.command)
 app.command("cache")(cache.command)
 
 

@@ -38,7 +38,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class DescribedJoint:
-    """A joint of the tree: what kind it is, from which body to which, and whether its motion is prescribed."""
+    """A joint of the tree: its kind, from which body to which, and whether it is prescribed."""
 
     name: str
     kind: str

@@ -50,6 +50,10 @@ from deltac.mechanism.joints import revolute as revolute
 from deltac.mechanism.mechanism import Mechanism as Mechanism
 from deltac.mechanism.quantities import rotation_matrix as rotation_matrix
 from deltac.mechanism.state import State as State
+from deltac.models import Model as Model
+from deltac.models import ModelLike as ModelLike
+from deltac.models import StateLike as StateLike
+from deltac.models import load_model as load_model
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn

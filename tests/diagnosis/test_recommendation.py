@@ -318,7 +318,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
         data.ctrl[0] = 0.4
 
     advice = dc.recommend(
-        model, duration=0.5, tolerance=tolerance, solvers=solvers, control=control
+        model, duration=0.5, tolerance=tolerance, solvers=solvers, controller=control
     )
     assert advice.verified
     assert advice.best is not None
@@ -326,7 +326,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
 
     def run(solver: str, step: float) -> dc.Trajectory:
         integrator = solver.removeprefix("mujoco:")
-        return dc.run_mujoco(model, 0.5, control=control, step=step, integrator=integrator)
+        return dc.run_mujoco(model, 0.5, controller=control, step=step, integrator=integrator)
 
     exact = run("mujoco:rk4", advice.best.setting / 32)
     assert advice.best.verified

@@ -9,6 +9,7 @@ import typer
 
 from deltac.cli.output import (
     Json,
+    Model,
     new_table,
     number,
     print_json,
@@ -26,12 +27,7 @@ SHOWN = 6
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of its motion.")],
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
@@ -132,7 +128,7 @@ def _print_import(report: ImportReport) -> None:
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)

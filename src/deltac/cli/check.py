@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, new_table, number, print_json, print_table
+from deltac.cli.output import Json, Model, new_table, number, print_json, print_table
 
 if TYPE_CHECKING:
     from deltac.diagnosis.check.check import EquationCheck
@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str,
         typer.Argument(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, new_table, print_json, print_table, progress_bar
+from deltac.cli.output import Json, Model, new_table, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
     ],

@@ -19,7 +19,24 @@ WIDTH = 100
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output, nothing else.")]
 
-Progress: TypeAlias = Callable[[float, str], None]
+Model = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+    ),
+]
+
+StartState = Annotated[
+    str | None,
+    typer.Option(
+        "--state",
+        metavar="NAME=VALUE,…|FILE|KEYFRAME",
+        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
+        "first row; a keyframe of an MJCF file. By default the model's own start.",
+    ),
+]
+
+Progress: TypeAlias = Callable[[float], None]
 
 
 def print_json(value: Any) -> None:
@@ -67,19 +84,19 @@ def print_text(text: str) -> None:
 def progress_bar() -> Iterator[Progress]:
     """A bar on standard error while the block runs, on terminals only."""
     if not sys.stderr.isatty():
-        yield lambda fraction, what: None
+        yield lambda fraction: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as progress:
         task = progress.add_task("", total=1.0)
 
-        def report(fraction: float, what: str) -> None:
-            progress.update(task, completed=fraction, description=what)
+        def report(fraction: float) -> None:
+            progress.update(task, completed=fraction)
 
         yield report

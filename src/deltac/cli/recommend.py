@@ -10,6 +10,8 @@ import typer
 
 from deltac.cli.output import (
     Json,
+    Model,
+    StartState,
     new_table,
     number,
     print_json,
@@ -22,12 +24,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a share of the energy turned over.")
     ] = 1e-6,
@@ -45,21 +42,22 @@ def command(
         str | None,
         typer.Option(metavar="A,B", help="Choose from these, for example ode4,ode5 or mujoco:rk4."),
     ] = None,
-    control: Annotated[
+    controller: Annotated[
         str | None,
         typer.Option(metavar="FILE.py:FUNCTION", help="Input of a MuJoCo model: (model, data)."),
     ] = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw work against precision (PNG).")
     ] = None,
+    state: StartState = None,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
     Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
-    from deltac.diagnosis.inputs.models import load_callable
     from deltac.diagnosis.recommend.recommend import recommend
+    from deltac.models import load_callable
 
     if figure is not None:
         from deltac.report import check_figure
@@ -71,11 +69,12 @@ def command(
     with progress_bar() as progress:
         advice = recommend(
             model,
+            state,
             duration=duration,
             tolerance=tolerance,
             motion_tolerance=motion_tolerance,
             solvers=chosen,
-            control=None if control is None else load_callable(control),
+            controller=None if controller is None else load_callable(controller),
             progress=progress,
         )
     if figure is not None:

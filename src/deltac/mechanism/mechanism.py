@@ -206,19 +206,6 @@ class Mechanism:
         )
 
 
-def require_mechanism(given: object) -> None:
-    """InputError unless it is a mechanism; tells where the one that was meant is."""
-    if isinstance(given, Mechanism):
-        return
-    remedy = ""
-    if isinstance(getattr(given, "mechanism", None), Mechanism):
-        remedy = "; use problem.mechanism"
-    elif isinstance(given, str):
-        remedy = "; of a problem by its name, use deltac.problems.load(name).mechanism"
-    found = repr(given) if isinstance(given, str) else type(given).__name__
-    raise InputError(f"mechanism: expected a Mechanism, found {found}{remedy}")
-
-
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
     made: list[Entry] = []
     for joint in joints:

@@ -70,12 +70,15 @@ def read_text(path: str | Path, limit: str = "text") -> str:
 
 
 @contextmanager
-def appearing(path: str | Path) -> Iterator[BinaryIO]:
+def appearing(
+    path: str | Path, mode: int | None = None, replace: bool = True
+) -> Iterator[BinaryIO]:
     """A file to write to, that takes the place of `path` once it is complete and on the disk.
 
     It is written beside `path` (through a link, not over it), synchronised and renamed, so that a crash or
     an interrupt leaves the old file or the new one. What killed processes left in the folder is removed.
-    The rights are those of the file that is replaced, else of the umask.
+    The rights are `mode`, else those of the file that is replaced, else of the umask. Without `replace`
+    a file that another process has put there meanwhile stays.
 
     Raises InputError for a folder that does not exist, OSError when the disk refuses.
     """
@@ -86,29 +89,38 @@ def appearing(path: str | Path) -> Iterator[BinaryIO]:
         raise InputError(f"{path}: is a folder; expected the name of a file")
     if target.exists() and not target.is_file():
         raise InputError(f"{path}: is {_kind(target.stat().st_mode)}; expected the name of a file")
-    temporary, file = _unfinished(target.parent)
+    temporary, file = _unfinished(target.parent, mode)
     try:
         with file:
             yield file
             file.flush()
-            with suppress(FileNotFoundError):
-                os.chmod(temporary, stat.S_IMODE(target.stat().st_mode))
+            if mode is None:
+                with suppress(FileNotFoundError):
+                    os.chmod(temporary, stat.S_IMODE(target.stat().st_mode))
             os.fsync(file.fileno())
-            if fcntl is not None:
-                os.replace(temporary, target)  # while it is locked: see `remove_abandoned`
-        if fcntl is None:
-            os.replace(temporary, target)  # Windows renames no open file
+            if fcntl is not None:  # while it is locked: see `remove_abandoned`
+                _put(temporary, target, replace)
+        if fcntl is None:  # Windows renames no open file
+            _put(temporary, target, replace)
         _synchronise(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
     remove_abandoned(target.parent)
 
 
-def _unfinished(folder: Path) -> tuple[Path, BinaryIO]:
+def _put(temporary: Path, target: Path, replace: bool) -> None:
+    if replace:
+        os.replace(temporary, target)
+    else:
+        with suppress(FileExistsError):
+            os.link(temporary, target)
+
+
+def _unfinished(folder: Path, mode: int | None) -> tuple[Path, BinaryIO]:
     """A new file to write to, locked as long as it is open: so nobody takes it for abandoned."""
     while True:
         path = folder / f".deltac-{secrets.token_hex(6)}.tmp"
-        file = open(path, "x+b")  # noqa: SIM115
+        file = open(path, "x+b", opener=lambda p, flags: os.open(p, flags, mode or 0o666))  # noqa: SIM115
         if fcntl is None:
             return path, file
         with suppress(OSError):  # a file system without locks

@@ -21,7 +21,7 @@ from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward, terms
-from deltac.dynamics.textbook_kinematics import along, coordinate_rates
+from deltac.dynamics.textbook.kinematics import along, coordinate_rates
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import prismatic

@@ -10,8 +10,8 @@ import pytest
 import deltac as dc
 from deltac.dynamics.constraints import _POSITIONS, constraint_rows
 from deltac.dynamics.system import trace
-from deltac.dynamics.textbook_constraints import KINDS
-from deltac.dynamics.textbook_kinematics import along
+from deltac.dynamics.textbook.constraints import KINDS
+from deltac.dynamics.textbook.kinematics import along
 from tests.systems.constrained_mechanisms import EXAMPLES, Tied, four_bar, playground, playing
 from tests.systems.random_mechanisms import Sample, assert_close, random_state
 

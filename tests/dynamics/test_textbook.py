@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_kinematics import along, skew, tree
+from deltac.dynamics.textbook.kinematics import along, skew, tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
 from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import holonomic

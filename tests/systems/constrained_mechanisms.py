@@ -23,9 +23,9 @@ from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_constrained import ConstrainedTextbook
-from deltac.dynamics.textbook_kinematics import tree
+from deltac.dynamics.textbook.constrained import ConstrainedTextbook
+from deltac.dynamics.textbook.kinematics import tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
 from deltac.mechanism.bodies import body, rod
 from deltac.mechanism.constraints import (
@@ -232,6 +232,16 @@ class Tied:
     def __repr__(self) -> str:
         kinds = ", ".join(type(c).__name__ for c in self.sample.mechanism.constraints)
         return f"Tied({self.sample!r}; {kinds})"
+
+
+def condition(tied: Tied) -> float:
+    """How much the constrained system magnifies rounding: that of G M⁻¹ Gᵀ, and of M."""
+    ties = tied.ties
+    M = tied.book.mass_matrix
+    G = ties.G[list(tied.independent)]
+    S = G @ np.linalg.solve(M, G.T)
+    d = 1 / np.sqrt(np.diag(S))
+    return float(np.linalg.cond(M) * np.linalg.cond(d[:, None] * S * d))
 
 
 def tied(options: Options, *, moving: bool = True, most: int = 2) -> SearchStrategy[Tied]:

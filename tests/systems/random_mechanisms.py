@@ -17,8 +17,8 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 from deltac.dynamics.system import System
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_kinematics import prescribed
+from deltac.dynamics.textbook.kinematics import prescribed
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, rod, sphere
 from deltac.mechanism.joints import (
     KINDS,

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.dynamics.textbook_kinematics import Array, numbers
-from deltac.dynamics.textbook_situation import ChannelForce, Situation, between
+from deltac.dynamics.textbook.kinematics import Array, numbers
+from deltac.dynamics.textbook.situation import ChannelForce, Situation, between
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate

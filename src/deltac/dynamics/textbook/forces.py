@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics import textbook_contact
-from deltac.dynamics.textbook_kinematics import Array
-from deltac.dynamics.textbook_situation import ChannelForce as ChannelForce
-from deltac.dynamics.textbook_situation import Situation as Situation
-from deltac.dynamics.textbook_situation import between
+from deltac.dynamics.textbook import contact
+from deltac.dynamics.textbook.kinematics import Array
+from deltac.dynamics.textbook.situation import ChannelForce, Situation, between
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
@@ -217,7 +215,7 @@ _ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     SpringDamper: _spring_damper,
     Tendon: _tendon,
     GravityCompensation: _gravity_compensation,
-    JointFriction: textbook_contact.joint_friction,
-    PointFriction: textbook_contact.point_friction,
-    Contact: textbook_contact.contact,
+    JointFriction: contact.joint_friction,
+    PointFriction: contact.point_friction,
+    Contact: contact.contact,
 }

@@ -25,8 +25,8 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.dynamics.textbook_forces import ChannelForce, Situation, channel_forces
-from deltac.dynamics.textbook_kinematics import (
+from deltac.dynamics.textbook.forces import channel_forces
+from deltac.dynamics.textbook.kinematics import (
     Array,
     Tree,
     along,
@@ -36,6 +36,7 @@ from deltac.dynamics.textbook_kinematics import (
     prescribed,
     tree,
 )
+from deltac.dynamics.textbook.situation import ChannelForce, Situation
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 
@@ -47,7 +48,8 @@ class Textbook:
     `q` (nq,) and `u` (nu,) hold all joints; the entries of prescribed joints are replaced by their laws.
     The independent generalized speeds are the free entries of u, p of them. `inputs` gives the
     generalized forces of motors without a law, by name. Matrices have n = 6N + nu rows.
-    InputError for a mechanism with constraints: its joints must be the whole of it.
+    InputError for a mechanism with constraints: its joints must be the whole of it, unless `tree_only` asks
+    for the matrices of the tree of joints regardless.
     Methods that take accelerations `udot` (nu,) take any: those of a log or a wrong simulation too.
     """
 
@@ -56,9 +58,10 @@ class Textbook:
     q: Array
     u: Array
     inputs: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    tree_only: bool = False
 
     def __post_init__(self) -> None:
-        if self.mechanism.constraints:
+        if self.mechanism.constraints and not self.tree_only:
             names = ", ".join(constraint.name for constraint in self.mechanism.constraints)
             raise InputError(
                 f"the textbook's matrices are of trees, and the mechanism has constraints ({names}); "

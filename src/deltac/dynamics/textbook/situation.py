@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook_kinematics import Array, Tree, numbers
+from deltac.dynamics.textbook.kinematics import Array, Tree, numbers
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism

@@ -8,28 +8,22 @@
 
 The complement R is taken from a singular value decomposition: another route to u̇ and λ than the
 factorised multiplier equations of `deltac.dynamics.kkt`, which are tested against it. After the thesis
-(see `deltac.dynamics.textbook`) and Wang, Huston, *Kane's equations with undetermined multipliers*, 1987.
+(see `deltac.dynamics.textbook.tree`) and Wang, Huston, *Kane's equations with undetermined multipliers*,
+1987.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_constraints import KINDS, Scene
-from deltac.dynamics.textbook_kinematics import (
-    Array,
-    Frame,
-    along,
-    numbers,
-    prescribed,
-    skew,
-    tree,
-)
+from deltac.dynamics.textbook.constraints import KINDS, Scene
+from deltac.dynamics.textbook.kinematics import Array, Frame, along, numbers, prescribed, skew, tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
@@ -47,11 +41,12 @@ class ConstrainedTextbook:
     t: float
     q: Array
     u: Array
+    inputs: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @cached_property
     def book(self) -> Textbook:
-        """The textbook of the tree that is left without the constraints."""
-        return Textbook(replace(self.mechanism, constraints=()), self.t, self.q, self.u)
+        """The textbook of the tree of joints alone."""
+        return Textbook(self.mechanism, self.t, self.q, self.u, self.inputs, tree_only=True)
 
     # --- rows ------------------------------------------------------------------------------------
 
@@ -117,7 +112,7 @@ class ConstrainedTextbook:
         B: Array = np.array(columns, dtype=float).T
         return B
 
-    @property
+    @cached_property
     def _apart(self) -> dict[str, Frame]:
         """The bodies as if nothing joined them: partial velocities for v itself."""
         b = self.book

@@ -2,7 +2,7 @@
 
 Each kind is written twice, as one draws it on paper: where things are, f(x, t), and how fast they move,
 ψ = J v + f_t (or A v + b at motion constraints), with velocities and ω × d instead of derivatives. What
-follows from them is in `deltac.dynamics.textbook_constrained`. Laws must be smooth.
+follows from them is in `deltac.dynamics.textbook.constrained`. Laws must be smooth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook_kinematics import Array, Frame, coordinate_rates, skew
+from deltac.dynamics.textbook.kinematics import Array, Frame, coordinate_rates, skew
 from deltac.mechanism.constraints import (
     Angle,
     Distance,

@@ -33,6 +33,7 @@ from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
+from deltac.errors import SuspicionWarning as SuspicionWarning
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism

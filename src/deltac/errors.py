@@ -17,6 +17,10 @@ class InputError(DeltacError, ValueError):
     """The input cannot be used as it is; the message says what to change (exit status 2)."""
 
 
+class SuspicionWarning(UserWarning):
+    """Input that can be used, but looks like a slip."""
+
+
 def closest(name: str, options: Iterable[str]) -> str:
     """The tail of an "unknown name" message: the closest match, else what is known.
 

@@ -146,7 +146,7 @@ def _at_rest(angle: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([[a, b, c], [b, d, e], [c, e, f]]), np.array(right)
 
 
-COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w")]
+COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w", "noise")]
 ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2, 3},
         "g1": {1}, "g2": {2}, "g3": {3}, "c1": {1}, "c2": {1, 2}, "c3": {2, 3}}  # fmt: skip
 

@@ -153,7 +153,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
         ({"solvers": ("ode55",)}, "did you mean"),
         ({"solvers": ("taylor",)}, "nothing to choose from"),
         ({"solvers": ("mujoco:rk4",)}, "needs a MuJoCo model"),
-        ({"control": lambda model, data: None}, "give our own solvers a controller"),
+        ({"controller": lambda model, data: None}, "our own solvers take a Controller"),
     ],
 )
 def test_bad_input(options: dict[str, object], message: str) -> None:
@@ -238,7 +238,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, None)
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None)
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -253,7 +253,7 @@ def test_a_run_is_verified_at_all_of_its_rows() -> None:
 
 def test_a_model_without_duration_is_asked_for_one() -> None:
     mechanism = dc.problems.load("simple-pendulum").mechanism
-    with pytest.raises(dc.InputError, match="duration="):
+    with pytest.raises(dc.InputError, match="duration: say how long"):
         dc.recommend(mechanism)
 
 

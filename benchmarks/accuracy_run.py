@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import deltac as dc
 from deltac.kernels import evaluator_name
 from deltac.kernels.parallel import one_thread_a_call
-from deltac.simulation.ensemble_steps import rate_kernel
+from deltac.simulation.ensemble.steps import rate_kernel
 from deltac.simulation.flow import build_flow
 
 Array = NDArray[np.float64]

@@ -44,9 +44,9 @@ END_TO_END = ("cli", "test_docs.py")
 @pytest.fixture(autouse=True, scope="module")
 def one_step_per_call(request: pytest.FixtureRequest) -> Iterator[None]:
     """Unrolled steps take long to compile, for runs as short as these; the tests of fusing unroll."""
-    from deltac.simulation import fixed
+    from deltac.simulation.stepping import explicit
 
     with pytest.MonkeyPatch.context() as patch:
         if request.path.relative_to(TESTS).parts[0] not in END_TO_END:
-            patch.setattr(fixed, "MOST_STEPS_PER_CALL", 1)
+            patch.setattr(explicit, "MOST_STEPS_PER_CALL", 1)
         yield

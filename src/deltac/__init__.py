@@ -37,7 +37,7 @@ _RENAMED: dict[str, str] = {
         "laws": "q time u",
     }.items()
     for name in names.split()
-} | {"rotation": "deltac.rotation_matrix"}
+} | {"rotation": "deltac.rotation_matrix", "Advice": "deltac.Recommendation"}
 
 __all__ = sorted(_PUBLIC)
 

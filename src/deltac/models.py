@@ -15,7 +15,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, InputError, StateError, UnknownName, WrongType, closest
 from deltac.files import read_bytes
 from deltac.limits import parse_json, parse_toml
 from deltac.mechanism.mechanism import Mechanism
@@ -114,7 +114,7 @@ class Model:
         """
         if given is None:
             if not self.starts:
-                raise InputError(
+                raise StateError(
                     f"state: mechanism {self.mechanism.name!r} does not say where its motion starts; give "
                     "state=mechanism.state({...}), or a Problem, which has one"
                 )
@@ -124,13 +124,13 @@ class Model:
         if isinstance(given, str | Path):
             return _told(self, str(given))
         if not isinstance(given, State):
-            raise InputError(
+            raise WrongType(
                 f"state: found {type(given).__name__}, expected a State, made by mechanism.state(...), or "
                 "values by the names of coordinates"
             )
         expected = (len(self.mechanism.coordinates), len(self.mechanism.speeds))
         if (given.q.size, given.u.size) != expected:
-            raise InputError(
+            raise StateError(
                 f"state: it has {given.q.size} coordinates and {given.u.size} speeds, mechanism "
                 f"{self.mechanism.name!r} has {expected[0]} and {expected[1]}; make it by "
                 "mechanism.state(...) of this mechanism"
@@ -169,7 +169,7 @@ def load_model(source: ModelLike) -> Model:
         return _pair(*source)
     if type(source).__module__.partition(".")[0] == "mujoco":
         return _imported(source)
-    raise InputError(f"model: found {_described(source)}; expected {TAKEN}")
+    raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
 
 
 def opened(
@@ -217,7 +217,7 @@ def _named(text: str) -> Model:
     path = Path(text)
     if path.suffix.lower() in IMPORTED:
         if not path.is_file():
-            raise InputError(f"model {text}: no such file")
+            raise FileError(f"model {text}: no such file")
         return _imported(path)
     if path.suffix == ".py":
         raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
@@ -225,7 +225,7 @@ def _named(text: str) -> Model:
         raise InputError(
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
-    raise InputError(
+    raise UnknownName(
         f"unknown model {text!r}: no problem of the library{closest(text, problems.names())}, and not one of "
         f"the rest of what is taken: {TAKEN}"
     )
@@ -298,7 +298,7 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
     Raises InputError for a file that is missing or cannot be run, and an unknown name.
     """
     if not path.is_file():
-        raise InputError(f"{what} {path}:{name}: no file {path}")
+        raise FileError(f"{what} {path}:{name}: no file {path}")
     spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -313,14 +313,14 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
         sys.path.pop(0)
     if not hasattr(module, name):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
-        raise InputError(f"{what} {path}: no function {name!r}{closest(name, known)}")
+        raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
     return getattr(module, name)
 
 
 def _callable(path: Path, name: str) -> Callable[..., Any]:
     made = from_file(path, name)
     if not callable(made):
-        raise InputError(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
+        raise WrongType(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
     function: Callable[..., Any] = made
     return function
 

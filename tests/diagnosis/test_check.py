@@ -42,7 +42,7 @@ def test_right_equations_are_consistent(name: str, seed: int) -> None:
     assert found.verdict.kind == "consistent", found.explain()
     # Rounding of some hundred operations; the conditioning of angles near a singularity is in it.
     assert found.worst < 1e-11
-    assert found.status == 0
+    assert found.exit_code == 0
     assert found.blame == () and found.example is None
     assert not any(seen.sees for seen in found.seen)
 
@@ -114,7 +114,7 @@ def test_the_mistake_of_the_thesis_is_found() -> None:
     p = dc.problems.load("triple-pendulum", mistake=True)
     assert p.equations is not None
     found = dc.check_equations(p.mechanism, p.equations)
-    assert found.verdict.kind == "equation-error" and found.status == 1
+    assert found.verdict.kind == "equation-error" and found.exit_code == 1
     (blame,) = found.blame
     assert (blame.number, blame.speed) == (2, "theta2")
     assert blame.degrees == (0,)
@@ -281,10 +281,10 @@ def test_json_has_all_there_is() -> None:
 
     found = check(replace(HAND, g2=-HAND.g2).free)
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert told["verdict"] == "equation-error" and told["states"] == 64
+    assert told["verdict"] == "equation-error" and told["count"] == 64
     assert told["blame"][0]["terms"][0]["words"].endswith(", enters with the wrong sign")
     assert set(told["example"]["given"]) == {"theta1", "theta2", "theta3"}
-    assert {"coordinate residual", "wang"} <= {entry["test"] for entry in told["tests"]}
+    assert {"coordinate residual", "wang"} <= {entry["test"] for entry in told["seen"]}
 
 
 def test_batches_are_used_where_they_agree() -> None:

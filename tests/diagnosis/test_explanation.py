@@ -285,7 +285,7 @@ def test_what_is_not_in_the_dictionary_is_not_explained() -> None:
     )
     assert found.kind == "unexplained", str(found)
     assert "No few causes of those known" in str(found)
-    assert found.findings() == []
+    assert found.findings == ()
 
 
 def test_parameters_that_the_log_does_not_excite_are_listed() -> None:
@@ -303,8 +303,8 @@ def test_tables_json_and_findings() -> None:
     found = dc.explain_residual(model, arm_run())
     assert json.dumps(found.to_dict(), allow_nan=False)
     lines = found.table().splitlines()
-    assert len(lines) == 3 and "missing-damper" in lines[1]
-    assert [f.kind for f in found.findings()] == ["missing-damper"] * 2
+    assert len(lines) == 4 and "missing-damper" in lines[2]
+    assert [f.kind for f in found.findings] == ["missing-damper"] * 2
     assert sum(c.share for c in found.causes) <= 1.01
 
 

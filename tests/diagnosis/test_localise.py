@@ -43,7 +43,7 @@ def test_the_mistake_of_the_thesis_in_its_motion(
     assert np.abs(total + expected[rows] * rate).max() < 1e-9
     assert np.abs(found.joints["joint3"]).max() < 1e-9
     assert "equation 2 (theta2)" in found.explain()
-    assert found.to_dict()["departures"][0]["equation"] == 2
+    assert found.to_dict()["departures"][0]["number"] == 2
 
 
 def test_a_right_motion_departs_nowhere() -> None:

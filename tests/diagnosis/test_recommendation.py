@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,15 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.recommend import families as settings_of_solvers
 from deltac.diagnosis.recommend.recommend import _Search
-from deltac.diagnosis.recommend.work_precision import Family, Piece, Trial, common, distance
+from deltac.diagnosis.recommend.work_precision import (
+    Deadline,
+    Family,
+    OutOfTime,
+    Piece,
+    Trial,
+    common,
+    distance,
+)
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:
@@ -29,7 +38,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
     problem = dc.problems.load("triple-pendulum")
     advice = dc.recommend(problem, duration=1.0, tolerance=1e-6, solvers=("ode8", "ode5", "ode4"))
     assert advice.verified
-    assert advice.status == 0
+    assert advice.exit_code == 0
     assert advice.best is not None
     assert advice.coarser is not None
     errors = []
@@ -49,7 +58,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    turnover = 1.0
+    turnover, still = 1.0, False
 
     def __init__(self, constant: dict[str, float], missed: float = 1.0) -> None:
         self.constant, self.missed, self.tried = constant, missed, 0
@@ -89,8 +98,8 @@ def test_the_search_finds_what_trying_all_would(
     trials = Invented({f.name: stiff ** (f.order or 1) for f in families}, missed)
     search = _Search(trials, tolerance, tolerance, None, len(families))  # type: ignore[arg-type]
     for family in families:
-        search.family(family)
-    advice = search.advice(families, 1.0, ())
+        search.family(family, Deadline())
+    advice = search.advice(1.0, ())
     every = [
         trial
         for family in families
@@ -101,7 +110,7 @@ def test_the_search_finds_what_trying_all_would(
     ]
     if not every:
         assert advice.best is None
-        assert advice.status == 1
+        assert advice.exit_code == 1
         return
     cheapest = min(trial.seconds for trial in every)
     assert advice.verified
@@ -122,7 +131,7 @@ def test_nothing_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = dc.problems.load("simple-pendulum")
     advice = dc.recommend(problem, duration=0.2, tolerance=2e-13, solvers=("ode1",))
     assert advice.best is None
-    assert advice.status == 1
+    assert advice.exit_code == 1
     assert advice.step is None
     assert "Nothing that was tried" in advice.explain()
     assert "ode1" in advice.explain()
@@ -162,13 +171,13 @@ def test_bad_input(options: dict[str, object], message: str) -> None:
 
 
 def test_a_solver_that_cannot_do_it_is_left_out_with_the_reason() -> None:
-    """Implicit solvers cannot stop at impacts; alone, that is an error, and no matter of accuracy."""
+    """The discrete gradient refuses what is driven; alone, that is an error, and no matter of accuracy."""
     options = {"duration": 0.5, "tolerance": 1e-6}
-    advice = dc.recommend("bouncing-ball", solvers=("ode5", "implicit-midpoint"), **options)
+    advice = dc.recommend("driven-pendulum", solvers=("ode5", "discrete-gradient"), **options)
     assert advice.solver == "ode5"
-    assert any("implicit-midpoint was left out" in note for note in advice.notes)
-    with pytest.raises(dc.InputError, match="no solver can be used.*cannot stop at events"):
-        dc.recommend("bouncing-ball", solvers=("implicit-midpoint",), **options)
+    assert any("discrete-gradient was left out" in note for note in advice.notes)
+    with pytest.raises(dc.InputError, match="no solver can be used.*keeps the energy"):
+        dc.recommend("driven-pendulum", solvers=("discrete-gradient",), **options)
 
 
 RATE, SLOW, KICK = 8e3, 2 * math.pi, 2e-3  # 1/s; rad/s; of the fast speed to the slow one's range
@@ -238,7 +247,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None)
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -249,6 +258,40 @@ def test_a_run_is_verified_at_all_of_its_rows() -> None:
         rows, others = common(t, piece.reference().t)
         assert np.array_equal(rows, np.arange(len(t)))
         assert np.array_equal(others, rows)
+
+
+def test_nothing_that_moves_is_nothing_to_judge_by() -> None:
+    rod = dc.Mechanism(
+        [dc.rod("rod", 1.0, 1.0, along="-z")],
+        [dc.revolute("hinge", "ground", "rod", axis="y")],
+        gravity=(0, 0, -9.81),
+    )
+    advice = dc.recommend(rod, rod.state(), 1.0, solvers=("ode1", "ode4"))
+    assert advice.best is None and advice.still
+    assert advice.exit_code == 3
+
+
+def test_what_does_not_move_has_no_range_to_be_right_within() -> None:
+    """A box in free fall does not turn but for rounding, of which no share is an error."""
+    box = dc.bodies.box("box", 1.0, (0.1, 0.2, 0.3))
+    falling = dc.Mechanism([box], [dc.free("base", "box")], gravity=(0, 0, -9.81))
+    advice = dc.recommend(falling, falling.state(), 1.0, solvers=("ode4",))
+    # ode4 is exact on a parabola: nothing but rounding is left at the coarsest step there is.
+    assert advice.verified
+    assert advice.step == pytest.approx(1.0 / settings_of_solvers.FEWEST)
+
+
+def test_a_search_ends_in_its_time_with_the_best_it_has() -> None:
+    began = time.monotonic()
+    deadline = Deadline(0.0)
+    with pytest.raises(OutOfTime):
+        deadline.check()
+    deadline.lift()
+    deadline.check()
+    advice = dc.recommend("triple-pendulum", duration=1.0, solvers=("ode5", "ode1"), time_limit=3.0)
+    # By its order ode1 would need a million steps; the search may end before it gives that up.
+    assert advice.verified and advice.solver == "ode5"
+    assert time.monotonic() - began < 60.0
 
 
 def test_a_model_without_duration_is_asked_for_one() -> None:

@@ -93,13 +93,13 @@ def test_the_error_of_the_integrator_in_words() -> None:
     problem = dc.problems.load("triple-pendulum")
     found = dc.study(problem, duration=2.0, steps=(4e-3, 2e-3, 1e-3), tolerance=1e-12)
     assert found.verdict.kind == "integration-error"
-    assert found.status == 1
+    assert found.exit_code == 1
     order = found.observed_order["wang"]
     assert f"falls at order {order.order:.1f}" in found.verdict.meaning
     assert "at h = 0.001 s it is" in found.verdict.meaning
     assert found.verdict.explain().startswith("integration-error (confidence high). The error is")
     within = dc.study(problem, duration=2.0, steps=(4e-3, 2e-3, 1e-3))
-    assert (within.verdict.kind, within.status) == ("consistent", 0)
+    assert (within.verdict.kind, within.exit_code) == ("consistent", 0)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_the_error_of_the_integrator_in_words() -> None:
 def test_the_mistake_of_figure_4_7_is_blamed_on_coordinate_2(steps: tuple[float, ...]) -> None:
     problem = dc.problems.load("triple-pendulum", mistake=True)
     found = dc.study(problem, duration=2.0, steps=steps, equations=problem.equations)
-    assert (found.verdict.kind, found.status) == ("equation-error", 1)
+    assert (found.verdict.kind, found.exit_code) == ("equation-error", 1)
     causes = [f for f in found.findings if f.weight == "cause"]
     assert [f.element for f in causes] == ["theta2"], found.verdict.explain()
     assert found.residuals is not None and found.residuals.blamed == (1,)
@@ -151,7 +151,7 @@ def test_chaos_is_studied_up_to_where_motions_part() -> None:
 def test_a_run_in_which_nothing_moves_is_unresolved() -> None:
     mechanism = pendulum()
     found = dc.study(mechanism, mechanism.state(), 1.0, (0.04, 0.02, 0.01))
-    assert (found.verdict.kind, found.status) == ("unresolved", 3)
+    assert (found.verdict.kind, found.exit_code) == ("unresolved", 3)
     assert "next to nothing moves" in found.verdict.meaning
 
 
@@ -233,7 +233,7 @@ def test_a_simulator_of_ones_own() -> None:
 
 def test_a_simulator_that_ignores_its_step() -> None:
     found = studied(lambda step: replace(simulator(0.01)))
-    assert (found.verdict.kind, found.status) == ("unresolved", 3)
+    assert (found.verdict.kind, found.exit_code) == ("unresolved", 3)
     assert "step-ignored" in kinds(found)
 
 

@@ -259,7 +259,7 @@ def test_a_wrong_parameter(parameter: str, udot: bool) -> None:
     other = mechanism.with_parameters(**{parameter: 1.05 * mechanism.parameters[parameter]})
     found = of_logs(other, [log(run, udot) for run in runs])
     assert found.verdict.kind == "equation-error", found.verdict.explain()
-    assert found.status == 1
+    assert found.exit_code == 1
     assert found.verdict.confidence == ("high" if udot else "medium")
 
 

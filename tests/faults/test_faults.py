@@ -33,7 +33,7 @@ def test_logs_with_a_fault_are_equation_errors(case: Callable[[], cases.LogCase]
     given = case()
     assert dc.audit(given.model, given.right).verdict.kind == "consistent"
     found = dc.audit(given.model, given.log)
-    assert (found.verdict.kind, found.status) == ("equation-error", 1), found.verdict.explain()
+    assert (found.verdict.kind, found.exit_code) == ("equation-error", 1), found.verdict.explain()
 
 
 @pytest.mark.parametrize("case", EQUATIONS, ids=lambda case: case.__name__)

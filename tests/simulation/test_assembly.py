@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.simulation.assembly import assemble
+from deltac.simulation.constraints.assembly import assemble
 from tests.systems.constrained_mechanisms import four_bar, parallelogram
 from tests.systems.linkages import disc, four_bars, linkage
 

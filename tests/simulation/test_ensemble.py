@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.simulation import ensemble_steps
+from deltac.simulation.ensemble import steps as ensemble_steps
 
 
 def double_pendulum(**options: object) -> dc.Mechanism:

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 import deltac as dc
 from deltac import shapes
-from deltac.simulation.events.impact_law import Contact, Inertia, resolve
-from deltac.simulation.events.rubbing import collide
+from deltac.simulation.events.impact import Contact, Inertia, resolve
+from deltac.simulation.events.stronge import collide
 
 G = 9.81
 Array = np.ndarray

@@ -227,7 +227,7 @@ def test_failures_end_with_words_and_the_motion_so_far(solver: str) -> None:
 @pytest.mark.parametrize("solver", SUNDIALS)
 @pytest.mark.parametrize(
     ("law", "reason"),
-    [("exp(q.x)", "100000 internal steps"), ("-sqrt(q.x)", "the equations are not defined")],
+    [("exp(q.x)", "100000 internal steps|are not defined"), ("-sqrt(q.x)", "are not defined")],
 )
 def test_sundials_ends_in_our_words_alone(
     solver: str, law: str, reason: str, capfd: pytest.CaptureFixture[str]
@@ -235,7 +235,7 @@ def test_sundials_ends_in_our_words_alone(
     """ẍ = eˣ is infinite at 1.35 s; −√x has no value once x < 0. SUNDIALS' own text is not spilled."""
     mechanism = pushed(law)
     run, message = stopped(mechanism, mechanism.state({"x": 1.0}), 3.0, 0.01, solver)
-    assert reason in message and "SUNDIALS" not in message and "_ERR" not in message
+    assert re.search(reason, message) and "SUNDIALS" not in message and "_ERR" not in message
     assert f"stopped at t = {run.t[-1]:.9g} s" in message
     assert f"u.x = {run.u[-1, 0]:.4g}" in message and "Look at the laws there" in message
     assert capfd.readouterr().err == ""

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from deltac.cli.output import Json, print_json
+from deltac.results import plain
 
 
 def command(
@@ -27,17 +28,7 @@ def command(
     info = cache_info()
     problems = verify_cache() if verify else {}
     if as_json:
-        print_json(
-            {
-                "path": None if info.path is None else str(info.path),
-                "enabled": info.enabled,
-                "writable": info.writable,
-                "entries": info.entries,
-                "size_bytes": info.size_bytes,
-                "limit_bytes": info.limit_bytes,
-                **({"problems": problems} if verify else {}),
-            }
-        )
+        print_json("Cache", plain(info) | ({"problems": problems} if verify else {}))
         if problems:
             raise typer.Exit(1)
         return

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, Model, new_table, number, print_json, print_table
+from deltac.cli.output import Json, Model, deliver
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.check.check import EquationCheck
     from deltac.repair import Repair
 
 
@@ -69,14 +68,7 @@ def command(
     )
     if write is not None and repaired is not None and repaired.fixes:
         write.write_text(repaired.fixes[0].diff, encoding="utf-8")
-    if as_json:
-        more = {} if repaired is None else {"repair": repaired.to_dict()}
-        print_json({**found.to_dict(), **more})
-    else:
-        _print(found)
-        if repaired is not None:
-            typer.echo(f"\nRepair. {repaired.explain()}")
-    raise typer.Exit(found.status)
+    deliver(found, as_json, *(() if repaired is None else (repaired,)))
 
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair:
@@ -87,22 +79,3 @@ def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Rep
     return repair_equations(
         model, rhs if isinstance(rhs, Equations) else text, coordinates=coordinates, seed=seed
     )
-
-
-def _print(found: EquationCheck) -> None:
-    table = new_table()
-    table.add_column("test")
-    table.add_column("relative residual", no_wrap=True, justify="right")
-    table.add_column("")
-    worst = found.to_dict()["relative_residual"]
-    for k, (speed, value) in enumerate(worst.items()):
-        wrong = any(entry.number == k + 1 for entry in found.blame)
-        table.add_row(
-            f"equation {k + 1} ({speed})", number(value, digits=2), "fails" if wrong else ""
-        )
-    table.add_section()
-    for seen in found.seen[1:]:
-        table.add_row(seen.test, number(seen.relative, digits=2), "fails" if seen.sees else "")
-    print_table(table)
-    typer.echo("")
-    typer.echo(found.explain())

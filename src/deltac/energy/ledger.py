@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.results import Report, Section, Table, number, percent
 
 if TYPE_CHECKING:
     import polars
 
 
-@dataclass(frozen=True, eq=False)
-class Ledger:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ledger(
+    Report,
+    omit=(
+        *("t", "K2", "K1", "K0", "potential", "power", "work", "delta_c", "error_bar", "momentum"),
+        *("momentum_bar", "violation"),
+    ),
+    also=("duration", "works", "energies", "functions"),
+):
     """Energies, works and testing functions of a trajectory at its sample times. J, W, s.
 
     Attributes:
@@ -99,9 +107,58 @@ class Ledger:
             columns.update({f"{group}.{name}": values for name, values in members.items()})
         return polars.DataFrame(columns)
 
-    def __repr__(self) -> str:
-        worst = ", ".join(
-            f"{name} {np.abs(values).max():.3g} ± {self.error_bar[name].max():.1g} J"
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last, s."""
+        return float(self.t[-1] - self.t[0])
+
+    def works(self) -> dict[str, float]:
+        """Work of each channel over the whole time, largest first, J."""
+        works = {name: float(w[-1] - w[0]) for name, w in self.work.items()}
+        return dict(sorted(works.items(), key=lambda item: -abs(item[1])))
+
+    def energies(self) -> dict[str, float]:
+        """Change of K and of V from each source over the whole time, J."""
+        changes = {f"V {name}": v for name, v in self.potential.items()}
+        return {
+            name: float(values[-1] - values[0])
+            for name, values in {"K": self.kinetic, **changes}.items()
+        }
+
+    def functions(self) -> dict[str, dict[str, float]]:
+        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy turned over."""
+        return {
+            name: {
+                "delta_c": float(np.abs(values).max()),
+                "error_bar": float(self.error_bar[name].max()),
+                "relative": self.relative(name),
+            }
             for name, values in self.delta_c.items()
+        }
+
+    def summary(self) -> str:
+        """Method, largest |ΔC| of each testing function, energy turned over."""
+        worst = ", ".join(
+            f"{name} {f['delta_c']:.3g} ± {f['error_bar']:.1g} J"
+            for name, f in self.functions().items()
         )
-        return f"Ledger({self.method}; max |ΔC|: {worst}; {self.turnover:.4g} J turned over)"
+        return f"{self.method}; max |ΔC|: {worst}; {self.turnover:.4g} J turned over"
+
+    def sections(self) -> Iterator[Section]:
+        """Works of the channels and changes of the energies, then the testing functions."""
+        rows = [(n, number(w), self.basis.get(n, "computed")) for n, w in self.works().items()]
+        changes = [(f"Δ{name}", number(change), "") for name, change in self.energies().items()]
+        yield Table(("channel", "energy (J)", "basis"), (*rows, (), *changes))
+        yield Table(
+            ("testing function", "max |ΔC| (J)", "± (J)", "share"),
+            tuple(
+                (
+                    name,
+                    number(f["delta_c"], digits=3),
+                    number(f["error_bar"], digits=2),
+                    percent(f["relative"]),
+                )
+                for name, f in self.functions().items()
+            ),
+        )
+        yield f"{self.turnover:.4g} J were turned over in {self.duration:g} s; ΔC by {self.method}."

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.state import State
+
+SHOWN = 6
+"""Remarks of a kind that a report shows; `summary` has all of them."""
 
 
 @dataclass(frozen=True)
@@ -53,3 +56,12 @@ class ImportReport:
             lines.append(f"{heading}:" + ("" if remarks else " nothing"))
             lines.extend(f"  {remark}" for remark in remarks)
         return "\n".join(lines)
+
+    def sections(self) -> Iterator[str]:
+        """The same in short, a paragraph each: the first remarks of each kind."""
+        counts = f"{len(self.read)} elements read, {len(self.ignored)} left to the log"
+        yield f"Model: {self.source}, {counts}, {len(self.assumed)} assumed."
+        for heading, remarks in (("Left to the log", self.ignored), ("Assumed", self.assumed)):
+            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
+            if remarks:
+                yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
@@ -73,7 +73,7 @@ def body(
         first, second, third = (vector(row, where) for row in rows)
         tensor = (first, second, third)
     else:
-        raise InputError(
+        raise ModelError(
             f"{where}: expected three principal moments or a 3 by 3 matrix, found {inertia!r}"
         )
     made = Body(
@@ -158,7 +158,7 @@ def frame(name: str) -> Body:
 
 def _name(name: Any) -> str:
     if name == GROUND:
-        raise InputError("no body may be called 'ground': that is the inertial frame's name")
+        raise ModelError("no body may be called 'ground': that is the inertial frame's name")
     Body.called(name)
     return str(name)
 
@@ -182,14 +182,14 @@ def _check_inertia(tensor: list[list[float]], name: str) -> None:
     if scale == 0.0:
         return
     if np.abs(inertia - inertia.T).max() > 1e-9 * scale:
-        raise InputError(f"{where}: the matrix is not symmetric:\n{inertia}")
+        raise ModelError(f"{where}: the matrix is not symmetric:\n{inertia}")
     principal = np.linalg.eigvalsh(inertia)
     # A thin plate or rod meets the bounds with equality, so rounding must be allowed for.
     if principal[0] < -1e-9 * scale:
-        raise InputError(f"{where}: the principal moment {principal[0]:.6g} kg·m² is negative")
+        raise ModelError(f"{where}: the principal moment {principal[0]:.6g} kg·m² is negative")
     if principal[2] > principal[0] + principal[1] + 1e-9 * scale:
         a, b, c = principal
-        raise InputError(
+        raise ModelError(
             f"{where}: principal moments {a:.6g}, {b:.6g}, {c:.6g} kg·m² break the triangle "
             f"inequality ({a:.6g} + {b:.6g} < {c:.6g}); no rigid body has them. "
             "Is the inertia about the mass centre, and are the units kg·m²?"

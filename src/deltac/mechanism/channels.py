@@ -6,7 +6,7 @@ list, so that logs, ledgers and verdicts of every simulator speak of the same th
 
 from __future__ import annotations
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 
 KINDS: tuple[str, ...] = (
     "gravity",
@@ -32,12 +32,12 @@ def split(name: str) -> tuple[str, str]:
     """
     kind, _, element = name.partition(" ")
     if kind not in KINDS:
-        raise InputError(
+        raise UnknownName(
             f"channel {name!r}: {kind!r} is no kind of channel{closest(kind, KINDS)}. "
             "A channel is named '<kind> <element>', for example 'damper elbow'."
         )
     if not element and kind != "gravity":
-        raise InputError(
+        raise ModelError(
             f"channel {name!r} names no element; expected '{kind} <element>', "
             f"for example '{kind} elbow'."
         )

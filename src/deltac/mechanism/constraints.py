@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law, symbol_names, symbol_of
 from deltac.mechanism.quantities import (
     IDENTITY,
@@ -70,7 +70,7 @@ def _loop(
 ) -> Loop:
     where = Loop.called(name)
     if body1 == body2:
-        raise InputError(f"{where} connects body {body1!r} with itself")
+        raise ModelError(f"{where} connects body {body1!r} with itself")
     return Loop(
         name,
         kind,
@@ -223,7 +223,7 @@ class PointOn(Part):
         scope.laws(self.equations, (*"xyz", *scope.in_time), f"equation of {self.where}")
         for law in self.equations:
             if not symbol_names(law) & {"x", "y", "z"}:
-                raise InputError(f"equation of {self.where}: {law} holds none of x, y, z")
+                raise ModelError(f"equation of {self.where}: {law} holds none of x, y, z")
 
 
 @constructor
@@ -346,7 +346,7 @@ class Holonomic(Part):
         """InputError for unknown symbols, and a law without coordinates."""
         scope.laws([self.law], scope.in_place, f"law of {self.where}")
         if not any(name.startswith("q.") for name in symbol_names(self.law)):
-            raise InputError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
+            raise ModelError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
 
 
 @constructor
@@ -382,11 +382,11 @@ class MotionConstraint(Part):
         scope.laws([self.law], scope.in_motion, f"law of {self.where}")
         speeds = [s for s in getattr(self.law, "free_symbols", ()) if s.name.startswith("u.")]
         if not speeds:
-            raise InputError(f"law of {self.where}: {self.law} holds no speed u.<name>")
+            raise ModelError(f"law of {self.where}: {self.law} holds no speed u.<name>")
         for a in speeds:
             for b in speeds:
                 if sympy.simplify(sympy.diff(self.law, a, b)) != 0:
-                    raise InputError(
+                    raise ModelError(
                         f"law of {self.where}: {self.law} is not linear in {a}; only "
                         "A(q, t) v + b(q, t) = 0 is a simple nonholonomic constraint"
                     )
@@ -453,11 +453,11 @@ def rolling(
     """
     where = Rolling.called(name)
     if body == on:
-        raise InputError(f"{where}: body {body!r} cannot roll on itself")
+        raise ModelError(f"{where}: body {body!r} cannot roll on itself")
     circle = positive(radius, f"radius of {where}", allow_zero=True)
     edge = positive(tube, f"tube of {where}", allow_zero=True)
     if circle == 0.0 and edge == 0.0:
-        raise InputError(
+        raise ModelError(
             f"{where}: give a radius (disc, wheel) or a tube radius (sphere) above zero"
         )
     return Rolling(
@@ -530,7 +530,7 @@ def _bodies(scope: Scope, where: str, *names: str) -> None:
     for name in names:
         scope.body(name, where)
     if all(name == GROUND for name in names):
-        raise InputError(f"{where} connects the ground with itself")
+        raise ModelError(f"{where} connects the ground with itself")
 
 
 def _along(n: Axis) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from deltac.errors import InputError
+from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
@@ -58,7 +58,7 @@ class Contact(Part):
         scope.positive(self.stiffness, f"stiffness of {self.where}")
         exponent = scope.number(self.exponent)
         if exponent < 1.0:
-            raise InputError(
+            raise ModelError(
                 f"exponent of {self.where}: found {exponent:g}, expected 1 or more; below 1 the stiffness "
                 "is without bound as the shapes meet"
             )
@@ -105,7 +105,7 @@ def contact(
     where = Contact.called(name)
     check_pair(first, second, where)
     if model not in get_args(Model):
-        raise InputError(
+        raise UnknownName(
             f"{where}: unknown model {model!r}; known: {', '.join(map(repr, get_args(Model)))}"
         )
     return Contact(

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
-from deltac.errors import InputError
+from deltac.errors import FileError, ModelError
 from deltac.mechanism.laws import (
     ALLOWED,
     FUNCTIONS,
@@ -61,7 +61,7 @@ class _Reader:
         at = place if isinstance(place, int) else self.index(getattr(place, "col_offset", 0))
         first, last = max(0, at - 60), at + 60
         before, after = "…" * (first > 0), "…" * (last < len(self.text))
-        raise InputError(
+        raise ModelError(
             f"{self.where}: {problem}\n"
             f"    {before}{self.text[first:last]}{after}\n"
             f"    {' ' * (len(before) + at - first)}^\n"
@@ -74,9 +74,9 @@ class _Reader:
 
     def law(self) -> Law:
         if not self.text:
-            raise InputError(f"{self.where}: the text is empty; write a number or an expression")
+            raise ModelError(f"{self.where}: the text is empty; write a number or an expression")
         if len(self.text) > MAX_LENGTH:
-            raise InputError(
+            raise ModelError(
                 f"{self.where}: the text has {len(self.text)} characters, at most {MAX_LENGTH} are "
                 "read; build long laws as SymPy expressions"
             )
@@ -98,7 +98,7 @@ class _Reader:
             at = min(max((error.offset or 1) - 1, 0), len(self.text))
             self.fail(at, f"this is not an expression ({error.msg})")
         except (ValueError, RecursionError, MemoryError) as error:
-            raise InputError(f"{self.where}: the text cannot be read ({error})") from None
+            raise FileError(f"{self.where}: the text cannot be read ({error})") from None
 
     def number(self, node: ast.expr) -> Expr:
         """The expression that a syntax node says, checked."""

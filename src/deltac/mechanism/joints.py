@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypedDict, Unpack
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     IDENTITY,
@@ -152,28 +152,28 @@ def _joint(
     for end in (parent, child):
         require_name(end, "body", f"joint {name!r}")
     if parent == child:
-        raise InputError(f"joint {name!r} connects body {child!r} with itself")
+        raise ModelError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:
         order = "free(name, child)" if kind == "free" else f"{kind}(name, parent, child)"
-        raise InputError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
+        raise ModelError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
     shape = KINDS[kind]
     # A quaternion turns as one: one stiffness, and no law of its own.
     springs = len(shape.coordinates) - (3 if shape.quaternion is not None else 0)
     if motion is not None and not shape.rates:
-        raise InputError(
+        raise ModelError(
             f"motion {where}: the motion of a {kind} joint cannot be prescribed; compose it of "
             "revolute and prismatic joints with massless frames between them"
         )
     if motion is not None and (stiffness is not None or damping is not None) and not shape.speeds:
-        raise InputError(f"joint {name!r} has no motion to prescribe")
+        raise ModelError(f"joint {name!r} has no motion to prescribe")
     if rest is not None and shape.quaternion is not None and springs == 1:
-        raise InputError(
+        raise ModelError(
             f"rest {where}: the spring of a quaternion pulls to the identity; turn the joint's frame "
             "with rotation= to place its rest elsewhere"
         )
     stiff = _laws(stiffness, springs, f"stiffness {where}")
     if rest is not None and not stiff:
-        raise InputError(f"rest {where} is given without a stiffness")
+        raise ModelError(f"rest {where} is given without a stiffness")
     return Joint(
         name=name,
         kind=kind,
@@ -218,10 +218,10 @@ def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
     if value is None:
         return ()
     if count == 0:
-        raise InputError(f"{where}: the joint has no motion, so it takes none")
+        raise ModelError(f"{where}: the joint has no motion, so it takes none")
     if isinstance(value, list | tuple):
         if len(value) != count:
-            raise InputError(f"{where}: expected {count} values, found {len(value)}")
+            raise ModelError(f"{where}: expected {count} values, found {len(value)}")
         return tuple(as_law(entry, where) for entry in value)
     return (as_law(value, where),) * count
 
@@ -303,7 +303,7 @@ def universal(
     a, b = made.axes
     sine = sum((a[i] * b[j] - a[j] * b[i]) ** 2 for i, j in ((0, 1), (1, 2), (2, 0))) ** 0.5
     if sine < 1e-6:
-        raise InputError(f"joint {name!r}: the two axes of a universal joint must not be parallel")
+        raise ModelError(f"joint {name!r}: the two axes of a universal joint must not be parallel")
     return made
 
 
@@ -331,7 +331,7 @@ def free(name: str, child: str, parent: str = GROUND, **options: Unpack[JointOpt
     made = _joint("free", name, parent, child, **options)
     _require_unturned_child(made)
     if made.child_position != ZERO:
-        raise InputError(
+        raise ModelError(
             f"joint {name!r}: a free joint describes the body frame's own origin, so it takes no "
             "child_position; move the body's mass centre and points instead"
         )
@@ -340,7 +340,7 @@ def free(name: str, child: str, parent: str = GROUND, **options: Unpack[JointOpt
 
 def _require_unturned_child(joint: Joint) -> None:
     if joint.child_rotation != IDENTITY:
-        raise InputError(
+        raise ModelError(
             f"joint {joint.name!r}: angular velocity is in body components, so a {joint.kind} joint "
             "takes no child_rotation; turn the parent's side with rotation instead"
         )

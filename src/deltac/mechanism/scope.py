@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property, wraps
 from typing import Any, ClassVar, TypeVar
 
-from deltac.errors import InputError, closest, shown
+from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
 from deltac.mechanism.quantities import Quantity, part_name, require_positive
@@ -70,16 +70,16 @@ class Scope:
         require_name(name, "body", where)
         known = (GROUND, *self.bodies) if ground else self.bodies
         if name not in known:
-            raise InputError(f"{where}: unknown body {name!r}{closest(name, known)}")
+            raise UnknownName(f"{where}: unknown body {name!r}{closest(name, known)}")
 
     def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
         """There is such a joint and it moves: its coordinates and speeds."""
         require_name(name, "joint", where)
         if name not in self.joints:
-            raise InputError(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
+            raise UnknownName(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
         speeds = self.speeds[self.speeds.of(name)]
         if not speeds:
-            raise InputError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
+            raise ModelError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
         return self.coordinates[self.coordinates.of(name)], speeds
 
     def rate_is_speed(self, coordinate: str) -> bool:
@@ -95,7 +95,7 @@ class Scope:
         """A strength that must not be negative, or it would create energy, is not."""
         value = self.number(strength)
         if value < 0.0:
-            raise InputError(
+            raise ModelError(
                 f"{where} is {value:g}: below zero it would create energy. If that is meant, say "
                 "allow_energy_source=True; what it gives is then booked in its channel"
             )
@@ -134,11 +134,11 @@ def _checked(
         for given in kwargs:
             if given not in signature.parameters:
                 hint = closest(given, signature.parameters)
-                raise InputError(f"{name}: unknown argument {given!r}{hint}")
+                raise UnknownName(f"{name}: unknown argument {given!r}{hint}")
         try:
             signature.bind(*args[skip:], **kwargs)
         except TypeError as error:
-            raise InputError(f"{name}: {error}; write {name}{_short(signature)}") from None
+            raise WrongType(f"{name}: {error}; write {name}{_short(signature)}") from None
         return made(*args, **kwargs)
 
     return checked  # type: ignore[return-value]
@@ -160,7 +160,7 @@ def require_name(name: object, what: str, where: str) -> None:
     if isinstance(name, str):
         return
     remedy = f"; write {name.name!r}" if isinstance(name, Part) else ""
-    raise InputError(f"{where}: found {shown(name)}, expected the name of a {what}{remedy}")
+    raise WrongType(f"{where}: found {shown(name)}, expected the name of a {what}{remedy}")
 
 
 class Part:
@@ -197,4 +197,4 @@ class Part:
 def require_count(values: Sequence[Any], expected: int, where: str) -> None:
     """InputError unless there are as many values as expected."""
     if len(values) != expected:
-        raise InputError(f"{where}: expected {expected} values, found {len(values)}")
+        raise ModelError(f"{where}: expected {expected} values, found {len(values)}")

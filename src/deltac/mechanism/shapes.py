@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
@@ -162,24 +162,24 @@ def check_pair(first: Shape, second: Shape, where: str) -> None:
     """InputError for two shapes between which no contact is defined."""
     for shape in (first, second):
         if not isinstance(shape, Shape):
-            raise InputError(
+            raise ModelError(
                 f"{where}: expected a shape such as deltac.shapes.sphere('ball', 0.1), found {shape!r}"
             )
     if first.body == second.body:
-        raise InputError(
+        raise ModelError(
             f"{where}: both shapes belong to {first.body!r}, so they cannot move against each other"
         )
     if isinstance(first, HalfSpace) and isinstance(second, HalfSpace):
-        raise InputError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
+        raise ModelError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
     if _is_point(first) and _is_point(second):
-        raise InputError(f"{where}: two points never touch; give one of them a radius")
+        raise ModelError(f"{where}: two points never touch; give one of them a radius")
 
 
 def check_shape(scope: Scope, shape: Shape, where: str) -> None:
     """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
     names = [GROUND, *scope.bodies]
     if shape.body not in names:
-        raise InputError(
+        raise UnknownName(
             f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
         )
     of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
@@ -104,7 +104,7 @@ class MujocoRecorder:
     def __init__(self, model: Model, data: Data, channels: str = "all") -> None:
         mujoco = simulator("mujoco", "mujoco")
         if channels not in CHANNELS:
-            raise InputError(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
+            raise UnknownName(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
         if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
             raise InputError(
                 "the model lets bodies fall asleep, and what MuJoCo holds of those is old: switch it off "
@@ -354,7 +354,7 @@ def run_mujoco(
     if integrator is not None:
         known = integrator_names()
         if integrator not in known:
-            raise InputError(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
+            raise UnknownName(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
         own.opt.integrator = known[integrator]
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -398,7 +398,7 @@ def compiled_model(model: Model | str | Path) -> Model:
             return mujoco.MjModel.from_xml_path(str(model))
     except ValueError as error:
         raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
-    raise InputError(
+    raise WrongType(
         f"model: found {type(model).__name__}, expected an mjModel, an mjSpec or the path of a file"
     )
 
@@ -477,7 +477,7 @@ def mujoco_simulator(
     known = integrator_names()
     name = integrator.lower()
     if name not in known:
-        raise InputError(f"unknown integrator {integrator!r}{closest(name, known)}")
+        raise UnknownName(f"unknown integrator {integrator!r}{closest(name, known)}")
     own = copy.copy(compiled_model(model))
     data = mujoco.MjData(own)
     if isinstance(state, State):

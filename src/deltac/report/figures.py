@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from deltac.diagnosis.recommend.result import Advice
+    from deltac.diagnosis.recommend.result import Recommendation
     from deltac.diagnosis.recommend.work_precision import Trial
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
@@ -492,7 +492,7 @@ def _over_time(panel: Axes, study: Study) -> None:
 MARKS = "osD^vPX*<>ph"
 
 
-def recommendation_figure(title: str, advice: Advice) -> Figure:
+def recommendation_figure(title: str, advice: Recommendation) -> Figure:
     """Every trial by the time it takes, against the largest |ΔC| and, below, the error of the motion."""
     with styled():
         figure = _figure(7.6, 7.4, title)
@@ -506,7 +506,7 @@ def recommendation_figure(title: str, advice: Advice) -> Figure:
     return figure
 
 
-def _scatter(panel: Axes, advice: Advice, what: str, tolerance: float) -> None:
+def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -> None:
     solvers = sorted({t.solver for t in advice.trials})
     colours = _colours(len(solvers))
     for solver, colour, mark in zip(solvers, colours, MARKS * (1 + len(solvers) // len(MARKS))):

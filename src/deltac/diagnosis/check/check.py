@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,24 +29,23 @@ from deltac.diagnosis.residuals.states import (
     some_rows,
     states_along,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.models import Model, ModelLike, load_model
+from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 
 SHOWN = 6
 """Equations that are told of in words."""
 
-STATUS = {"consistent": 0, "equation-error": 1, "unresolved": 3}
-
 LIMITS = (
     "states other than those drawn, such as a branch that is seldom taken",
     "a parameter that is wrong in the model and in the equations alike",
 )
 
-MEANINGS = {
+MEANINGS: dict[Kind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
     "unresolved": "The function is too rough, or too often undefined, to tell.",
@@ -66,8 +64,12 @@ class Seen:
     sees: bool
 
 
-@dataclass(frozen=True, eq=False)
-class EquationCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquationCheck(
+    Judged,
+    omit=("udot", "residuals", "test", "roughness", "coordinates", "states"),
+    also=("mechanism", "count", "relative_residual", "rough"),
+):
     """What a check of equations found.
 
     Attributes:
@@ -98,51 +100,60 @@ class EquationCheck:
     vectorised: bool
 
     @property
-    def status(self) -> int:
-        """Exit status of the command line: 0 consistent, 1 wrong, 3 unresolved."""
-        return STATUS[self.verdict.kind]
-
-    @property
     def worst(self) -> float:
         """The largest relative residual, of all equations at all states where it is finite."""
         values = self.residuals.relative
         return float(values[np.isfinite(values)].max(initial=0.0))
 
-    def explain(self, width: int = 96) -> str:
-        """The check in words, a paragraph each."""
-        v = self.verdict
-        lines = [f"{v.kind} (confidence {v.confidence}). {MEANINGS[v.kind]}"]
-        lines += [f"- {sentence}." for sentence in v.evidence]
-        for k, finding in enumerate(self.blame[:SHOWN]):
-            lines.append(f"{'Where' if k == 0 else 'Also'}: {finding}.")
-        if len(self.blame) > SHOWN:
-            lines.append(f"Also: {len(self.blame) - SHOWN} more equations.")
-        if self.example is not None:
-            lines.append(f"Example: {self.example}.")
-        for heading, weight in (("Cause", "cause"), ("Doubt", "doubt"), ("Note", "note")):
-            lines += [f"{heading}: {f}." for f in v.findings if f.weight == weight]
-        lines.append(f"Not seen by this check: {'; '.join(v.limits)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+    @property
+    def mechanism(self) -> str:
+        """Name of the mechanism."""
+        return self.test.kane.mechanism.name
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "equations": self.name,
-            "mechanism": self.test.kane.mechanism.name,
-            "states": len(self.states),
-            "tolerance": self.tolerance,
-            "relative_residual": dict(zip(self.test.speeds, finite_worst(self.residuals))),
-            "roughness": dict(zip(self.test.speeds, map(float, self.roughness))),
-            "vectorised": self.vectorised,
-            "blame": [entry.to_dict() for entry in self.blame],
-            "tests": [vars(entry) for entry in self.seen],
-            "example": None if self.example is None else self.example.to_dict(),
-            "findings": [vars(finding) for finding in self.verdict.findings],
-            "limits": list(self.verdict.limits),
-        }
+    @property
+    def count(self) -> int:
+        """How many states were tested."""
+        return len(self.states)
+
+    @property
+    def relative_residual(self) -> dict[str, float]:
+        """The largest relative residual of each equation, by speed."""
+        return dict(zip(self.test.speeds, finite_worst(self.residuals)))
+
+    @property
+    def rough(self) -> dict[str, float]:
+        """Roughness of the function, as a fraction of the terms, by speed."""
+        return dict(zip(self.test.speeds, map(float, self.roughness)))
+
+    def summary(self) -> str:
+        """Verdict, and the largest residual beside the tolerance."""
+        sign = ">" if self.worst > self.tolerance else "≤"
+        return (
+            f"{self.verdict.kind}: the residual is {self.worst:.2g} {sign} {self.tolerance:.2g} of an "
+            f"equation's terms (confidence {self.verdict.confidence})"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """Each test's residual, the verdict, where the equations fail, and an example."""
+        failing = {entry.number for entry in self.blame}
+        rows: list[tuple[str, ...]] = [
+            (f"equation {k} ({speed})", number(value, digits=2), "fails" if k in failing else "")
+            for k, (speed, value) in enumerate(self.relative_residual.items(), 1)
+        ]
+        tests = [
+            (seen.test, number(seen.relative, digits=2), "fails" if seen.sees else "")
+            for seen in self.seen[1:]
+        ]
+        yield Table(("test", "relative residual", ""), (*rows, (), *tests))
+        yield from self.verdict.sections(self._details())
+
+    def _details(self) -> Iterator[str]:
+        for k, finding in enumerate(self.blame[:SHOWN]):
+            yield f"{'Where' if k == 0 else 'Also'}: {finding}."
+        if len(self.blame) > SHOWN:
+            yield f"Also: {len(self.blame) - SHOWN} more equations."
+        if self.example is not None:
+            yield f"Example: {self.example}."
 
 
 def finite_worst(residuals: Residuals) -> list[float]:
@@ -252,7 +263,14 @@ def check_equations(
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
         evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
     return EquationCheck(
-        verdict=Verdict(kind, confidence, evidence, findings, _limits(loaded, where, test.states)),
+        verdict=Verdict(
+            kind,
+            confidence,
+            evidence,
+            findings,
+            _limits(loaded, where, test.states),
+            MEANINGS[kind],
+        ),
         blame=found,
         seen=seen,
         example=simplest_failure(caller, test, given, limit) if wrong else None,

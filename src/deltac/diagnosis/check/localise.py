@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,6 +21,7 @@ from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
+from deltac.results import Report
 from deltac.trajectories import Trajectory
 
 MOST_ROWS = 1000
@@ -74,8 +73,8 @@ class Departure:
         return "; ".join(said)
 
 
-@dataclass(frozen=True, eq=False)
-class Localisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("power",)):
     """Where a motion departs from its model, at T samples.
 
     Attributes:
@@ -94,34 +93,35 @@ class Localisation:
     bodies: Mapping[str, BodyPower]
     departures: tuple[Departure, ...]
 
-    def explain(self, width: int = 96) -> str:
-        """In words, a paragraph each."""
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0 the motion obeys the model, 1 it does not."""
+        return 1 if self.departures else 0
+
+    @property
+    def power(self) -> dict[str, float]:
+        """Largest power that each joint takes beyond what the model supplies, W."""
+        return {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+
+    def summary(self) -> str:
+        """How many equations do not hold, and which is the worst."""
         if not self.departures:
-            return "The motion obeys the model's equations at all samples."
-        lines = [f"{'Where' if k == 0 else 'Also'}: {d}." for k, d in enumerate(self.departures)]
-        power = {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+            return "the motion obeys the model's equations at all samples"
+        return f"{len(self.departures)} equations do not hold; {self.departures[0]}"
+
+    def sections(self) -> Iterator[str]:
+        """The equations that do not hold, and the power that the model does not supply."""
+        if not self.departures:
+            yield "The motion obeys the model's equations at all samples."
+            return
+        for k, departure in enumerate(self.departures):
+            yield f"{'Where' if k == 0 else 'Also'}: {departure}."
+        power = self.power
         total = max(power.values(), default=0.0)
         shown = [n for n in sorted(power, key=lambda n: -power[n]) if power[n] > 1e-3 * total > 0.0]
         if shown:
             told = ", ".join(f"{name} {power[name]:.3g} W" for name in shown)
-            lines.append(f"Power that the model does not supply, at most: {told}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON: the departures, and the largest powers (W)."""
-        return {
-            "departures": [
-                {
-                    "equation": d.number,
-                    "speed": d.speed,
-                    "relative": d.relative,
-                    "span": list(d.span),
-                    "terms": [str(m) for m in d.terms],
-                }
-                for d in self.departures
-            ],
-            "joints": {name: float(np.abs(x).max()) for name, x in self.joints.items()},
-        }
+            yield f"Power that the model does not supply, at most: {told}."
 
 
 @renamed_keywords(mechanism="model")

@@ -23,6 +23,7 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.laws import symbol_of
+from deltac.results import Record
 
 MOST_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them."""
@@ -173,7 +174,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Match:
+class Match(Record, also=("words",)):
     """`coefficient` times a part: one summand of a residual.
 
     For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
@@ -185,6 +186,11 @@ class Match:
     coefficient: float
     factor: float | None
     symbols: str = ""
+
+    @property
+    def words(self) -> str:
+        """The summand in words."""
+        return str(self)
 
     def __str__(self) -> str:
         if self.factor is None:

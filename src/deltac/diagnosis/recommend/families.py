@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.recommend.work_precision import Family, Motion, Piece
+from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -63,8 +63,11 @@ def families(
     solvers: Sequence[str] | None,
     equations: Equations | None,
     controller: Controller | Control | None,
+    deadline: Deadline,
 ) -> tuple[list[Family], tuple[str, ...]]:
     """The families to choose from, and notes on what was left out.
+
+    A run that is under way at the `deadline` ends with `OutOfTime`.
 
     Raises InputError for unknown solvers, and for a controller that they do not take.
     """
@@ -90,7 +93,9 @@ def families(
     found, notes = [], []
     for name in names:
         if name in outside:
-            found.append(_mujoco(source, state, duration, name.removeprefix(MUJOCO), theirs))
+            found.append(
+                _mujoco(source, state, duration, name.removeprefix(MUJOCO), theirs, deadline)
+            )
             continue
         solver = find_solver(name)
         if solver.family == "taylor":
@@ -98,7 +103,7 @@ def families(
                 f"{solver.name} chooses its step by itself and is made for references, not chosen from"
             )
         else:
-            found.append(_own(solver, mechanism, state, duration, equations, ours))
+            found.append(_own(solver, mechanism, state, duration, equations, ours, deadline))
     if not found:
         raise InputError(f"recommend: nothing to choose from; {'; '.join(notes)}")
     return found, tuple(notes)
@@ -110,7 +115,7 @@ def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: b
         from deltac.recorders.mujoco_recorder import ORDERS
 
         return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
-    stepping = [s for s in SOLVERS.values() if s.family not in ("adaptive", "taylor")]
+    stepping = [s for s in SOLVERS.values() if s.takes_steps]
     names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
     held = controller is not None and controller.hold
     return names + [n for n in SUITED if n in SOLVERS and not held]
@@ -123,6 +128,7 @@ def _own(
     duration: float,
     equations: Equations | None,
     controller: Controller | None,
+    deadline: Deadline,
 ) -> Family:
     def run(
         step: float, span: float = duration, every: int = 1, tolerance: float | None = None
@@ -138,6 +144,7 @@ def _own(
             controller=controller,
             tolerance=tolerance,
             record_every=every,
+            progress=deadline.check,
         )
 
     def stepped(step: float, rows: int, finer: int = 1) -> Trajectory:
@@ -168,7 +175,7 @@ def _own(
             for span in (duration / 10**k for k in range(DECADES))
         ]
 
-    if solver.family == "adaptive":
+    if solver.family in ("scipy", "sundials"):
         return Family(
             solver.name,
             solver.order,
@@ -192,7 +199,12 @@ def _own(
 
 
 def _mujoco(
-    source: Any, state: State, duration: float, integrator: str, controller: Control | None
+    source: Any,
+    state: State,
+    duration: float,
+    integrator: str,
+    controller: Control | None,
+    deadline: Deadline,
 ) -> Family:
     from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
 
@@ -218,6 +230,8 @@ def _mujoco(
         start = data.time
         rows = [(start, data.qpos.copy(), data.qvel.copy())]
         for k in range(round(duration / step)):
+            if k % 1024 == 0:
+                deadline.check()
             if controller is not None:
                 controller(model, data)
             mujoco.mj_step(model, data)

@@ -8,13 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.recommend.families import families
-from deltac.diagnosis.recommend.result import SAME_TIME, Advice, failing, setting_of
-from deltac.diagnosis.recommend.work_precision import Family, Refused, Trial, Trials, distance
+from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
+from deltac.diagnosis.recommend.work_precision import (
+    ROUNDING,
+    Deadline,
+    Family,
+    OutOfTime,
+    Refused,
+    Trial,
+    Trials,
+)
 from deltac.errors import InputError
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.equations import Controller, Equations
@@ -24,11 +32,11 @@ Progress: TypeAlias = Callable[[float], None]
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy turned over, q and u as shares of their ranges."""
 
-ROUNDING = 1e-13
-"""No run in double precision keeps the energy better than this, as a share of the turnover."""
-
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
+
+TIME_LIMIT = 120.0
+"""A search ends after so many seconds with the best that it has, and says what it left out."""
 
 SAFETY = 1.1
 """Margin on a step that an order predicts, so that the next trial seldom has to be repeated."""
@@ -45,8 +53,9 @@ def recommend(
     solvers: Sequence[str] | None = None,
     equations: Equations | None = None,
     controller: Controller | Callable[[Any, Any], object] | None = None,
+    time_limit: float = TIME_LIMIT,
     progress: Progress | None = None,
-) -> Advice:
+) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
     The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
@@ -66,10 +75,13 @@ def recommend(
         equations: in place of the mechanism's own, as in `simulate`.
         controller: a Controller sets the motors that have no law, as in `simulate`; for MuJoCo a function,
             called as controller(model, data) before each step.
+        time_limit: of the search, s. It ends then with the best that was found, and the notes say
+            which solvers were not tried to the end.
         progress: called with the fraction done.
 
     Returns:
-        The advice; its `status` is 1 if nothing tried keeps the tolerance, and then `best` is None.
+        The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
+        if next to no energy is exchanged, so that there is nothing to judge a step by; `best` is then None.
 
     Raises:
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
@@ -89,6 +101,7 @@ def recommend(
     mechanism = loaded.mechanism
     state = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
     duration = loaded.lasting(duration)
+    deadline = Deadline(_positive(time_limit, "time_limit"))
     found, notes = families(
         model,
         mechanism,
@@ -97,14 +110,18 @@ def recommend(
         solvers,
         equations,
         controller,
+        deadline,
     )
-    trials = Trials(mechanism, motion)
+    trials = Trials(mechanism, state, motion)
     search = _Search(trials, wanted, motion, progress, len(found))
     for family in found:
-        search.family(family)
+        search.family(family, deadline)
+        if trials.still:
+            break
+    deadline.lift()
     if len(search.refused) == len(found):
         raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
-    return search.advice(found, duration, (*notes, *search.refused, *search.notes))
+    return search.advice(duration, notes)
 
 
 @dataclass(frozen=True)
@@ -135,12 +152,15 @@ class _Search:
         self.notes: list[str] = []
         self.refused: list[str] = []
 
-    def family(self, family: Family) -> None:
+    def family(self, family: Family, deadline: Deadline) -> None:
         """Find a family's bracket, or note why the solver is left out."""
         try:
+            deadline.check()
             self._bisect(family)
         except Refused as refusal:
             self.refused.append(f"{family.name} was left out: {refusal}")
+        except OutOfTime:
+            self.notes.append(f"{family.name} was not tried to the end: the time limit passed")
         self._done += 1
 
     def _bisect(self, family: Family, low: int = -1, *, verifying: bool = False) -> None:
@@ -155,6 +175,8 @@ class _Search:
             place = self._next(family, self._kept[family.name, settings[low]], low, low, high)
         while high - low > 1:
             trial = self._trial(family, settings[place], verifying=verifying)
+            if self._trials.still:
+                return
             if trial.passes(*self._asked):
                 high = place
             else:
@@ -179,12 +201,22 @@ class _Search:
         coarser = self._kept.get((family.name, settings[low])) if low >= 0 else None
         self._found.append(_Bracket(family, best, coarser))
 
-    def advice(self, found: Sequence[Family], duration: float, notes: tuple[str, ...]) -> Advice:
+    def advice(self, duration: float, notes: tuple[str, ...]) -> Recommendation:
         """Rank the brackets by measured time; the best is verified, and its energy by a finer run too."""
         ranked = sorted(self._found, key=lambda b: b.best.seconds)
-        close = [b for b in ranked if b.best.seconds <= SAME_TIME * ranked[0].best.seconds]
+        close = [b for b in ranked if _same_time(b.best, ranked[0].best)]
         close.sort(key=lambda b: b.best.evaluations or math.inf)
-        ranked = [*close, *ranked[len(close) :]]
+        ranked = [*close, *(b for b in ranked if b not in close)]
+        while ranked:
+            first = ranked[0]
+            trial = self._trial(first.family, first.best.setting, verifying=True)
+            if trial.passes(*self._asked):
+                ranked[0] = replace(first, best=trial)
+                break
+            self.notes.append(
+                f"{first.family.name} fails at some of its rows: it {failing(trial, *self._asked)}"
+            )
+            del ranked[0]
         best = ranked[0] if ranked else None
         second = ranked[1] if len(ranked) > 1 else None
         finer, agreement = None, math.nan
@@ -193,7 +225,7 @@ class _Search:
             finer = self._trial(best.family, half)
             if second is not None:
                 agreement = self._agreement(best, second)
-        return Advice(
+        return Recommendation(
             best=None if best is None else best.best,
             coarser=None if best is None else best.coarser,
             finer=finer,
@@ -204,7 +236,8 @@ class _Search:
             motion_tolerance=self._asked[1],
             duration=duration,
             turnover=self._trials.turnover,
-            notes=notes,
+            still=self._trials.still,
+            notes=(*notes, *self.refused, *self.notes),
         )
 
     def _trial(self, family: Family, setting: float, *, verifying: bool = False) -> Trial:
@@ -274,8 +307,13 @@ class _Search:
         b = self._trials.run(second.family, second.best.setting)
         if a is None or b is None:
             return math.nan
-        apart = distance(self._trials.mechanism, a, b)
+        apart = self._trials.distance(a, b)
         return apart if math.isfinite(apart) else math.nan
+
+
+def _same_time(trial: Trial, quickest: Trial) -> bool:
+    """Whether two times differ by less than what is noise, or by less than what matters."""
+    return trial.seconds - trial.spread <= SAME_TIME * (quickest.seconds + quickest.spread)
 
 
 def _positive(value: float, what: str) -> float:

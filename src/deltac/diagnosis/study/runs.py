@@ -13,13 +13,13 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.residuals.at_samples import EPS, resolution
+from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.step_size.stiffness import StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8

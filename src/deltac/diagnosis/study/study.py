@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along
@@ -30,11 +30,12 @@ from deltac.diagnosis.study.runs import (
     simulated,
     unblinded,
 )
-from deltac.diagnosis.verdict import Finding, Verdict
+from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
+from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Stabilisation
 from deltac.simulation.simulate import simulate
@@ -42,8 +43,12 @@ from deltac.simulation.solvers import find_solver
 from deltac.trajectories import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(
+    Judged,
+    omit=("mechanism", "runs", "comparison", "measures"),
+    also=("relative", "turnover", "horizon", "rows"),
+):
     """What a study of a motion at several steps found.
 
     Attributes:
@@ -76,25 +81,19 @@ class Study:
     tolerance: float
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was noticed, causes first."""
-        return self.verdict.findings
-
-    @property
     def horizon(self) -> float:
         """The time (s) up to which motions at successive steps stay together."""
         return self.comparison.horizon
 
     @property
-    def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
-        turnover = self.measures.turnover
-        return self.measures.left[-1] / turnover if turnover > 0.0 else 0.0
+    def turnover(self) -> float:
+        """The energy turned over at the finest step, J."""
+        return self.measures.turnover
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 consistent, or |ΔC| within the tolerance; 1 not; 3 unresolved."""
-        return {"consistent": 0, "unresolved": 3}.get(self.verdict.kind, 1)
+    def relative(self) -> float:
+        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
+        return self.measures.left[-1] / self.turnover if self.turnover > 0.0 else 0.0
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
@@ -111,57 +110,34 @@ class Study:
             for entry in self.runs
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON: what is not finite is None."""
-        m = self.measures
-        plain: dict[str, Any] = _finite(
-            {
-                "verdict": self.verdict.kind,
-                "confidence": self.verdict.confidence,
-                "meaning": self.verdict.meaning,
-                "evidence": list(self.verdict.evidence),
-                "findings": [vars(finding) for finding in self.findings],
-                "limits": list(self.verdict.limits),
-                "status": self.status,
-                "tolerance": self.tolerance,
-                "relative": self.relative,
-                "turnover": m.turnover,
-                "solver": self.solver,
-                "nominal_order": self.nominal,
-                "testing_function": self.function,
-                "horizon": self.horizon,
-                "observed_order": {n: vars(c) for n, c in self.observed_order.items()},
-                "momentum": {n: vars(c) for n, c in self.momentum.items()},
-                "residuals": None
-                if self.residuals is None
-                else {
-                    "names": list(self.residuals.names),
-                    "relative": self.residuals.relative.tolist(),
-                    "constraints": dict(self.residuals.constraints),
-                    "by_step": list(self.residuals.by_step),
-                },
-                "runs": list(self.rows()),
-            }
-        )
-        return plain
-
-    def __repr__(self) -> str:
-        orders = ", ".join(
-            f"{n} {order_text(c)}" for n, c in self.observed_order.items() if c.order is not None
-        )
+    def summary(self) -> str:
+        """Verdict, and the energy error at the finest step beside the tolerance."""
+        sign = ">" if self.relative > self.tolerance else "≤"
+        state = self.observed_order["state"]
+        order = "" if state.order is None else f", order {order_text(state)}"
         return (
-            f"Study({self.verdict.kind}, confidence {self.verdict.confidence}; {self.solver}, "
-            f"{len(self.runs)} steps; orders: {orders or 'none'})"
+            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
+            f"{self.turnover:.4g} J turned over at the finest of {len(self.runs)} steps of {self.solver}"
+            f"{order} (confidence {self.verdict.confidence})"
         )
 
-
-def _finite(value: Any) -> Any:
-    """Nested containers with None for what no JSON can hold."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    def sections(self) -> Iterator[Section]:
+        """|ΔC| and the motion at each step, then the verdict."""
+        names = [n for n in self.observed_order if n != "state"]
+        knob = "step (s)" if self.measures.unit else "tolerance"
+        rows: list[tuple[str, ...]] = []
+        for row in self.rows():
+            sizes = (
+                number(row["delta_c"][n], digits=3) if n in row["delta_c"] else "" for n in names
+            )
+            difference = row["state_difference"]
+            state = "no run" if row["failure"] else ""
+            state = state if difference is None else number(difference, digits=3)
+            rows.append((number(row["step"]), *sizes, state))
+        orders = (str(self.observed_order[n]) for n in (*names, "state"))
+        heads = (knob, *(f"|ΔC| {name} (J)" for name in names), "state, to the next")
+        yield Table(heads, (*rows, (), ("", *orders)))
+        yield from self.verdict.sections()
 
 
 # --- equations by hand in a study: what they raise, or cannot say, is told with the state --------

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from deltac.repair.tracing.interpreter import trace
 from deltac.repair.tracing.program import at, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
+from deltac.results import Record, Report, Section, Table
 from deltac.simulation.equations import Equations
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
@@ -32,7 +32,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(Record, also=("missed",)):
     """A mutant and the size of what each test sees of it: relative, 0 being right.
 
     `reason` says why some test, or every test, does not see it (see `REASONS`); empty if all do.
@@ -52,8 +52,8 @@ class Trial:
         return tuple(test for test in self.seen if not self.detected(test))
 
 
-@dataclass(frozen=True)
-class MutationReport:
+@dataclass(frozen=True, repr=False)
+class MutationReport(Report, also=("counts",)):
     """What tests see of mutants of a function.
 
     file, function  what was mutated
@@ -76,12 +76,12 @@ class MutationReport:
         return tuple(t for t in self.trials if len(t.missed) == len(t.seen))
 
     @property
-    def status(self) -> int:
-        """Exit status of the command line: 1 if a mistake escapes every test, or the function is wrong."""
+    def exit_code(self) -> int:
+        """Exit code: 1 if a mistake escapes every test, or the function is wrong; else 0."""
         escaped = any(t.reason == "coincidence" for t in self.trials)
         return int(escaped or self.residual >= RIGHT)
 
-    def table(self) -> dict[str, dict[str, int]]:
+    def counts(self) -> dict[str, dict[str, int]]:
         """For each kind of mutant: how many, how many are no mistakes, and how many each test sees."""
         rows: dict[str, dict[str, int]] = {}
         for kind in (*KINDS, "all"):
@@ -92,52 +92,53 @@ class MutationReport:
                 rows[kind] |= {test: sum(t.detected(test) for t in wrong) for test in self.tests}
         return rows
 
-    def explain(self, width: int = 96) -> str:
-        """The outcome in words, and the survivors."""
-        total = self.table()["all"] if self.trials else {"mutants": 0, "equivalent": 0}
-        wrong = total["mutants"] - total["equivalent"]
-        lines = [
-            f"{self.file}:{self.function}: {total['mutants']} mutants, of which "
-            f"{total['equivalent']} are no mistakes (they give the same accelerations everywhere)."
-        ]
+    def summary(self) -> str:
+        """How many mutants, and how many no test sees."""
+        total = self.counts().get("all", {"mutants": 0, "equivalent": 0})
+        return (
+            f"{self.file}:{self.function}: {total['mutants']} mutants, of which {total['equivalent']} are no "
+            "mistakes (they give the same accelerations everywhere)"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """What each test sees of each kind of mutant, and what escapes."""
+        counts = self.counts()
+        rows: list[tuple[str, ...]] = []
+        for kind, row in counts.items():
+            rows += [()] if kind == "all" else []
+            rows.append((kind, *map(str, row.values())))
+        yield Table(
+            ("mutants", "made", *(HEADS.get(t, t) for t in ("equivalent", *self.tests))),
+            tuple(rows),
+        )
+        yield f"{self.summary()}."
         if self.residual >= RIGHT:
-            lines.append(
-                f"The function itself is wrong (residual {self.residual:.2g} of the terms): repair it first."
-            )
-        for test in self.tests:
-            if wrong:
-                lines.append(f"- {test} sees {total[test]} of {wrong} ({total[test] / wrong:.1%}).")
+            wrong = f"residual {self.residual:.2g} of the terms"
+            yield f"The function itself is wrong ({wrong}): repair it first."
+        total = counts.get("all", {"mutants": 0, "equivalent": 0})
+        mistakes = total["mutants"] - total["equivalent"]
+        for test in self.tests if mistakes else ():
+            yield f"- {test} sees {total[test]} of {mistakes} ({total[test] / mistakes:.1%})."
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:
                 first = some[0].mutant
-                lines.append(
+                yield (
                     f"{len(some)} {reason}: {REASONS[reason]}; such as line {first.line}, {first.before} "
                     f"→ {first.after}."
                 )
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, for JSON; a residual that is not finite is null."""
-        return {
-            "file": self.file,
-            "function": self.function,
-            "residual": self.residual if np.isfinite(self.residual) else None,
-            "varied": list(self.varied),
-            "table": self.table(),
-            "mutants": [
-                {
-                    "kind": t.mutant.kind,
-                    "line": t.mutant.line,
-                    "before": t.mutant.before,
-                    "after": t.mutant.after,
-                    "seen": {k: (v if np.isfinite(v) else None) for k, v in t.seen.items()},
-                    "missed": list(t.missed),
-                    "reason": t.reason,
-                }
-                for t in self.trials
-            ],
-        }
+
+HEADS = {
+    "equivalent": "equal",
+    "kane-levinson-1988": "kane\n1988",
+    "kane-levinson-1990": "kane\n1990",
+    "liu-huston": "liu",
+    "momentum": "mom.",
+    "coordinate residual": "F + F*",
+    "constraints": "ties",
+}
+"""Short heads of the table's columns."""
 
 
 def mutate_equations(

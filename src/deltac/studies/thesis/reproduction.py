@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, UnknownName
+from deltac.results import Record, Report, Section, Table, number
 from deltac.studies.thesis.experiments import (
     EVERYTHING,
     EXPERIMENTS,
@@ -23,7 +24,7 @@ Progress: TypeAlias = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Record):
     """A number of ours beside what the thesis says of it.
 
     `rule` is the statement that was checked, in words; `agrees` its outcome, None where the number
@@ -45,15 +46,27 @@ class Result:
         """Whether a rule was applied: the number belongs in a summary."""
         return self.agrees is not None
 
-    def to_dict(self) -> dict[str, Reported | bool]:
-        """The entry of results.json; a value that is not finite is null there."""
-        names = ("figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees")
-        entry = {name: getattr(self, name) for name in names}
-        return entry if math.isfinite(self.value) else {**entry, "value": None}
+    @property
+    def reported(self) -> str:
+        """What the thesis says, as text."""
+        return (
+            number(self.thesis, self.unit) if isinstance(self.thesis, float) else self.thesis or "–"
+        )
+
+    @property
+    def measured(self) -> str:
+        """What we measure, as text."""
+        return f"{self.run}: {self.quantity} = {number(self.value, self.unit)}"
+
+    def verdict(self, reasons: Sequence[str]) -> str:
+        """Whether it agrees, with the number of the reason where we are known to differ."""
+        if self.agrees:
+            return "yes"
+        return f"no [{reasons.index(self.difference) + 1}]" if self.difference else "NO"
 
 
-@dataclass(frozen=True, eq=False)
-class Reproduction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "assumed")):
     """The experiments that were run, what came out of each run, and the results.
 
     `outcomes` maps a `Run` to its trajectory and ledger; runs that serve several figures are there
@@ -73,6 +86,39 @@ class Reproduction:
     def differences(self) -> tuple[Result, ...]:
         """The results that do not agree, known or not."""
         return tuple(row for row in self.results if row.agrees is False)
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0 if all agrees but the known differences, else 1."""
+        return 0 if self.agrees else 1
+
+    def summary(self) -> str:
+        """How many statements of the thesis were checked, and how many agree."""
+        judged = [row for row in self.results if row.judged]
+        agree = sum(row.agrees is True for row in judged)
+        known = sum(bool(row.difference) for row in self.differences)
+        return f"{agree} of {len(judged)} statements agree, {known} differ for a known reason"
+
+    def assumed(self) -> dict[str, str]:
+        """What the thesis does not say and we chose, by figure."""
+        return {e.figure: e.assumed for e in self.experiments if e.assumed}
+
+    def sections(self) -> Iterator[Section]:
+        """Every statement of the thesis beside our number; then why some are known to differ."""
+        reasons = list(dict.fromkeys(r.difference for r in self.differences if r.difference))
+        rows: list[tuple[str, ...]] = []
+        for experiment in self.experiments:
+            name, said = f"{experiment.figure}  {experiment.title}", ""
+            rows += [()] if rows else []
+            for row in self.results:
+                if row.figure == experiment.figure and row.judged:
+                    again, said = said, row.reported
+                    shown = "" if said == again else said
+                    rows.append((name, shown, row.measured, row.verdict(reasons)))
+                    name = ""
+        yield Table(("experiment", "the thesis reports", "we measure", "agrees?"), tuple(rows))
+        yield from (f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
+        yield from (f"{figure}: we chose {what}." for figure, what in self.assumed().items())
 
     def of(self, experiment: Experiment) -> dict[str, Outcome]:
         """What came out of an experiment's runs, by their labels."""
@@ -118,7 +164,7 @@ def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
     wanted = [only] if isinstance(only, str) else list(only)
     for figure in wanted:
         if figure not in known:
-            raise InputError(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
+            raise UnknownName(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
     if not wanted:
         raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
     return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)

@@ -36,7 +36,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError, closest, shown
+from deltac.errors import InputError, LogError, closest, shown
 from deltac.files import read_text
 from deltac.limits import parse_toml
 from deltac.mechanism.channels import split
@@ -102,7 +102,7 @@ class LogMapping:
 def read_mapping(path: str | Path) -> LogMapping:
     """Read a mapping file; InputError names the file, the line and the key."""
     if not Path(path).exists():
-        raise InputError(f"{path}: no such mapping file")
+        raise LogError(f"{path}: no such mapping file")
     try:
         text = read_text(path)
         document = parse_toml(text)
@@ -139,7 +139,7 @@ class _Parser:
         sources: dict[str, Source] = {}
         for target, source in self.sources(log):
             if target in sources:
-                raise InputError(f"{source.where}: {target!r} is given twice; remove one")
+                raise LogError(f"{source.where}: {target!r} is given twice; remove one")
             sources[target] = source
         return LogMapping(
             sources,
@@ -244,7 +244,7 @@ class _Parser:
         return found
 
     def error(self, key: str, message: str) -> InputError:
-        return InputError(f"{self.where(key)}: {message}")
+        return LogError(f"{self.where(key)}: {message}")
 
     def where(self, key: str) -> str:
         known = key

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import FileError
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import Budget
 
@@ -300,6 +300,6 @@ def _triples(values: Any, budget: Budget) -> Any:
 
 
 def _damaged(problem: str) -> NoReturn:
-    raise InputError(
+    raise FileError(
         f"the MATLAB file is damaged, truncated, or no MATLAB file; save it again. At fault: {problem}"
     )

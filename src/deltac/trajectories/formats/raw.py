@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
 from deltac.limits import Limits, parse_json
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
@@ -51,7 +51,7 @@ def parse_header(text: str | bytes) -> Header:
             f"{error}. Write the log again, or remove them to let the column names decide"
         ) from error
     if not isinstance(header, dict):
-        raise InputError(f"the deltac metadata are {shown(header)}, expected a JSON object")
+        raise LogError(f"the deltac metadata are {shown(header)}, expected a JSON object")
     return header
 
 
@@ -77,9 +77,9 @@ def damage_named(what: str) -> Iterator[None]:
     except InputError:
         raise
     except MemoryError as error:
-        raise InputError(f"the {what} file does not fit into memory; take a part of it") from error
+        raise LimitError(f"the {what} file does not fit into memory; take a part of it") from error
     except Exception as error:
-        raise InputError(
+        raise FileError(
             f"the {what} file is damaged, truncated, or no {what} file; write it again. {error}"
         ) from error
 
@@ -189,7 +189,7 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
 
 
 def _damaged(key: str, found: Any, expected: str) -> InputError:
-    return InputError(
+    return FileError(
         f"the deltac metadata are damaged: {key} is {shown(found)}, expected {expected}; write the log again"
     )
 
@@ -199,14 +199,12 @@ _LISTS = ("coordinates", "speeds", "channels", "integrals")
 
 def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
     if key not in arrays:
-        raise InputError(
-            f"no array {key!r}, which the deltac metadata announce; write the log again"
-        )
+        raise LogError(f"no array {key!r}, which the deltac metadata announce; write the log again")
     array = np.asarray(arrays[key])
     if array.dtype.kind not in "iuf":
-        raise InputError(f"array {key!r}: found values of type {array.dtype}, expected numbers")
+        raise WrongType(f"array {key!r}: found values of type {array.dtype}, expected numbers")
     if array.size != math.prod(shape):
-        raise InputError(
+        raise FileError(
             f"array {key!r}: found shape {array.shape}, the metadata say {shape}: the log is cut off "
             "or was edited. Take the complete one, or write it again."
         )

@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from deltac.errors import InputError, closest, listed
+from deltac.errors import InputError, LogError, UnknownName, closest, listed
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
@@ -81,7 +81,7 @@ def to_trajectory(
     readings = interpret(raw, mapping, names)
     if raw.header is not None:
         for name in raw.skipped:
-            raise InputError(raw.skipped[name])
+            raise LogError(raw.skipped[name])
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
     ignored = [r.column for r in readings if not r.meaning]
@@ -116,7 +116,7 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
             continue
         values = raw.columns[reading.column]
         if rows is not None and len(values) != rows:
-            raise InputError(
+            raise LogError(
                 f"column {reading.column!r} has {len(values)} values, time has {rows}; expected one "
                 "for each time. Export all signals at the same sample times."
             )
@@ -145,7 +145,7 @@ def _sources(
         meaning = raw.meanings.get(name) or _own_meaning(name, raw, names)
         if meaning is not None and meaning not in sources and name not in taken:
             if name in raw.skipped:
-                raise InputError(raw.skipped[name])
+                raise LogError(raw.skipped[name])
             sources[meaning] = Source(name)
     if names is None and _strict(raw, mapping):
         return sources  # from_columns says what is missing
@@ -153,7 +153,7 @@ def _sources(
         if target not in sources:
             raise _missing(target, raw, sources)
     if not any(target.startswith("q.") for target in sources):
-        raise InputError(
+        raise LogError(
             "no column is known to be a coordinate; give the model, or say in a mapping file which "
             f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
         )
@@ -179,8 +179,8 @@ def _require(column: str, where: str, target: str, raw: RawLog) -> None:
     if column in raw.columns:
         return
     if column in raw.skipped:
-        raise InputError(f"{where}: {raw.skipped[column]}")
-    raise InputError(
+        raise LogError(f"{where}: {raw.skipped[column]}")
+    raise UnknownName(
         f"{where}: the file has no column {column!r}{closest(column, raw.columns)} "
         f"(it is meant as {target!r}: {_purpose(target)}){_also(raw)}"
     )
@@ -193,7 +193,7 @@ def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputEr
             kind, _, element = target.partition(".")
             key = f'"{element}"' if "." in element else element or kind
             table = {"q": "[coordinates]", "u": "[speeds]"}.get(kind, "[log]")
-            return InputError(
+            return LogError(
                 f"no column {target!r}, but {name!r}. A name with its unit in brackets needs a mapping file, "
                 f"which then takes the unit from it: {table} {key} = "
                 f'{{ column = "{name}" }}'
@@ -203,7 +203,7 @@ def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputEr
     hint = closest(target, unused)
     if "did you mean" not in hint and "." in target:
         hint = closest(target.partition(".")[2], unused)
-    return InputError(
+    return LogError(
         f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a "
         f"mapping file which column it is, or that it is constant{_also(raw)}"
     )
@@ -268,7 +268,7 @@ def _factor(target: str, written: str, si: str | None, source: Source, column: s
     allowed = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
     if found.dimension not in allowed:
         expected = si or " or ".join(_ALLOWED[target.partition(".")[0]])
-        raise InputError(
+        raise LogError(
             f"{place}: {written!r} is no unit of {target!r}; expected one that converts to {expected}"
         )
     return found.factor
@@ -285,7 +285,7 @@ _ALLOWED = {
 
 
 def _unknown_kind(target: str, source: Source, why: str) -> InputError:
-    return InputError(
+    return LogError(
         f"column {source.column!r}, read as {target!r}: {why}, and whether this is an angle or a "
         'length is not known. Give the model, or a mapping with [log] angles = ["…"], or with a '
         "unit for each column"
@@ -304,7 +304,7 @@ def _check_mixed(readings: list[ColumnReading]) -> None:
             continue
         a, b = unit(q[i].unit).dimension, unit(u[j].unit).dimension
         if (a[0], a[3]) != (b[0], b[3]):
-            raise InputError(
+            raise LogError(
                 f"mixed units: {q[i].meaning!r} is in {q[i].unit!r} (column {q[i].column!r}), but its "
                 f"rate {u[j].meaning!r} in {u[j].unit!r} (column {u[j].column!r}); correct one of them"
             )

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest, listed, shown
+from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.channels import split
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
@@ -129,9 +129,9 @@ def from_columns(
     rows = arrays["time"].shape
     for name, array in arrays.items():
         if array.ndim != 1 or array.shape != rows:
-            raise InputError(f"column {name!r}: found shape {array.shape}, time has {rows}")
+            raise LogError(f"column {name!r}: found shape {array.shape}, time has {rows}")
     if metadata is not None and metadata.get("rows", rows[0]) != rows[0]:
-        raise InputError(
+        raise FileError(
             f"found {rows[0]} rows, the metadata say {metadata['rows']}: the log is cut off or was "
             "edited. Take the complete one, or remove its deltac metadata to use it as it is."
         )
@@ -173,7 +173,7 @@ def _distinct(names: Iterable[str]) -> list[str]:
 
 
 def _collision(name: str) -> InputError:
-    return InputError(
+    return LogError(
         f"two columns would be named {name!r}; rename an element or a joint so that "
         "'<channel>.<speed>' tells the forces apart"
     )
@@ -186,9 +186,9 @@ def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> N
     for name in expected:
         if name not in columns and not (sparse and name.startswith("force.")):
             hint = closest(name, extra) if extra else ""
-            raise InputError(f"no column {name!r}{hint} (add or rename the column)")
+            raise LogError(f"no column {name!r}{hint} (add or rename the column)")
     if extra:
-        raise InputError(
+        raise UnknownName(
             f"column {extra[0]!r} is not among those that the metadata list"
             f"{closest(extra[0], expected)} (remove or rename the column)"
         )
@@ -199,7 +199,7 @@ def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> N
 
 def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     if "time" not in columns:
-        raise InputError(
+        raise UnknownName(
             f"no column 'time'{closest('time', columns)} (the column of times, in seconds, "
             "is named 'time')"
         )
@@ -210,7 +210,7 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     speeds = _strip("u.", columns)
     for prefix, found, what in (("q", coordinates, "coordinate"), ("u", speeds, "speed")):
         if not found:
-            raise InputError(
+            raise LogError(
                 f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
                 f"for example '{prefix}.elbow'. Columns: {listed(columns)}"
             )
@@ -218,7 +218,7 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     moving = set(speeds)
     for name in accelerations:
         if name not in moving:
-            raise InputError(
+            raise UnknownName(
                 f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
             )
     known, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
@@ -240,7 +240,7 @@ def _unknown(name: str, columns: Iterable[str]) -> InputError:
     if "did you mean" not in hint:
         hint = "; known: time, q.<coordinate>, u.<speed>, udot.<speed>, force.<channel>.<speed>, "
         hint += "integral.<testing function>"
-    return InputError(
+    return UnknownName(
         f"unknown column {name!r}{hint} (rename or remove the column, or say in a mapping what it is)"
     )
 
@@ -250,7 +250,7 @@ def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
     column = f"column {f'force.{name}'!r}"
     endings = [name[-n:] for n in lengths if name[-n - 1 : -n] == "." and name[-n:] in speeds]
     if not endings:
-        raise InputError(
+        raise UnknownName(
             f"{column}: expected 'force.<channel>.<speed>' and the name of a speed at its end"
             f"{closest(name.rpartition('.')[2], speeds)}"
         )
@@ -265,9 +265,9 @@ def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
         else:
             channels.append(channel)
     if not channels:
-        raise InputError(f"{column}: {problem}")
+        raise LogError(f"{column}: {problem}")
     if len(channels) > 1:
-        raise InputError(
+        raise LogError(
             f"{column} is ambiguous: its channel may be {' or '.join(map(repr, channels))}. "
             "Rename the element or the joint, or add deltac metadata to the log."
         )
@@ -280,15 +280,15 @@ def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
 def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
     version = _entry(metadata, "schema_version", int)
     if version > SCHEMA_VERSION:
-        raise InputError(
+        raise LogError(
             f"the log has schema version {version}, this deltac reads up to {SCHEMA_VERSION}. "
             "Update deltac."
         )
     if version < 1:
-        raise InputError(f"metadata: schema_version is {version}, expected 1 or more")
+        raise LogError(f"metadata: schema_version is {version}, expected 1 or more")
     for quantity, unit in _entry(metadata, "units", dict).items():
         if unit != UNITS.get(quantity, unit):
-            raise InputError(
+            raise LogError(
                 f"the log has {quantity} in {shown(unit)}, expected {UNITS[quantity]!r}. "
                 "Convert its columns."
             )
@@ -306,7 +306,7 @@ def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
     known = [f.name for f in fields(Provenance)]
     for name in entries:
         if name not in known:
-            raise InputError(f"metadata: unknown provenance {name!r}{closest(name, known)}")
+            raise UnknownName(f"metadata: unknown provenance {name!r}{closest(name, known)}")
     return Provenance(**{"simulator": "unknown", **entries})
 
 
@@ -325,15 +325,15 @@ def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
 
 def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:
     if key not in metadata:
-        raise InputError(f"metadata: no entry {key!r}{closest(key, metadata)}")
+        raise UnknownName(f"metadata: no entry {key!r}{closest(key, metadata)}")
     value = metadata[key]
     if type(value) is not kind:  # bool is no int here
-        raise InputError(f"metadata: {key} is {shown(value)}, expected {kind.__name__}")
+        raise LogError(f"metadata: {key} is {shown(value)}, expected {kind.__name__}")
     return value
 
 
 def _texts(metadata: Mapping[str, Any], key: str) -> tuple[str, ...]:
     values = _entry(metadata, key, list)
     if not all(isinstance(value, str) for value in values):
-        raise InputError(f"metadata: {key} is {shown(values)}, expected a list of names")
+        raise LogError(f"metadata: {key} is {shown(values)}, expected a list of names")
     return tuple(values)

@@ -9,6 +9,17 @@ from deltac import laws as laws
 from deltac import problems as problems
 from deltac import shapes as shapes
 from deltac import testing as testing
+from deltac.analysis.classify import Classification as Classification
+from deltac.analysis.classify import classify as classify
+from deltac.analysis.evaluate import Evaluation as Evaluation
+from deltac.analysis.evaluate import evaluate as evaluate
+from deltac.analysis.kinematics import Kinematics as Kinematics
+from deltac.analysis.kinematics import kinematics as kinematics
+from deltac.analysis.linearise import Equilibrium as Equilibrium
+from deltac.analysis.linearise import Linearisation as Linearisation
+from deltac.analysis.linearise import equilibrium as equilibrium
+from deltac.analysis.linearise import linearise as linearise
+from deltac.analysis.matrices import matrices as matrices
 from deltac.diagnosis.audit.audit import Audit as Audit
 from deltac.diagnosis.audit.audit import audit as audit
 from deltac.diagnosis.check.check import EquationCheck as EquationCheck
@@ -28,6 +39,7 @@ from deltac.diagnosis.study.study import Study as Study
 from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict
+from deltac.dynamics.matrices import Matrices as Matrices
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals

@@ -208,7 +208,7 @@ def test_a_log_read_in_parts_has_the_same_verdict(
     assert parts.relative == pytest.approx(whole.relative, rel=1e-9)
     for a, b in zip(parts.rows(), whole.rows(), strict=True):
         assert (a.name, a.basis[:4]) == (b.name, b.basis[:4])
-        assert a.energy == pytest.approx(b.energy, abs=1e-12 * whole.ledger.turnover)
+        assert a.energy == pytest.approx(b.energy, abs=1e-12 * whole.ledger.energy_exchanged)
 
 
 def test_prescribed_motion_that_was_not_followed() -> None:

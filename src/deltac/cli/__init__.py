@@ -14,7 +14,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import audit, cache, check, describe, mutate, problems, recommend, reproduce, study
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
@@ -37,6 +37,7 @@ app.command("audit")(audit.command)
 app.command("recommend")(recommend.command)
 app.command("check")(check.command)
 app.command("mutate")(mutate.command)
+app.command("describe")(describe.command)
 app.command("cache")(cache.command)
 
 

@@ -103,7 +103,7 @@ class Audit(
     @property
     def beside(self) -> float:
         """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
-        return min(self.ledger.turnover, _held_energy(self.ledger))
+        return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
 
     @property
     def exit_code(self) -> int:
@@ -116,7 +116,7 @@ class Audit(
         if self.verdict.kind == "unresolved":
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
-        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
         kept = self.verdict.kind == "consistent" or small
         if self.strict and any(f.kind == "small-but-real" for f in self.findings):
             return 1
@@ -125,7 +125,7 @@ class Audit(
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
         ledger = self.ledger
-        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+        unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
         def row(name: str, energy: float, basis: str) -> Row:
             return Row(name, energy, energy / unit, basis)
@@ -149,7 +149,7 @@ class Audit(
     @property
     def turnover(self) -> float:
         """The energy turned over, J."""
-        return self.ledger.turnover
+        return self.ledger.energy_exchanged
 
     @property
     def method(self) -> str:
@@ -269,12 +269,13 @@ def audit(
     findings += checks.assumed_zero_finding(missing)
     findings += motors.differing_gears(run, ledger, tolerance, import_report)
     works = foreign_channels(mechanism, log_read.consecutive, import_report)
-    findings += foreign_notes(works, ledger.turnover)
+    findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.turnover,
+        turnover=ledger.energy_exchanged,
         held_energy=_held_energy(ledger),
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(left_over).max()),
         bar=float(ledger.error_bar[function].max()) + held,

@@ -53,9 +53,9 @@ def differing_channels(
             continue  # the importer said that it left this to the log
         difference = logged - (own if own is not None else 0.0)
         energy = _moved(terms, difference)
-        if energy <= tolerance * ledger.turnover:
+        if energy <= tolerance * ledger.energy_exchanged:
             continue
-        found.append(_difference(name, own, logged, energy, ledger.turnover))
+        found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
     return found
 
 

@@ -26,8 +26,6 @@ from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.check import check_equations as check_equations
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
-from deltac.diagnosis.examine.examine import Examination as Examination
-from deltac.diagnosis.examine.examine import examine as examine
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
@@ -69,6 +67,8 @@ from deltac.models import Model as Model
 from deltac.models import ModelLike as ModelLike
 from deltac.models import StateLike as StateLike
 from deltac.models import load_model as load_model
+from deltac.procedure import Examination as Examination
+from deltac.procedure import examine as examine
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn

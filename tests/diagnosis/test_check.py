@@ -159,9 +159,8 @@ def test_every_coefficient_counts(name: str, factor: float) -> None:
     found = check(wrong.free)
     assert found.verdict.kind == "equation-error", found.explain()
     assert {blame.number for blame in found.blame} == ROWS[name]
-    for (
-        blame
-    ) in found.blame:  # every wrong term is named, with the factor in front of it, and no other
+    # Every wrong term is named, with the factor in front of it, and no other.
+    for blame in found.blame:
         assert 1 <= len(blame.terms) <= 2
         assert [m.factor for m in blame.terms] == pytest.approx(
             [factor] * len(blame.terms), abs=1e-6

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, closest
 from deltac.limits import Limits
 
 try:
@@ -36,18 +36,18 @@ def opened(path: str | Path) -> Iterator[BinaryIO]:
             source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         )
     except FileNotFoundError:
-        raise InputError(f"no such file{_neighbour(source)}") from None
+        raise FileError(f"no such file{_neighbour(source)}") from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise FileError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
     kind = os.fstat(handle).st_mode
     if not stat.S_ISREG(kind):
         os.close(handle)
-        raise InputError(f"cannot be read: it is {_kind(kind)}, expected a regular file")
+        raise FileError(f"cannot be read: it is {_kind(kind)}, expected a regular file")
     with os.fdopen(handle, "rb") as file:
         try:
             yield file
         except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
+            raise FileError(f"cannot be read: {error.strerror or error}") from error
 
 
 def read_bytes(path: str | Path, limit: str = "bytes") -> bytes:
@@ -66,7 +66,7 @@ def read_text(path: str | Path, limit: str = "text") -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise InputError(f"line {line} is not UTF-8 text") from None
+        raise FileError(f"line {line} is not UTF-8 text") from None
 
 
 @contextmanager
@@ -84,11 +84,11 @@ def appearing(
     """
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
-        raise InputError(f"{path}: the folder {target.parent} does not exist; create it first")
+        raise FileError(f"{path}: the folder {target.parent} does not exist; create it first")
     if target.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
+        raise FileError(f"{path}: is a folder; expected the name of a file")
     if target.exists() and not target.is_file():
-        raise InputError(f"{path}: is {_kind(target.stat().st_mode)}; expected the name of a file")
+        raise FileError(f"{path}: is {_kind(target.stat().st_mode)}; expected the name of a file")
     temporary, file = _unfinished(target.parent, mode)
     try:
         with file:

@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from deltac.errors import InputError, closest, shown
+from deltac.errors import FileError, InputError, LimitError, LogError, UnknownName, closest, shown
 
 try:
     import resource
@@ -68,7 +68,7 @@ class Limits:
             if isinstance(value, float) and value.is_integer():
                 object.__setattr__(self, field.name, int(value))
             elif isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise InputError(f"Limits: {field.name} is {shown(value)}, expected 1 or more")
+                raise LimitError(f"Limits: {field.name} is {shown(value)}, expected 1 or more")
 
     @staticmethod
     def current() -> Limits:
@@ -87,12 +87,13 @@ class Limits:
     def check(self, name: str, found: float, what: str) -> None:
         """Raise InputError if `found`, of what `what` says, is more than the limit `name`."""
         if found > getattr(self, name):
+            found = min(found, 10**18)  # what a file declares may be beyond all floats
             self.refuse(name, f"{what} {_amount(found, name)}", 1.1 * found)
 
     def refuse(self, name: str, problem: str, needed: float = 0.0) -> NoReturn:
         """Raise the InputError that says which limit it was, and how it is raised."""
         limit = getattr(self, name)
-        raise InputError(
+        raise LimitError(
             f"{problem}, more than the limit of {_amount(limit, name)}. If that is meant, raise "
             f"{name!r}: {VARIABLE}={name}={int(max(2 * limit, needed))} in the environment, or "
             f"'with deltac.Limits({name}=…).applied():' around the call"
@@ -122,11 +123,11 @@ def _of_environment(text: str) -> Limits:
     for entry in text.replace(",", " ").split():
         name, _, value = entry.partition("=")
         if name not in known:
-            raise InputError(f"{VARIABLE}: unknown limit {shown(name)}{closest(name, known)}")
+            raise UnknownName(f"{VARIABLE}: unknown limit {shown(name)}{closest(name, known)}")
         try:
             found[name] = int(float(value))
         except (ValueError, OverflowError):
-            raise InputError(
+            raise LimitError(
                 f"{VARIABLE}: {name} is {shown(value)}, expected a whole number"
             ) from None
     return Limits(**found)  # type: ignore[arg-type]
@@ -155,7 +156,7 @@ def require_memory(needed: float, size: str) -> None:
     """Raise InputError when reading would take more bytes than are free; where unknown, pass."""
     free = free_memory()
     if free is not None and needed > free:
-        raise InputError(
+        raise LimitError(
             f"the log has {size}; reading it whole takes about {needed / 1e9:.1f} GB, and "
             f"{free / 1e9:.1f} GB are free. Store it as Parquet, which is read in parts "
             "(scan_trajectory), or take a part of it."
@@ -199,7 +200,7 @@ def parse_json(text: str | bytes, what: str) -> Any:
     except InputError as error:
         raise InputError(f"{what} are damaged: {error}") from None
     except (ValueError, UnicodeError) as error:  # of the parser and the codec
-        raise InputError(f"{what} are damaged ({error})") from error
+        raise FileError(f"{what} are damaged ({error})") from error
     check_nesting(value, what)
     return value
 
@@ -218,7 +219,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     except InputError:
         raise
     except ValueError as error:  # also of integers and dates beyond what there is
-        raise InputError(f"is no TOML: {error}") from error
+        raise FileError(f"is no TOML: {error}") from error
     return document
 
 
@@ -240,16 +241,16 @@ def check_nesting(value: Any, what: str) -> None:
 
 def _integer(text: str) -> int:
     if len(text) > 20 or not -(2**63) <= int(text) < 2**63:
-        raise InputError(f"found {shown(text)}, expected an integer of 64 bits")
+        raise LogError(f"found {shown(text)}, expected an integer of 64 bits")
     return int(text)
 
 
 def _number(text: str) -> float:
     value = float(text)
     if value - value != 0.0:
-        raise InputError(f"found {shown(text)}, expected a number within double precision")
+        raise LogError(f"found {shown(text)}, expected a number within double precision")
     return value
 
 
 def _not_a_number(text: str) -> NoReturn:
-    raise InputError(f"found {text}, expected a finite number")
+    raise LogError(f"found {text}, expected a finite number")

@@ -88,13 +88,14 @@ def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["no-such-model", "good.parquet"], "unknown model"),
+        (["no-such-model", "good.parquet"], "E-NAME"),
         ([MODEL, "god.parquet"], "good.parquet"),
+        ([MODEL, "god.parquet"], "E-FILE"),
         (["simple-pendulum", "good.parquet"], "joint2"),
-        ([MODEL, "good.parquet", "--tolerance", "0"], "tolerance is 0"),
+        ([MODEL, "good.parquet", "--tolerance", "0"], "E-VALUE"),
         ([MODEL, "good.parquet", "--work", "guess"], "known: in-loop"),
-        ([MODEL, "good.parquet", "--figure", "a.svg"], ".png"),
-        ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "does not exist"),
+        ([MODEL, "good.parquet", "--figure", "a.svg"], "E-FILE"),
+        ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "E-FILE"),
     ],
 )
 def test_bad_input_is_status_2(
@@ -125,8 +126,9 @@ def test_garbage_among_the_numbers_is_bad_input(
     x[7] = value
     frame.with_columns(polars.Series(column, x)).write_parquet(tmp_path / "damaged.parquet")
     status, out, err = run(MODEL, str(tmp_path / "damaged.parquet"), "--json", capsys=capsys)
-    assert (status, out) == (2, "")
-    assert f"'{column}'" in err and "row 7 " in err
+    told = json.loads(out)
+    assert (status, told["exit_code"], told["error"]["code"]) == (2, 2, "E-LOG")
+    assert f"'{column}'" in err and "row 7 " in err and told["error"]["message"] in err
 
 
 def test_what_the_import_left_to_the_log_is_told(

@@ -11,13 +11,13 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import LRUCache
-from deltac.deprecation import warn_renamed
+from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, StateLike, opened
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
@@ -77,13 +77,10 @@ class Record:
         testing: names of the testing functions whose power is integrated by the same solver and step; the
             integrals (J) are in the trajectory's `integrals`.
         every: keep every so many steps of a fixed-step solver.
-        speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy; None: the
-            mechanism's own.
     """
 
     testing: Sequence[str] = ("wang", "liu-huston")
     every: int = 1
-    speeds: CoordinateMap | None = None
 
     @staticmethod
     def of(given: Record | Sequence[str] | int) -> Record:
@@ -96,17 +93,18 @@ class Record:
             return Record(testing=tuple(given))
         raise InputError(
             f"record is {given!r}; expected names of testing functions, a whole number (every so many "
-            "steps), or deltac.Record(testing=..., every=..., speeds=...)"
+            "steps), or deltac.Record(testing=..., every=...)"
         )
 
 
 RECORD = Record()
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def simulate(
-    mechanism: Mechanism,
-    state: State,
-    duration: float,
+    model: ModelLike,
+    state: StateLike = None,
+    duration: float | None = None,
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
@@ -114,6 +112,7 @@ def simulate(
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
+    coordinates: CoordinateMap | None = None,
     vary: Sequence[str] = (),
     switches: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -122,9 +121,9 @@ def simulate(
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
     Args:
-        mechanism: what moves.
-        state: where it starts (`mechanism.state(...)`).
-        duration: how long, s.
+        model: what moves: a Mechanism, a Problem, or what else `load_model` takes.
+        state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
+        duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
             samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
         solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with the options of its
@@ -136,6 +135,7 @@ def simulate(
         controller: sets the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
@@ -157,7 +157,7 @@ def simulate(
         StiffStepWarning: the step is far too large for friction, contact, or the mechanism; tells the time
             scale.
     """
-    require_mechanism(mechanism)
+    mechanism, state, duration = opened(model, state, duration)
     if renamed:
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)
@@ -173,7 +173,17 @@ def simulate(
     check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, kept)
     made = _compiled(
-        mechanism, found, wanted, equations, vary, rows, kept, steps, watching, switches
+        mechanism,
+        found,
+        wanted,
+        equations,
+        coordinates,
+        vary,
+        rows,
+        kept,
+        steps,
+        watching,
+        switches,
     )
     flow = made.flow
     check_derivatives(flow, found, controller)
@@ -264,6 +274,7 @@ def _compiled(
     solver: Solver,
     record: Record,
     equations: Equations | None,
+    coordinates: CoordinateMap | None,
     vary: Sequence[str],
     rows: tuple[int, ...],
     constraints: Keeping,
@@ -278,7 +289,7 @@ def _compiled(
         solver.name,
         tuple(record.testing),
         None if written is None else written.key,
-        record.speeds,
+        coordinates,
         tuple(vary),
         rows,
         constraints,
@@ -288,10 +299,8 @@ def _compiled(
     )
 
     def make() -> Compiled:
-        flow = build_flow(
-            mechanism, record.testing, written, record.speeds, vary, rows, constraints
-        )
-        events = eventful(flow, record.speeds, switches) if watching else None
+        flow = build_flow(mechanism, record.testing, written, coordinates, vary, rows, constraints)
+        events = eventful(flow, coordinates, switches) if watching else None
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
@@ -365,7 +374,6 @@ def _as_before(
     wanted = Record(
         old.get("testing", wanted.testing),
         old.get("record_every", wanted.every),
-        old.get("speeds", wanted.speeds),
     )
     solver = solver_options(solver, old.get("tolerance"), old.get("spectral_radius"))
     constraints = stabilised(old["stabilisation"]) if "stabilisation" in old else constraints
@@ -385,7 +393,6 @@ def _as_before(
 _RENAMED = {
     "testing": ("simulate(record=…)",),
     "record_every": ("deltac.Record(every=…)",),
-    "speeds": ("deltac.Record(speeds=…)",),
     "tolerance": ("an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",),
     "spectral_radius": ("deltac.solvers.GeneralizedAlpha(spectral_radius=…)",),
     "stabilisation": ("simulate(constraints=…)",),

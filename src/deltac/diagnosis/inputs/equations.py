@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.inputs.models import from_file
-from deltac.errors import InputError
+from deltac.errors import SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import from_file
 from deltac.simulation.equations import Equations
 
 
@@ -25,7 +25,7 @@ def load_equations(text: str) -> Equations | Callable[..., Any]:
     if isinstance(found, Equations):
         return replace(found, rhs=_staying(found.rhs, text))
     if not callable(found):
-        raise InputError(
+        raise WrongType(
             f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
@@ -40,7 +40,7 @@ def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
         try:
             return function(*arguments)
         except SystemExit as error:
-            raise InputError(
+            raise SourceError(
                 f"{text} called sys.exit({error.code!r}); let it return u̇, or raise an error that says why "
                 "it cannot"
             ) from None
@@ -57,9 +57,7 @@ def load_map(text: str) -> CoordinateMap | str:
     if isinstance(found, Equations):
         found = found.coordinates
     if not isinstance(found, CoordinateMap):
-        raise InputError(
-            f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap"
-        )
+        raise WrongType(f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap")
     return found
 
 
@@ -67,7 +65,7 @@ def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
     file, colon, name = text.rpartition(":")
     if not colon or not file.endswith(".py") or not name:
         example = text if text.endswith(".py") else "FILE.py"
-        raise InputError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
+        raise SourceError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
     return Path(file), name
 
 
@@ -84,4 +82,4 @@ def _asked(found: Any, text: str) -> Any:
     try:
         return found()
     except Exception as error:
-        raise InputError(f"{text} failed: {type(error).__name__}: {error}") from error
+        raise SourceError(f"{text} failed: {type(error).__name__}: {error}") from error

@@ -17,7 +17,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.audit.rules import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
-from deltac.errors import DeltacError, InputError
+from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.simulate import SimulationStoppedWarning
@@ -170,7 +170,7 @@ class Deadline:
         self._at = math.inf
 
 
-class Refused(InputError):
+class Refused(SolverError):
     """A solver that cannot do what the model asks for, whatever its step."""
 
 
@@ -350,7 +350,9 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     if not np.isfinite(left).all():
         return "the energies are not finite"
     held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    return _Energies(float(np.abs(left).max()), ledger.turnover, held + ledger.turnover)
+    return _Energies(
+        float(np.abs(left).max()), ledger.energy_exchanged, held + ledger.energy_exchanged
+    )
 
 
 def _share(energy: float, turnover: float) -> float:

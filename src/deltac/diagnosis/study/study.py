@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.deprecation import warn_renamed
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
-from deltac.diagnosis.inputs.models import Model, load_model
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.deprecation import renamed_keywords, warn_renamed
+from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
+from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along
@@ -35,6 +34,7 @@ from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Keeping, stabilised
@@ -103,7 +103,7 @@ class Study(
                 "step": entry.step,
                 "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.turnover if entry.ledger else None,
+                "turnover": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }
@@ -228,7 +228,7 @@ def studied(
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
     functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    turnover = kept[-1].ledger.turnover if kept[-1].ledger else 0.0
+    turnover = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
     energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
@@ -258,7 +258,8 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
+    findings += unresolved_works(ledger)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -266,8 +267,9 @@ def studied(
         steps=tuple(map(float, steps)),
         left=left,
         bars=bars,
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         energy=energy[function],
         state=state,
@@ -403,9 +405,10 @@ SAMPLES = 200
 """Rows of a run of an adaptive solver, at the same times for every tolerance."""
 
 
+@renamed_keywords(control="controller")
 def study(
-    model: Any,
-    state: State | Any = None,
+    model: ModelLike,
+    state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
     solver: str | Options = "",
@@ -417,8 +420,7 @@ def study(
     tolerances: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     order: int | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Controller | Callable[[Any, Any], object] | None = None,
     constraints: str | Keeping = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
@@ -443,11 +445,11 @@ def study(
         tolerances: in place of steps, for adaptive solvers.
         tolerance: accepted |ΔC| as a fraction of the energy turned over.
         order: the nominal order of `simulator`, if it has one.
-        controller: sets the motors that have no law; for MuJoCo give `control`.
-        control: called as control(model, data) before each step of MuJoCo.
+        controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
+            controller(model, data) before each step.
         constraints: how runs stay on their constraints, as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
         stabilisation: the old name of `constraints`.
 
     Returns:
@@ -488,31 +490,34 @@ def study(
                 )
             maker = _of_user(simulator, order)
         else:
-            state = loaded.problem.state if state is None and loaded.problem else state
-            duration = _duration(loaded, duration)
+            duration = loaded.lasting(duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
             if isinstance(solver, str) and solver.startswith(MUJOCO):
-                if equations is not None or controller is not None:
+                if equations is not None or isinstance(controller, Controller):
                     raise InputError(
-                        "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
-                        "are set by control=)"
+                        "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
+                        "controller=, a function of (model, data)"
                     )
                 from deltac.recorders import mujoco_simulator
 
                 name = solver.removeprefix(MUJOCO)
                 run = mujoco_simulator(
-                    model, duration, integrator=name, control=control, state=state
+                    model,
+                    duration,
+                    integrator=name,
+                    controller=controller,
+                    state=_mujoco_start(loaded, state),
                 )
                 maker = _of_user(run, order)
             else:
                 maker = _own(
                     loaded.mechanism,
-                    loaded.mechanism.state() if state is None else state,
+                    _own_start(loaded, state),
                     duration,
                     solver,
                     testing,
                     equations,
-                    controller,
+                    _own_controller(controller),
                     constraints,
                     order,
                     adaptive=adaptive,
@@ -559,10 +564,6 @@ def _own(
     adaptive: bool,
 ) -> _Maker:
     """One of our solvers as a function of its step, or of its tolerance."""
-    if not isinstance(state, State):
-        raise InputError(
-            f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
-        )
     if equations is not None:
         equations = carefully(equations, mechanism, state)
     options = solver_options(solver)
@@ -615,12 +616,27 @@ def _default_solver(loaded: Model) -> str:
     return loaded.problem.solver if loaded.problem is not None else "ode5"
 
 
-def _duration(loaded: Model, duration: float | None) -> float:
-    if duration is not None:
-        return float(duration)
-    if loaded.problem is None:
-        raise InputError("say how long the motion lasts: duration= in seconds")
-    return loaded.problem.duration
+def _own_start(loaded: Model, state: StateLike) -> State:
+    """The model's own start by default, else at zero and at rest."""
+    if state is None and not loaded.starts:
+        return loaded.mechanism.state()
+    return loaded.start(state)
+
+
+def _mujoco_start(loaded: Model, state: Any) -> Any:
+    """An mjData as it is; None where MuJoCo's own start is meant."""
+    if type(state).__name__ == "MjData" or (state is None and not loaded.starts):
+        return state
+    return loaded.start(state)
+
+
+def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
+    if given is None or isinstance(given, Controller):
+        return given
+    raise InputError(
+        "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
+        "function of (model, data)"
+    )
 
 
 def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:

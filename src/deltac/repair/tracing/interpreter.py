@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Tape, TapeError, identity
@@ -370,7 +370,7 @@ class _Reader(_Expressions):
             self.refuse(self.node, f"{type(error).__name__}: {error}")
         flat = list(library.flatten(value))
         if len(flat) != len(u):
-            raise InputError(
+            raise SourceError(
                 f"{self.where(function)}: {function.name} returned {len(flat)} numbers, expected the "
                 f"{len(u)} accelerations u̇"
             )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.interpreter import Instance, Trace, trace
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
@@ -173,7 +173,7 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     found = trace(source, samples.t, samples.q, samples.u)
     missing = set(varied) - set(named_parameters(found, target))
     if missing:
-        raise InputError(f"{source.name}: no constant {min(missing)!r} with the model's value")
+        raise SourceError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     if not varied:
         return Program(found, samples)
     tape = found.tape

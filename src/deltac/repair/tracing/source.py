@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, SourceError, UnknownName, closest
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Source:
             line = getattr(error, "lineno", None)
             where = self.name if line is None else f"{self.name}:{line}"
             what = error.msg if isinstance(error, SyntaxError) else str(error)
-            raise InputError(f"{where}: this is not Python: {what}") from error
+            raise SourceError(f"{where}: this is not Python: {what}") from error
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
@@ -82,14 +82,14 @@ class Source:
             found = next((s for s in reversed(known) if s.name == part), None)
             if found is None:
                 if line := _lambda(body, part):
-                    raise InputError(
+                    raise SourceError(
                         f"{self.name}:{line}: {part} is a lambda; write the equations as a function with def"
                     )
                 names = [s.name for s in known]
-                raise InputError(f"{self.name}: no function {part!r}{closest(part, names)}")
+                raise UnknownName(f"{self.name}: no function {part!r}{closest(part, names)}")
             body = found.body
         if not isinstance(found, ast.FunctionDef):
-            raise InputError(
+            raise SourceError(
                 f"{self.name}: {self.qualified} is a class; name a function of (t, q, u)"
             )
         return found
@@ -142,14 +142,14 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     text = str(target)
     file, colon, name = text.rpartition(":")
     if not (colon and name and file.endswith(".py")):
-        raise InputError(f"{text!r}: expected FILE.py:FUNCTION, such as eom.py:rhs")
+        raise SourceError(f"{text!r}: expected FILE.py:FUNCTION, such as eom.py:rhs")
     path = Path(file)
     if not path.is_file():
-        raise InputError(f"{file}: no such file")
+        raise FileError(f"{file}: no such file")
     try:
         content = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{file}: not a text in UTF-8: {error}") from error
+        raise FileError(f"{file}: not a text in UTF-8: {error}") from error
     source = Source(file, content, name, path)
     _ = source.function
     return source
@@ -158,21 +158,21 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
 def _of_function(function: Callable[..., Any]) -> Source:
     plain = inspect.unwrap(getattr(function, "__func__", function))
     if not inspect.isfunction(plain):
-        raise InputError(
+        raise SourceError(
             f"{function!r} has no source in Python; give a function of (t, q, u), or FILE.py:FUNCTION"
         )
     try:
         file = inspect.getsourcefile(plain)
         inspect.getsource(plain)
     except (OSError, TypeError) as error:
-        raise InputError(
+        raise FileError(
             f"{plain.__qualname__}: its source cannot be read ({error}); put it into a file and give "
             "FILE.py:FUNCTION"
         ) from error
     assert file is not None
     path = Path(file)
     if plain.__name__ == "<lambda>":
-        raise InputError(f"{path.name}: a lambda; write the equations as a function with def")
+        raise SourceError(f"{path.name}: a lambda; write the equations as a function with def")
     outside: dict[str, Any] = dict(plain.__globals__)
     outside.update(inspect.getclosurevars(plain).nonlocals)
     receiver = getattr(function, "__self__", None)

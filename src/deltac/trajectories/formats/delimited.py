@@ -11,7 +11,7 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, InputError, LogError, WrongType, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header
@@ -41,7 +41,7 @@ def read_csv(path: Path) -> RawLog:
     header, line, lines, rest = _head(data)
     names = _column_names(line, exact=header is not None)
     if not rest or rest.isspace():
-        raise InputError("there are column names but no rows; expected at least one")
+        raise LogError("there are column names but no rows; expected at least one")
     rows = rest.count(b"\n") + 1
     Limits.current().check("rows", rows, "the log has")
     Budget(len(data)).take(rows * len(names) * 8)  # a short row has empty fields, also of numbers
@@ -105,12 +105,12 @@ def _column_names(line: bytes, exact: bool) -> list[str]:
     try:
         rows = list(csv.reader([line.decode().rstrip("\r")], strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"the column names cannot be read ({error}); write UTF-8") from error
+        raise FileError(f"the column names cannot be read ({error}); write UTF-8") from error
     names = rows[0] if rows else []
     if not names:
-        raise InputError("no column names; expected 'time,q.<coordinate>,…,u.<speed>,…'")
+        raise LogError("no column names; expected 'time,q.<coordinate>,…,u.<speed>,…'")
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
-        raise InputError(
+        raise LogError(
             f"the column names {shown(names[0])} are not separated by commas; write the log with "
             "commas between columns and points in numbers"
         )
@@ -127,7 +127,7 @@ def distinct(names: list[str]) -> list[str]:
         if len(name) > limits.name:
             limits.check("name", len(name), f"the name of column {shown(name)} has")
         if name in seen:
-            raise InputError(f"the column {name!r} appears twice; rename or remove one")
+            raise LogError(f"the column {name!r} appears twice; rename or remove one")
         seen.add(name)
     return names
 
@@ -138,18 +138,18 @@ def _malformed(body: bytes, width: int, lines: int, error: Exception) -> InputEr
         text = body.decode()
     except UnicodeDecodeError as undecodable:
         line = lines + 1 + body.count(b"\n", 0, undecodable.start)
-        return InputError(f"line {line} is not UTF-8 text; expected numbers")
+        return FileError(f"line {line} is not UTF-8 text; expected numbers")
     reader = csv.reader(io.StringIO(text), strict=True)
     try:
         for fields in reader:
             if len(fields) != width:
-                return InputError(
+                return LogError(
                     f"line {lines + reader.line_num} has {len(fields)} fields, expected {width}, "
                     "one for each column name. Write numbers with decimal points, not commas."
                 )
     except csv.Error as stray:
-        return InputError(f"line {lines + reader.line_num} cannot be taken apart: {stray}")
-    return InputError(f"the rows cannot be taken apart: {error}")
+        return LogError(f"line {lines + reader.line_num} cannot be taken apart: {stray}")
+    return LogError(f"the rows cannot be taken apart: {error}")
 
 
 def numbers(name: str, series: polars.Series, first_line: int | None = None) -> FloatArray:
@@ -160,7 +160,7 @@ def numbers(name: str, series: polars.Series, first_line: int | None = None) -> 
         long = series.str.len_bytes() > Limits.current().name
         if long.any():
             row = long.arg_max() or 0
-            raise InputError(
+            raise LogError(
                 f"column {name!r}, {row_name(row, len(series))}: found a text of "
                 f"{len(series[row])} characters, expected a number"
             )
@@ -170,7 +170,7 @@ def numbers(name: str, series: polars.Series, first_line: int | None = None) -> 
     elif series.dtype.is_numeric() or series.dtype == polars.Null:
         numbers = series.cast(polars.Float64)
     else:
-        raise InputError(
+        raise WrongType(
             f"column {name!r}: found values of type {series.dtype}, expected numbers in SI units "
             "(times in seconds)"
         )
@@ -180,7 +180,7 @@ def numbers(name: str, series: polars.Series, first_line: int | None = None) -> 
         where = row_name(row, len(series))
         if first_line is not None:
             where += f", line {first_line + row}"
-        raise InputError(
+        raise LogError(
             f"column {name!r}, {where}: found {found}, expected a number. Repair or drop the row."
         )
     result: FloatArray = numbers.to_numpy()

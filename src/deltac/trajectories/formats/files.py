@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.files import appearing, opened
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
@@ -81,7 +81,7 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
         with naming(path), appearing(path) as file:
             write(run, header, file)
     except MemoryError:
-        raise InputError(f"{path}: the log is too large for this format in memory") from None
+        raise LimitError(f"{path}: the log is too large for this format in memory") from None
 
 
 def read_trajectory(
@@ -124,7 +124,7 @@ def read_raw(path: str | Path) -> RawLog:
         start = file.read(4096)
         size = os.fstat(file.fileno()).st_size
     if not start.strip() and size == len(start):
-        raise InputError("the file is empty; expected a row of column names and samples")
+        raise FileError("the file is empty; expected a row of column names and samples")
     Limits.current().check("bytes", size, "the file has")
     if form.copies:
         require_memory(size * form.copies, f"{size / 1e9:.1f} GB")
@@ -147,7 +147,7 @@ def _format(path: str | Path, writing: bool = False) -> Format:
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
-        raise InputError(
+        raise UnknownName(
             f"{path}: {what} {suffix!r}{closest(suffix, options)} "
             f"(name the file {', '.join('*' + name for name in options)})"
         )

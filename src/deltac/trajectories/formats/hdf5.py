@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from deltac.errors import InputError, shown
+from deltac.errors import LogError, PackageError, shown
 from deltac.files import opened
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import (
@@ -100,16 +100,16 @@ class Opened:
     def values(self, item: Any) -> Any:
         """The values of a dataset; InputError when there are too many, or they lie in other files."""
         if item.external or item.is_virtual:
-            raise InputError(f"{shown(item.name)} lies in other files, which are not read")
+            raise LogError(f"{shown(item.name)} lies in other files, which are not read")
         self.budget.take(int(item.size) * max(item.dtype.itemsize, 8))
         return item[()]
 
     def text(self, item: Any) -> str:
         """The text of a dataset that holds one."""
         if getattr(item, "shape", None) != () or item.dtype.kind not in "OS":
-            raise InputError("the deltac metadata are no text; write the log again")
+            raise LogError("the deltac metadata are no text; write the log again")
         if item.external or item.is_virtual:
-            raise InputError("the deltac metadata lie in another file, which is not read")
+            raise LogError("the deltac metadata lie in another file, which is not read")
         return str(item.asstr()[()])
 
     def refers(self, item: Any) -> bool:
@@ -139,7 +139,7 @@ def import_h5py() -> Any:
     try:
         import h5py
     except ImportError as error:
-        raise InputError(
+        raise PackageError(
             'HDF5 and MATLAB 7.3 files need h5py: pip install "deltac[hdf5]" (or use Parquet)'
         ) from error
     return h5py

@@ -36,10 +36,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError, closest, shown
+from deltac.errors import InputError, LogError, closest, shown
 from deltac.files import read_text
 from deltac.limits import parse_toml
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
 from deltac.trajectories.formats.units import unit
 
@@ -57,7 +57,13 @@ DIMENSIONS: Mapping[str, str] = {
 }
 """Keys of the table ``[units]`` and the SI unit that each replaces."""
 
-_TABLES = {"coordinates": "q", "speeds": "u", "accelerations": "udot", "integrals": "integral"}
+_TABLES = {
+    "coordinates": "q",
+    "speeds": "u",
+    "accelerations": "udot",
+    "works": "work",
+    "integrals": "integral",
+}
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
 _SOURCE_KEYS = ("column", "constant", "unit", "sign", "offset")
 _ORDERS = ("wxyz", "xyzw")
@@ -102,7 +108,7 @@ class LogMapping:
 def read_mapping(path: str | Path) -> LogMapping:
     """Read a mapping file; InputError names the file, the line and the key."""
     if not Path(path).exists():
-        raise InputError(f"{path}: no such mapping file")
+        raise LogError(f"{path}: no such mapping file")
     try:
         text = read_text(path)
         document = parse_toml(text)
@@ -139,7 +145,7 @@ class _Parser:
         sources: dict[str, Source] = {}
         for target, source in self.sources(log):
             if target in sources:
-                raise InputError(f"{source.where}: {target!r} is given twice; remove one")
+                raise LogError(f"{source.where}: {target!r} is given twice; remove one")
             sources[target] = source
         return LogMapping(
             sources,
@@ -160,7 +166,7 @@ class _Parser:
         for channel, speeds in self.table("forces").items():
             where = f"forces.{channel}"
             try:
-                split(channel)
+                ChannelName.parse(channel)
             except InputError as error:
                 raise self.error(where, str(error)) from None
             if not isinstance(speeds, dict):
@@ -244,7 +250,7 @@ class _Parser:
         return found
 
     def error(self, key: str, message: str) -> InputError:
-        return InputError(f"{self.where(key)}: {message}")
+        return LogError(f"{self.where(key)}: {message}")
 
     def where(self, key: str) -> str:
         known = key

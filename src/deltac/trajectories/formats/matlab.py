@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.files import read_bytes
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
 from deltac.trajectories.formats.mat5 import MatlabObject, variables
@@ -45,7 +45,7 @@ def write_mat(run: Trajectory, header: str, file: BinaryIO) -> None:
     arrays = to_arrays(run)
     for name, array in arrays.items():
         if array.nbytes > _LARGEST:
-            raise InputError(
+            raise LogError(
                 f"{name!r} takes {array.nbytes / 1e9:.1f} GB, and a variable of a MATLAB 5 file at "
                 "most 2.1 GB; write .h5, which MATLAB's h5read reads, or .parquet"
             )

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, LogError, shown
 from deltac.files import opened
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import (
@@ -46,9 +46,7 @@ def read_npz(path: Path) -> RawLog:
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         if not zipfile.is_zipfile(file):
-            raise InputError(
-                "this is no NPZ archive of named arrays, or it is damaged or truncated"
-            )
+            raise FileError("this is no NPZ archive of named arrays, or it is damaged or truncated")
         with damage_named("NPZ"):
             directory = _Directory(file)
             with zipfile.ZipFile(directory) as archive:
@@ -68,7 +66,7 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
     if "deltac" in arrays:
         header = arrays["deltac"]
         if header.dtype.kind != "U" or header.size != 1:
-            raise InputError("the deltac metadata are no text; write the log again")
+            raise LogError("the deltac metadata are no text; write the log again")
         return from_arrays(arrays, parse_header(str(header[()])) or {})
     for name, values in arrays.items():
         collector.add(name, values)
@@ -79,7 +77,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> A
     """An array of numbers or texts; TypeError says what other values it has."""
     what = f"the array {shown(info.filename)}"
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise InputError(f"{what} is compressed by a method that NumPy does not write")
+        raise LogError(f"{what} is compressed by a method that NumPy does not write")
     with archive.open(info) as stream:
         dtype, shape, order, start = _header(stream, what)
         count = math.prod(shape) * dtype.itemsize
@@ -88,7 +86,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> A
         if dtype.kind not in "biufU":
             raise TypeError(f"holds values of type {dtype}, not numbers")
         if start + count != info.file_size:
-            raise InputError(
+            raise FileError(
                 f"{what} announces {shape} values of {dtype.itemsize} bytes, the archive holds "
                 f"{info.file_size - start} bytes of it: the NPZ file is damaged"
             )
@@ -97,7 +95,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> A
         budget.take(count)
         content = stream.read(count)
     if len(content) != count:
-        raise InputError(f"{what} is cut off: the NPZ file is damaged")
+        raise FileError(f"{what} is cut off: the NPZ file is damaged")
     return np.frombuffer(content, dtype).reshape(shape, order=order)
 
 
@@ -105,11 +103,11 @@ def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any
     """The type, shape and order of an array, and where its values begin."""
     start = stream.read(8)
     if len(start) < 8 or start[:6] != _MAGIC or start[6] not in (1, 2, 3):
-        raise InputError(f"{what} is none of NumPy's, or it is damaged")
+        raise FileError(f"{what} is none of NumPy's, or it is damaged")
     form = "<H" if start[6] == 1 else "<I"
     (length,) = struct.unpack(form, stream.read(struct.calcsize(form)))
     if length > _LONGEST:
-        raise InputError(f"{what} has a header of {length} bytes, expected at most {_LONGEST}")
+        raise LogError(f"{what} has a header of {length} bytes, expected at most {_LONGEST}")
     text = stream.read(length).decode("utf-8" if start[6] == 3 else "latin1")
     try:
         header = ast.literal_eval(text)
@@ -120,7 +118,7 @@ def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any
             raise ValueError(f"shape {shown(shape)}")
         order = "F" if header["fortran_order"] is True else "C"
     except Exception as error:  # of Python's parser, or NumPy's
-        raise InputError(f"{what} has a damaged header: {shown(text)} ({shown(error)})") from None
+        raise FileError(f"{what} has a damaged header: {shown(text)} ({shown(error)})") from None
     return dtype, shape, order, 8 + struct.calcsize(form) + length
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, LogError, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits
 from deltac.trajectories.formats.delimited import distinct
@@ -33,15 +33,15 @@ def read_opensim(path: Path) -> RawLog:
     try:
         lines = content.decode("utf-8-sig").split("\n")
     except UnicodeDecodeError as error:
-        raise InputError("the file is not UTF-8 text; expected an OpenSim table") from error
+        raise FileError("the file is not UTF-8 text; expected an OpenSim table") from error
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
-        raise InputError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
     header = dict(_entry(line) for line in lines[:end] if "=" in line)
     _check_kind(header)
     first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
     if first is None:
-        raise InputError("no column names after 'endheader'; the file is truncated")
+        raise FileError("no column names after 'endheader'; the file is truncated")
     limits = Limits.current()
     limits.check("header", len(lines[first]), f"line {first + 1}: the column names are of")
     names = [name.strip() for name in lines[first].split("\t" if "\t" in lines[first] else None)]
@@ -61,7 +61,7 @@ def _check_header(content: bytes) -> None:
     limits = Limits.current()
     if _END.search(content, 0, limits.header) is None:
         limits.check("header", len(content), "no line 'endheader' is found: the header is of")
-        raise InputError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
 
 
 def _entry(line: str) -> tuple[str, str]:
@@ -72,28 +72,26 @@ def _entry(line: str) -> tuple[str, str]:
 def _check_kind(header: dict[str, str]) -> None:
     kind = header.get("DataType", "double")
     if kind != "double":
-        raise InputError(
+        raise LogError(
             f"DataType={kind[:80]}: expected double. Vectors and rotations of markers or frames are no "
             "generalized coordinates; export the states or the coordinates of the motion"
         )
     version = header.get("version", "1")
     if version not in map(str, range(_NEWEST + 1)):
-        raise InputError(
-            f"version={version[:80]}: this deltac reads OpenSim tables up to {_NEWEST}"
-        )
+        raise LogError(f"version={version[:80]}: this deltac reads OpenSim tables up to {_NEWEST}")
 
 
 def _in_degrees(header: dict[str, str]) -> bool:
     value = header.get("inDegrees", "no").lower()
     if value not in ("yes", "no"):
-        raise InputError(f"inDegrees={value[:80]}: expected yes or no")
+        raise LogError(f"inDegrees={value[:80]}: expected yes or no")
     return value == "yes"
 
 
 def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what: str) -> None:
     for key in keys:
         if key in header and header[key] != str(found):
-            raise InputError(
+            raise FileError(
                 f"the table has {found} {what}, the header says {key}={header[key][:80]}: the file is cut "
                 "off or was edited. Take the complete one, or correct the header."
             )
@@ -102,7 +100,7 @@ def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what
 def _table(lines: list[str], start: int, width: int) -> FloatArray:
     numbers = [number for number in range(start, len(lines)) if lines[number].strip()]
     if not numbers:
-        raise InputError("there are column names but no rows; expected at least one")
+        raise LogError("there are column names but no rows; expected at least one")
     Limits.current().check("rows", len(numbers), "the log has")
     for number in (numbers[0], numbers[-1]):
         _fields(lines, number, width)  # before room is reserved for so many
@@ -117,7 +115,7 @@ def _table(lines: list[str], start: int, width: int) -> FloatArray:
             plain = False
         if not plain:
             bad = next(field for field in fields if not _is_number(field))
-            raise InputError(
+            raise LogError(
                 f"{row_name(index, len(numbers))}, line {number + 1}: found {shown(bad)}, expected a number"
             )
     return table
@@ -126,7 +124,7 @@ def _table(lines: list[str], start: int, width: int) -> FloatArray:
 def _fields(lines: list[str], number: int, width: int) -> list[str]:
     fields = lines[number].split()
     if len(fields) != width:
-        raise InputError(f"line {number + 1} has {len(fields)} fields, expected {width}")
+        raise LogError(f"line {number + 1} has {len(fields)} fields, expected {width}")
     return fields
 
 

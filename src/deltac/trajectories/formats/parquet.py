@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from deltac.errors import InputError
+from deltac.errors import FileError
 from deltac.files import opened
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.formats.delimited import raw_log
@@ -48,9 +48,9 @@ def parquet_header(path: Path) -> Header:
         file.seek(max(0, size - 8))
         length, end = file.read(4), file.read()
     if start != _MAGIC:
-        raise InputError("this is no Parquet file; is the suffix right?")
+        raise FileError("this is no Parquet file; is the suffix right?")
     if size < 12 or end != _MAGIC:
-        raise InputError("the Parquet file is truncated; copy or write it again")
+        raise FileError("the Parquet file is truncated; copy or write it again")
     footer = int.from_bytes(length, "little")
     limits.check("metadata", footer, "the footer of the Parquet file is of")
     with damaged():

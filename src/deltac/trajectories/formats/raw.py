@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, shown
+from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
 from deltac.limits import Limits, parse_json
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
@@ -51,7 +51,7 @@ def parse_header(text: str | bytes) -> Header:
             f"{error}. Write the log again, or remove them to let the column names decide"
         ) from error
     if not isinstance(header, dict):
-        raise InputError(f"the deltac metadata are {shown(header)}, expected a JSON object")
+        raise LogError(f"the deltac metadata are {shown(header)}, expected a JSON object")
     return header
 
 
@@ -77,9 +77,9 @@ def damage_named(what: str) -> Iterator[None]:
     except InputError:
         raise
     except MemoryError as error:
-        raise InputError(f"the {what} file does not fit into memory; take a part of it") from error
+        raise LimitError(f"the {what} file does not fit into memory; take a part of it") from error
     except Exception as error:
-        raise InputError(
+        raise FileError(
             f"the {what} file is damaged, truncated, or no {what} file; write it again. {error}"
         ) from error
 
@@ -141,14 +141,15 @@ class Collector:
 
 
 def to_arrays(run: Trajectory) -> dict[str, FloatArray]:
-    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), integral."""
+    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), work, integral."""
     arrays = {"time": run.t, "q": run.q, "u": run.u}
     if run.udot is not None:
         arrays["udot"] = run.udot
     if run.forces:
         arrays["force"] = np.stack(list(run.forces.values()), axis=1)
-    if run.integrals:
-        arrays["integral"] = np.stack(list(run.integrals.values()), axis=1)
+    for name, sums in (("work", run.works), ("integral", run.integrals)):
+        if sums:
+            arrays[name] = np.stack(list(sums.values()), axis=1)
     return arrays
 
 
@@ -161,11 +162,12 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         raise _damaged("accelerations", accelerations, "true or false")
     names: dict[str, list[str]] = {}
     for key in _LISTS:
-        names[key] = header.get(key)  # type: ignore[assignment]
+        absent: Any = [] if key == "works" else None  # version 2 has no works
+        names[key] = header.get(key, absent)
         if not isinstance(names[key], list) or not all(isinstance(n, str) for n in names[key]):
             raise _damaged(key, names[key], "a list of names")
     counts = {key: len(found) for key, found in names.items()}
-    width = 1 + counts["coordinates"] + counts["integrals"]
+    width = 1 + counts["coordinates"] + counts["works"] + counts["integrals"]
     width += counts["speeds"] * (1 + accelerations + counts["channels"])
     Limits.current().check("columns", width, "the log has")
     columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
@@ -183,30 +185,29 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         for i, channel in enumerate(names["channels"]):
             for j, speed in enumerate(names["speeds"]):
                 columns[f"force.{channel}.{speed}"] = force[:, i, j]
-    if counts["integrals"]:
-        add("integral", "integrals", "integral")
+    for name in ("work", "integral"):
+        if counts[f"{name}s"]:
+            add(name, f"{name}s", name)
     return RawLog(columns, header)
 
 
 def _damaged(key: str, found: Any, expected: str) -> InputError:
-    return InputError(
+    return FileError(
         f"the deltac metadata are damaged: {key} is {shown(found)}, expected {expected}; write the log again"
     )
 
 
-_LISTS = ("coordinates", "speeds", "channels", "integrals")
+_LISTS = ("coordinates", "speeds", "channels", "works", "integrals")
 
 
 def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
     if key not in arrays:
-        raise InputError(
-            f"no array {key!r}, which the deltac metadata announce; write the log again"
-        )
+        raise LogError(f"no array {key!r}, which the deltac metadata announce; write the log again")
     array = np.asarray(arrays[key])
     if array.dtype.kind not in "iuf":
-        raise InputError(f"array {key!r}: found values of type {array.dtype}, expected numbers")
+        raise WrongType(f"array {key!r}: found values of type {array.dtype}, expected numbers")
     if array.size != math.prod(shape):
-        raise InputError(
+        raise FileError(
             f"array {key!r}: found shape {array.shape}, the metadata say {shape}: the log is cut off "
             "or was edited. Take the complete one, or write it again."
         )

@@ -171,7 +171,7 @@ def test_equations_by_hand_in_their_own_coordinates() -> None:
 
 def test_refusals_say_what_to_do() -> None:
     problem = dc.problems.load("triple-pendulum")
-    with pytest.raises(dc.InputError, match="expected 'energy'"):
+    with pytest.raises(dc.InputError, match="expected 'projection', deltac.Projection"):
         dc.simulate(problem.mechanism, problem.state, 1.0, step=1e-2, constraints="energy")
     for solver in ("BDF", "CVODES", "taylor"):
         with pytest.raises(dc.InputError, match="one-step solver"):

@@ -122,7 +122,7 @@ def test_a_step_may_divide_the_duration_but_for_rounding() -> None:
 
 def test_a_state_of_another_mechanism() -> None:
     _, state = robot()
-    with pytest.raises(InputError, match=r"state has 8 coordinates and 7 speeds.*'pendulum' has 1"):
+    with pytest.raises(InputError, match=r"has 8 coordinates and 7 speeds.*'pendulum' has 1"):
         dc.simulate(PENDULUM, state, 1.0, 0.1)
     with pytest.raises(InputError, match="mechanism.state"):
         dc.simulate(PENDULUM, State(0.0, np.zeros(2), np.zeros(1)), 1.0, 0.1)

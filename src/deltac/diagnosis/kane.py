@@ -177,6 +177,20 @@ class Kane:
         n = len(self.system.free_u)
         return matrices(evaluate(self._rates, q)[0], len(q), n)
 
+    @cached_property
+    def _own_rates(self) -> Any:
+        assert self.own is not None
+        own = self.own
+        return ca.Function(
+            "rates", [self.system.t, own.own_q, own.own_u], [ca.densify(own.own_qdot)]
+        )
+
+    def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
+        """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
+        if self.own is None:
+            return times(self.rates(own_q), own_u)
+        return evaluate(self._own_rates, t[None, :], own_q, own_u)[0]
+
 
 def quaternions(mechanism: Mechanism) -> list[slice]:
     """Places of unit quaternions among the free coordinates."""

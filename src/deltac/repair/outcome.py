@@ -28,7 +28,7 @@ class Fix:
     text      the whole file as it should be
     others    other ways to write the same in the same statements
     ran       whether Python itself, run on the edited function, gave the model's accelerations; None where
-              the function cannot be run by itself (a method, a closure)
+              it could not be run, `not_run` saying why
     """
 
     file: str
@@ -40,6 +40,7 @@ class Fix:
     text: str = field(repr=False)
     others: tuple[str, ...] = ()
     ran: bool | None = None
+    not_run: str = ""
 
     def __str__(self) -> str:
         return "; ".join(
@@ -64,6 +65,7 @@ class Repair:
     seconds          it took
     terms            without fixes: what the residual of an equation consists of, if that could be told
     undefined        which expression is not a number, and in which state; empty if all are numbers
+    contradicted     edits that are right as the source was read, but not as Python runs it
     """
 
     file: str
@@ -78,6 +80,7 @@ class Repair:
     seconds: float
     terms: tuple[str, ...] = ()
     undefined: str = ""
+    contradicted: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
@@ -117,6 +120,13 @@ class Repair:
             )
         else:
             lines.append("No edit was found, and no expression can be the only one that is wrong.")
+        for fix in self.contradicted:
+            lines.append(
+                f"Not offered: {fix}. By the source it is right, run by Python it is not: is there something "
+                "in the module that changes what is read?"
+            )
+        for reason in dict.fromkeys(fix.not_run for fix in self.fixes if fix.not_run):
+            lines.append(f"Read, but not run by Python: {reason}.")
         if not self.complete:
             lines.append("The search ran out of time: there may be other edits.")
         wrapped = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
@@ -156,6 +166,7 @@ class Repair:
                 "diff": f.diff,
                 "others": list(f.others),
                 "ran": f.ran,
+                "not_run": f.not_run,
             }
             for f in self.fixes
         ]
@@ -171,6 +182,7 @@ class Repair:
             "suspects": list(self.suspects),
             "terms": list(self.terms),
             "undefined": self.undefined,
+            "contradicted": list(self.contradicted),
             "complete": self.complete,
             "seconds": self.seconds,
         }
@@ -190,8 +202,8 @@ def suspects(source: Source, places: Iterable[int]) -> list[str]:
 def terms(program: Program, target: Target) -> tuple[str, ...]:
     """What each wrong equation's residual consists of, at the model's own parameters."""
     test = target.test()
-    udot = program.run()[:, program.samples.group == 0]
-    if not np.isfinite(udot).all():
+    udot = program.run()[: len(test.speeds), program.samples.group == 0]
+    if udot.shape != test.acceleration.shape or not np.isfinite(udot).all():
         return ()
     found = []
     residual = test.residual(udot)
@@ -206,7 +218,7 @@ def terms(program: Program, target: Target) -> tuple[str, ...]:
 def undefined(program: Program, target: Target) -> str:
     """The first expression that is not a finite number in some state, with that state; else empty."""
     trace, tape, samples = program.trace, program.tape, program.samples
-    for k in sorted(tape.before(trace.outputs)):
+    for k in sorted(tape.before(program.outputs)):
         finite = np.isfinite(tape.values[k])
         if finite.ndim > 1:  # the solution of linear equations
             finite = finite.all(axis=0)

@@ -17,8 +17,7 @@ from deltac.repair.edits.insertions import Vocabulary, additions, insertions
 from deltac.repair.edits.required import Requirement, Requirements
 from deltac.repair.edits.substitutions import substitutions
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.tracing.interpreter import trace
-from deltac.repair.tracing.program import Program, at
+from deltac.repair.tracing.program import Program, at, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Array, Change
@@ -32,6 +31,7 @@ class Search:
     """One program, and what was found out about its expressions."""
 
     program: Program
+    target: Target
     deadline: float = np.inf
 
     def __post_init__(self) -> None:
@@ -120,18 +120,14 @@ class Search:
         return found
 
     def _right(self, candidate: Candidate) -> bool:
+        """Whether a candidate that the tape cannot show is right: the text is read again."""
         changed = apply(self.program.source, [candidate])
         if changed is None:
             return False
-        samples = self.program.samples
-        nominal = samples.group == 0
         try:
-            found = trace(changed, samples.t[nominal], samples.q[:, nominal], samples.u[:, nominal])
+            return read(changed, self.target, vary=False).wrong < RIGHT
         except InputError:
             return False
-        off = found.tape.run(found.outputs) - samples.acceleration[:, nominal]
-        r = np.einsum("bij,jb->ib", samples.M[nominal], off) / samples.typical[:, nominal]
-        return bool(np.abs(r).max() < RIGHT)
 
 
 def _exchange(
@@ -158,10 +154,10 @@ def confirmed(
     if changed is None:
         return None
     try:
-        program = at(changed, target, varied, fresh=True)
+        reading = at(changed, target, varied, fresh=True)
     except InputError:
         return None
-    return changed if program.wrong < RIGHT else None
+    return changed if reading.wrong < RIGHT else None
 
 
 COMBINED = 12
@@ -176,7 +172,7 @@ def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
-        ways.insert(0, Search(rows, search.deadline))
+        ways.insert(0, Search(rows, target, search.deadline))
         ways[0].require()
     for way in ways:
         yield from _in_different_equations(way)
@@ -266,14 +262,14 @@ def sequential(search: Search, target: Target) -> Iterator[tuple[Candidate, Cand
         if changed is None:
             continue
         try:
-            again = at(changed, target, tuple(program.samples.parameters))
+            again = at(changed, target, tuple(program.samples.parameters)).worst
         except InputError:
             continue
         left = _wrong(unsolved_form(again) or again)
         if (left & ~wrong).any() or not (wrong & ~left).any():
             continue
         followed += 1
-        then = Search(again, deadline)
+        then = Search(again, target, deadline)
         then.require()
         for second in then.single():
             place = _before(program.source, first, changed, second.place)

@@ -15,7 +15,6 @@ from deltac.diagnosis.models import load_model
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
-from deltac.repair.tracing.interpreter import trace
 from deltac.repair.tracing.program import at, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
@@ -175,13 +174,15 @@ def mutate_equations(
     target = Target(found.mechanism, chosen, seed)
     source = read_source(rhs)
     program = read(source, target)
-    varied = tuple(program.samples.parameters)
-    if "." in source.qualified:
+    varied = program.varied
+    source = program.source
+    definition = source.definition
+    if definition is None or "." in source.qualified:
         raise InputError(
             f"{source.name}: {source.qualified} is a method or a function within another; mutants are made "
             "of functions of the module"
         )
-    made = mutants(source.text, source.function.name, names, seed)
+    made = mutants(source.text, definition.name, names, seed)
     trials = []
     for k, mutant in enumerate(made):
         if progress is not None:
@@ -211,10 +212,11 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     samples, test = target.samples(), target.test()
     seen = _blank(target)
     try:
-        read_again = trace(changed, samples.t, samples.q, samples.u)
+        again = read(changed, target, vary=False)
     except InputError:
         return Trial(mutant, seen)  # it cannot even be evaluated
-    udot = read_again.tape.run(read_again.outputs)
+    found = again.run()
+    udot = found[: len(samples.acceleration)]
     if not np.isfinite(udot).all():
         return Trial(mutant, seen)
     residuals = test(udot)
@@ -223,9 +225,9 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
         seen[MOMENTUM] = max(float(x.max()) for x in residuals.relative_momentum.values())
     if CONSTRAINTS in seen:
         seen[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
-    seen[RESIDUAL] = samples.wrong(udot)
+    seen[RESIDUAL] = samples.wrong(found)
     return Trial(
-        mutant, seen, _reason(changed, seen, target, varied, named_parameters(read_again, target))
+        mutant, seen, _reason(changed, seen, target, varied, named_parameters(again, target))
     )
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.dynamics.system import trace
 from deltac.errors import InputError
+from deltac.simulation.equations import by_hand
 from deltac.simulation.flow import build_flow
 from machines import pendulum, robot
 
@@ -46,8 +49,10 @@ def test_what_can_be_traced_is_compiled_and_the_rest_is_called(
     law: Callable[..., Any], traced: bool
 ) -> None:
     mechanism = pendulum()
-    assert build_flow(mechanism, (), dc.Equations(law)).traced is traced
-    assert not build_flow(mechanism, (), dc.Equations(linear_law, compiled=False)).traced
+    system = trace(mechanism)
+    assert build_flow(mechanism, (), by_hand(system, dc.Equations(law))).traced is traced
+    called = by_hand(system, dc.Equations(linear_law, compiled=False))
+    assert not build_flow(mechanism, (), called).traced
 
 
 @pytest.mark.parametrize("solver", ["ode4", "semi-implicit-euler", "DOP853", "Radau"])
@@ -70,9 +75,8 @@ def test_traced_or_called_or_the_mechanisms_own(law: Callable[..., Any], solver:
     ("law", "word"), [(branching_law, "traced"), (scalar_law, "traced"), (two_faced_law, "branch")]
 )
 def test_insisting_on_compilation(law: Callable[..., Any], word: str) -> None:
-    mechanism = pendulum()
     with pytest.raises(InputError, match=f"my law: rhs .*{word}.*compiled=None"):
-        build_flow(mechanism, (), dc.Equations(law, name="my law", compiled=True))
+        by_hand(trace(pendulum()), dc.Equations(law, name="my law", compiled=True))
 
 
 @pytest.mark.parametrize("compiled", [None, False])
@@ -240,3 +244,51 @@ def test_prescribed_joints_follow_their_law_under_equations_by_hand() -> None:
     np.testing.assert_allclose(run.q, own.q, atol=1e-12)
     torque = "prescribed spin"
     np.testing.assert_allclose(run.forces[torque], own.forces[torque], atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("solver", "compiled"),
+    [
+        ("ode5", None),
+        ("ode5", False),
+        ("implicit-midpoint", None),
+        ("Radau", None),
+        ("Radau", False),
+        pytest.param("taylor", None, marks=pytest.mark.heyoka),
+    ],
+)
+def test_constants_that_change_between_runs_change_the_motion(
+    solver: str, compiled: bool | None
+) -> None:
+    """One object, run again after what its function reads has changed: as a new object would run."""
+    read = {"g": 9.81}
+    equations = dc.Equations(lambda t, q, u: -read["g"] / 0.5 * np.sin(q), compiled=compiled)
+
+    def end() -> float:
+        mechanism = pendulum()
+        start = mechanism.state({"hinge": 1.0})
+        run = dc.simulate(mechanism, start, 1.0, 0.01, solver, equations=equations)
+        own = dc.simulate(mechanism.with_parameters(g=read["g"]), start, 1.0, 0.01, solver)
+        # Both sides take the same steps of the same equations; adaptive ones to their tolerance of 1e-9.
+        assert abs(run.q[-1, 0] - own.q[-1, 0]) < 1e-7
+        return float(run.q[-1, 0])
+
+    before = end()
+    read["g"] = 5.0
+    changed = end()
+    read["g"] = 9.81
+    assert abs(changed - before) > 0.1
+    assert end() == before
+
+
+def test_a_controller_is_asked_anew_in_every_run() -> None:
+    read = {"torque": 1.0}
+    mechanism = replace(pendulum(), forces=[dc.joint_torque("motor", "hinge")])
+    controller = dc.Controller(lambda t, q, u: {"motor": read["torque"]})
+    ends = []
+    for torque in (1.0, -1.0, 1.0):
+        read["torque"] = torque
+        run = dc.simulate(mechanism, mechanism.state(), 0.1, 0.01, controller=controller)
+        ends.append(run.q[-1, 0])
+    # From rest at the bottom, equal and opposite torques make equal and opposite motions.
+    assert ends[0] == ends[2] == -ends[1] != 0.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -11,7 +12,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.spatial import SX
+from deltac.dynamics.system import System
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 
@@ -59,6 +62,41 @@ class Controller:
 
     function: Callable[[float, Array, Array], Mapping[str, Any]]
     hold: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class ByHand:
+    """Hand-written equations as they are now: what the function reads, its constants too, is in `udot`.
+
+    `q`, `u`, `qdot` are the coordinates, speeds and rates that the equations are written in, those of `own`
+    where they have a map; `udot` is None for a function that is called from Python. `key` tells what may
+    be kept: two calls of `simulate` share compiled code if and only if their expressions are the same, not
+    because they were given the same function, whose constants may have changed in between.
+    """
+
+    equations: Equations
+    own: OwnCoordinates | None
+    q: SX
+    u: SX
+    qdot: SX
+    udot: SX | None
+    key: Hashable
+
+
+def by_hand(system: System, equations: Equations) -> ByHand:
+    """Trace hand-written equations, now."""
+    own = None
+    q, u, qdot = system.q, system.u, system.qdot
+    if equations.coordinates is not None:
+        own = trace_map(system, equations.coordinates)
+        q, u, qdot = own.own_q, own.own_u, own.own_qdot
+    udot = trace_rhs(equations, system.t, q, u)
+    key: Hashable = equations  # called anew at every stage: nothing of it is baked in
+    if udot is not None:
+        expression = ca.Function("rhs", [system.t, q, u], [udot]).serialize()
+        digest = hashlib.sha256(expression.encode()).digest()
+        key = (digest, equations.coordinates, equations.name)
+    return ByHand(equations, own, q, u, qdot, udot, key)
 
 
 def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:

@@ -33,7 +33,7 @@ from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.equations import Equations, trace_rhs
+from deltac.simulation.equations import ByHand, Equations
 
 Stabilisation: TypeAlias = str | tuple[float, float]
 """How a run stays on its constraints: "projection", "none", or Baumgarte's (α, β) in 1/s."""
@@ -143,7 +143,7 @@ Q without the power of constraints that a stage violates, which is no energy tha
 def build_flow(
     mechanism: Mechanism,
     testing: Sequence[str] = (),
-    equations: Equations | None = None,
+    written: ByHand | None = None,
     split: CoordinateMap | None = None,
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
@@ -153,6 +153,7 @@ def build_flow(
 ) -> Flow:
     """Write out ẋ for a mechanism.
 
+    `written` are equations by hand in place of the mechanism's own, traced on `trace(mechanism, vary)`;
     `split` chooses the generalized speeds of the testing functions, `rows` the independent rows of the
     constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β); `correcting` tells that
     each step ends with a correction of the energy.
@@ -165,20 +166,15 @@ def build_flow(
     own: OwnCoordinates | None = None
     damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
     given = ca.SX(0, 1)
-    if equations is None:
+    if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
     else:
-        if equations.coordinates is not None:
-            own = trace_map(system, equations.coordinates)
-            q, u, qdot = own.own_q, own.own_u, own.own_qdot
-        else:
-            q, u, qdot = system.q, system.u, system.qdot
-        traced = trace_rhs(equations, system.t, q, u)
-        if traced is None:
+        own, q, u, qdot = written.own, written.q, written.u, written.qdot
+        if written.udot is None:
             given = ca.SX.sym("given", u.shape[0])
-        udot = given if traced is None else traced
+        udot = given if written.udot is None else written.udot
         udot_all = ca.SX(system.udot_all)
         reactions = reactions_from(system, udot_all, parts, bound)
 
@@ -193,7 +189,7 @@ def build_flow(
         "Q": known.nonpotential_power + known.prescribed_power,
         **constraint_forces(bound, reactions.multipliers),
     }
-    if equations is not None:
+    if written is not None:
         # The mechanism's symbols give way to what the hand-written equations say of them.
         free_udot = own.udot(system, udot) if own is not None else udot
         outputs = _substituted(outputs, [system.udot], [free_udot])
@@ -210,7 +206,7 @@ def build_flow(
         system=system,
         testing=tuple(function.name for function in functions),
         integrals=integrals,
-        equations=equations,
+        equations=None if written is None else written.equations,
         own=own,
         split=split_own,
         bound=bound,

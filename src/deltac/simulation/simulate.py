@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
@@ -18,7 +19,7 @@ from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
 from deltac.simulation.correction import check_correction_held
 from deltac.simulation.course import Course
-from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.equations import Controller, Equations, by_hand
 from deltac.simulation.events.running import Outcome
 from deltac.simulation.events.simulating import (
     check_events,
@@ -212,11 +213,12 @@ def _compiled(
     steps: int,
 ) -> tuple[Flow, Stepper, Kernel]:
     """The flow, its compiled step and its observer; made once for all that differs in code."""
+    written = None if equations is None else by_hand(trace(mechanism, vary), equations)
     key = (
         mechanism.digest(vary),
         solver.name,
         tuple(testing),
-        equations,
+        None if written is None else written.key,
         speeds,
         tuple(vary),
         rows,
@@ -229,7 +231,7 @@ def _compiled(
         flow = build_flow(
             mechanism,
             testing,
-            equations,
+            written,
             speeds,
             vary,
             rows,

@@ -45,23 +45,35 @@ class Outcome:
     singular: bool = False
 
 
-class Newton:
-    """Solves residual(y; data) = 0, one compiled call for the residual, one for it and its Jacobian."""
+class StepSystem:
+    """A step's equations, residual(y; data) = 0, compiled: one call for the residual, one with its Jacobian.
+
+    It holds no numbers, so that runs in several threads may share it.
+    """
 
     def __init__(self, y: SX, data: dict[str, SX], residual: SX, speeds: int) -> None:
         """Differentiate; `speeds` is how many of the unknowns, the first, tell convergence."""
         jacobian = ca.sparsify(ca.jacobian(residual, y))
-        self._size, self._speeds = y.shape[0], speeds
+        self.size, self.speeds = y.shape[0], speeds
         pattern = jacobian.sparsity()
         rows, columns = pattern.get_triplet()
-        self._rows, self._columns = np.array(rows, dtype=int), np.array(columns, dtype=int)
-        self._indptr = np.array(pattern.colind(), dtype=np.int32)
+        self.rows, self.columns = np.array(rows, dtype=np.int32), np.array(columns, dtype=int)
+        self.indptr = np.array(pattern.colind(), dtype=np.int32)
         inputs = {"y": y, **{name: column for name, column in data.items() if column.shape[0]}}
-        self._residual = Kernel(inputs, {"r": residual}, name="residual")
+        self.residual = Kernel(inputs, {"r": residual}, name="residual")
         entries = jacobian.nz[:]
-        self._both = Kernel(inputs, {"r": residual, "J": entries}, name="residual and Jacobian")
-        self._in = np.empty(self._both.n_in)
-        self._out, self._r = np.empty(self._both.n_out), np.empty(self._size)
+        self.both = Kernel(inputs, {"r": residual, "J": entries}, name="residual and Jacobian")
+
+
+class Newton:
+    """Newton's method on a step's equations for one run: it owns its buffers and the factors it keeps."""
+
+    def __init__(self, system: StepSystem) -> None:
+        """No factors yet."""
+        self._system, self._size, self._speeds = system, system.size, system.speeds
+        both = system.both
+        self._in, self._out = np.empty(both.n_in), np.empty(both.n_out)
+        self._r = np.empty(self._size)
         self._solver: Callable[[Array], Array] | None = None
 
     def solve(self, start: Array, data: Array, fastest: float) -> Outcome:
@@ -131,8 +143,8 @@ class Newton:
         """The residual; with the Jacobian factorised anew if `fresh`."""
         self._in[: self._size] = y
         if not fresh:
-            return self._residual.single(self._in, self._r).copy()
-        self._both.single(self._in, self._out)
+            return self._system.residual.single(self._in, self._r).copy()
+        self._system.both.single(self._in, self._out)
         r = self._out[: self._size].copy()
         entries = self._out[self._size :]
         if np.isfinite(r).all() and np.isfinite(entries).all():
@@ -147,7 +159,9 @@ class Newton:
             from scipy.sparse import csc_matrix
             from scipy.sparse.linalg import splu
 
-            matrix = csc_matrix((entries, self._rows.astype(np.int32), self._indptr), shape=(n, n))
+            system = self._system
+            # splu may not keep the arrays it is given, and `entries` is a view of a buffer.
+            matrix = csc_matrix((entries.copy(), system.rows, system.indptr), shape=(n, n))
             try:
                 found: Any = splu(matrix)
             except RuntimeError:  # exactly singular
@@ -156,7 +170,7 @@ class Newton:
         from scipy.linalg.lapack import dgetrf, dgetrs
 
         J = np.zeros((n, n), order="F")
-        J[self._rows, self._columns] = entries
+        J[self._system.rows, self._system.columns] = entries
         lu, pivots, failed = dgetrf(J, overwrite_a=True)
         if failed:
             return lambda b: np.full_like(b, np.nan)

@@ -16,7 +16,7 @@ from deltac.simulation.course import Course, Motion
 from deltac.simulation.equations import Controller
 from deltac.simulation.flow import Flow
 from deltac.simulation.implicit.form import Form, Settings
-from deltac.simulation.implicit.newton import Newton, Outcome
+from deltac.simulation.implicit.newton import Newton, Outcome, StepSystem
 from deltac.simulation.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle, StageRate, march
@@ -90,10 +90,10 @@ class ImplicitStepper:
         return SCHEMES[self.solver.name](self.form, before, settings)
 
     @cached_property
-    def newton(self) -> Newton:
-        """The solver of the step's equations."""
-        equations = self._equations
-        return Newton(equations.unknowns, self._data, equations.residual, equations.speeds)
+    def system(self) -> StepSystem:
+        """The step's equations, compiled."""
+        e = self._equations
+        return StepSystem(e.unknowns, self._data, e.residual, e.speeds)
 
     @cached_property
     def _ending(self) -> Kernel:
@@ -159,8 +159,7 @@ class Run:
     def __init__(self, stepper: ImplicitStepper, p: Array, h: float, radius: float) -> None:
         """Nothing is computed before the first step."""
         self._stepper, self._p, self._h, self._radius = stepper, p, h, radius
-        self._newton, self._ending = stepper.newton, stepper._ending
-        self._newton.forget()
+        self._newton, self._ending = Newton(stepper.system), stepper._ending
         ending = self._ending
         self._in, self._out = np.empty(ending.n_in), np.empty(ending.n_out)
         self._places = [ending.output_slices[n] for n in ("after", "memory", "rates", "lam")]

@@ -16,7 +16,7 @@ from measure import contest, median_seconds
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.energy.quadrature import INNER
+from deltac.energy.sampling.quadrature import INNER
 
 Array = NDArray[np.float64]
 TARGET = 50.0

@@ -128,7 +128,7 @@ def test_the_notation_names_all_there_is() -> None:
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
     from deltac.mechanism import channels, constraints, events, forces, joints
     from deltac.simulation.solvers import SOLVERS
-    from deltac.trajectories.files import FORMATS
+    from deltac.trajectories.formats.files import FORMATS
 
     text = (ROOT / "NOTATION.md").read_text("utf-8")
     aliases = [alias for solver in SOLVERS.values() for alias in solver.aliases]

@@ -195,7 +195,7 @@ def test_problems_by_name_and_logs_by_path(tmp_path: Path) -> None:
 def test_a_log_read_in_parts_has_the_same_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deltac.diagnosis import logs
+    from deltac.diagnosis.inputs import logs
 
     hopper_run().write(tmp_path / "run.parquet")
     whole = audit(model_of(HOPPER), tmp_path / "run.parquet")

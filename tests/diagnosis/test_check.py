@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.equation_test import EquationTest
+from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.problems.triple_pendulum_equations import HandEquations
 from hand_equations import CASES, chaplygin_sleigh, free_box, lagrange_top, triple_pendulum
 

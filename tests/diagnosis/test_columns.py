@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.equations import Evaluator, Sampled
-from deltac.diagnosis.explanation.candidates import Candidate
-from deltac.diagnosis.explanation.causes import candidates
-from deltac.diagnosis.explanation.columns import column_kernels, evaluate
-from deltac.diagnosis.explanation.equations import white_noise
+from deltac.diagnosis.explain.causes import Candidate, candidates
+from deltac.diagnosis.explain.columns import column_kernels, evaluate
+from deltac.diagnosis.explain.regression import white_noise
+from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))
 
@@ -96,7 +95,7 @@ def test_columns_are_what_a_change_does(what: str) -> None:
 
 def test_the_weak_form_is_the_integral_of_the_samples() -> None:
     """∫φ x dt by parts, without u̇, against the sum of φ x with u̇ known: along an exact motion."""
-    from deltac.diagnosis.explanation.equations import prepare
+    from deltac.diagnosis.explain.regression import prepare
 
     mechanism = machine(damping=0.1)
     start = mechanism.state(speeds={"root": [0, 0, 3, 0.5, 1.0, 2.0], "hip": 3.0})

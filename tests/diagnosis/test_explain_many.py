@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.explanation.candidates import Candidate
-from deltac.diagnosis.explanation.regression import Regression, factored
-from deltac.diagnosis.explanation.search import search
+from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.explain.regression import Regression, factored
+from deltac.diagnosis.explain.search import search
 
 EXACT = 1e-6
 """A decade above the share of the terms at which solvers are allowed to stop."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.models import load_model
+from deltac.diagnosis.inputs.models import load_model
 
 PENDULUM = """
 import deltac as dc

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis import settings as settings_of_solvers
-from deltac.diagnosis.recommendation import _Search
-from deltac.diagnosis.work_precision import Family, Piece, Trial, common, distance
+from deltac.diagnosis.recommend import families as settings_of_solvers
+from deltac.diagnosis.recommend.recommend import _Search
+from deltac.diagnosis.recommend.work_precision import Family, Piece, Trial, common, distance
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 
 import deltac as dc
-from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.kane import Kane
-from deltac.diagnosis.states import natural_scales, random_states
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import natural_scales, random_states
 from deltac.dynamics.textbook import Textbook
 from hand_equations import CASES, lagrange_top, spherical_pendulum
 from random_mechanisms import Options, Sample, samples

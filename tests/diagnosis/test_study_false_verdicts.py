@@ -10,10 +10,9 @@ import pytest
 
 import deltac as dc
 from deltac import Provenance, Study, Trajectory
-from deltac.diagnosis.constraint_rates import constraint_rates
-from deltac.diagnosis.equations import equation_terms
-from deltac.diagnosis.study.blow_up import before_blow_up
+from deltac.diagnosis.residuals.at_samples import constraint_rates, equation_terms
 from deltac.diagnosis.study.convergence import observed_order
+from deltac.diagnosis.study.runs import before_blow_up
 from machines import pendulum
 from slow import repeated
 

@@ -14,7 +14,7 @@ from deltac.errors import InputError
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from deltac.recorders import integrator_names  # noqa: E402
-from deltac.recorders.mujoco_simulator import ORDERS  # noqa: E402
+from deltac.recorders.mujoco_recorder import ORDERS  # noqa: E402
 from mujoco_models import ARM, HOPPER, model_of  # noqa: E402
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.energy import quadrature, sampled
-from deltac.energy.interpolation import band_matrices, weighted_windows
+from deltac.energy.sampling import quadrature
+from deltac.energy.sampling import samples as sampled
+from deltac.energy.sampling.interpolation import band_matrices, weighted_windows
 
 
 def logged() -> tuple[dc.Mechanism, dc.Trajectory]:

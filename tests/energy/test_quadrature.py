@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.energy import quadrature
-from deltac.energy.quadrature import cumulated, integrate, lagrange
-from deltac.energy.sampled import Between, Samples, Smooth, at_samples, spline_rate
+from deltac.energy.sampling import quadrature
+from deltac.energy.sampling.quadrature import cumulated, integrate, lagrange
+from deltac.energy.sampling.samples import Between, Samples, Smooth, at_samples, spline_rate
 from machines import robot, workshop
 
 Array = NDArray[np.float64]

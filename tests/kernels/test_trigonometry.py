@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltac.kernels import Kernel
-from deltac.kernels.trigonometry import HALF_PI, cosine, sine
+from deltac.kernels.lowering import HALF_PI, cosine, sine
 
 Array = NDArray[np.float64]
 EPS = np.finfo(float).eps

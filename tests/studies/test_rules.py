@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from deltac.studies.thesis.rules import (
+from deltac.studies.thesis.experiments import (
     REPORTED,
     Reported,
     Rule,

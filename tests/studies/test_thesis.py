@@ -21,8 +21,7 @@ from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
 from deltac.studies.thesis.experiments import Experiment
-from deltac.studies.thesis.runs import Run, absolute_angles, perform, problem
-from deltac.studies.thesis.torque import rates, totals
+from deltac.studies.thesis.runs import Run, absolute_angles, perform, problem, rates, totals
 
 KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees"]
 TESTED = ("4.1", "4.2", "4.3", "4.4", "4.6", "4.7", "4.9", "4.10")

@@ -219,7 +219,7 @@ def test_objects_that_only_matlab_reads_are_named_with_the_remedy(tmp_path: Path
 def test_a_matlab_variable_that_is_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deltac.trajectories.matlab._LARGEST", 20)
+    monkeypatch.setattr("deltac.trajectories.formats.matlab._LARGEST", 20)
     run = Trajectory(t=T, q=T[:, None], u=T[:, None], coordinates=("a",), speeds=("a",))
     with pytest.raises(InputError, match=r"log\.mat: 'time' takes .* write \.h5"):
         write_trajectory(run, tmp_path / "log.mat")

@@ -13,7 +13,7 @@ import pytest
 
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory, read_trajectory, scan_trajectory
-from deltac.trajectories.memory import free_memory
+from deltac.trajectories.formats.files import free_memory
 
 
 def sample(rows: int = 1000) -> Trajectory:
@@ -145,7 +145,7 @@ def test_a_log_that_does_not_fit_into_memory(
 ) -> None:
     sample(1000).write(tmp_path / "log.parquet")
     sample(1000).write(tmp_path / "log.csv")
-    monkeypatch.setattr("deltac.trajectories.memory.free_memory", lambda: 1e5)
+    monkeypatch.setattr("deltac.trajectories.formats.files.free_memory", lambda: 1e5)
     with pytest.raises(
         InputError, match=r"log\.parquet: the log has 1000 rows and 10 columns.*in parts"
     ):

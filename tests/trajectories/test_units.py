@@ -7,7 +7,7 @@ import math
 import pytest
 
 from deltac.errors import InputError
-from deltac.trajectories.units import named_unit, unit
+from deltac.trajectories.formats.units import named_unit, unit
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from deltac.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit import Audit
-    from deltac.diagnosis.explanation import Explanation
+    from deltac.diagnosis.audit.audit import Audit
+    from deltac.diagnosis.explain.result import Explanation
     from deltac.importers import ImportReport
 
 SHOWN = 6
@@ -61,7 +61,7 @@ def command(
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
-    from deltac.diagnosis.audit import audit
+    from deltac.diagnosis.audit.audit import audit
 
     if figure is not None:
         from deltac.report import check_figure
@@ -72,7 +72,7 @@ def command(
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
     explanation = None
     if explain:
-        from deltac.diagnosis.explanation import explain_residual
+        from deltac.diagnosis.explain.explain import explain_residual
 
         explanation = explain_residual(model, log, mapping=mapping)
     if as_json:
@@ -132,7 +132,7 @@ def _print_import(report: ImportReport) -> None:
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.models import load_model
+    from deltac.diagnosis.inputs.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)

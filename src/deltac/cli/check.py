@@ -10,7 +10,7 @@ import typer
 from deltac.cli.output import Json, new_table, number, print_json, print_table
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.check_result import EquationCheck
+    from deltac.diagnosis.check.check import EquationCheck
     from deltac.repair import Repair
 
 
@@ -57,8 +57,8 @@ def command(
 
     Exit status 0 if they agree, 1 if not, 3 if that cannot be told.
     """
-    from deltac.diagnosis.check import TOLERANCE, check_equations
-    from deltac.diagnosis.check_files import load_equations, load_map
+    from deltac.diagnosis.check.check import TOLERANCE, check_equations
+    from deltac.diagnosis.inputs.equations import load_equations, load_map
 
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)

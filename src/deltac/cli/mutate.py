@@ -41,7 +41,7 @@ def command(
 
     Exit status 0 if every mutant that is a mistake is seen by the coordinate residual, 1 if not.
     """
-    from deltac.diagnosis.check_files import load_map
+    from deltac.diagnosis.inputs.equations import load_map
     from deltac.repair.mutate.report import mutate_equations
 
     with progress_bar() as progress:

@@ -18,7 +18,7 @@ from deltac.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.advice import Advice
+    from deltac.diagnosis.recommend.result import Advice
 
 
 def command(
@@ -58,8 +58,8 @@ def command(
 
     Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
-    from deltac.diagnosis.models import load_callable
-    from deltac.diagnosis.recommendation import recommend
+    from deltac.diagnosis.inputs.models import load_callable
+    from deltac.diagnosis.recommend.recommend import recommend
 
     if figure is not None:
         from deltac.report import check_figure

@@ -10,7 +10,7 @@ import typer
 from deltac.cli.output import Json, new_table, number, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.study import Study
+    from deltac.diagnosis.study.study import Study
     from deltac.simulation.equations import Equations
 
 
@@ -62,7 +62,7 @@ def command(
     Exit status 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
     cannot be told.
     """
-    from deltac.diagnosis.study import study
+    from deltac.diagnosis.study.study import study
 
     if figure is not None:
         from deltac.report import check_figure
@@ -105,7 +105,7 @@ def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
 
 def _equations(text: str) -> Equations:
     """What FILE.py:FUNCTION means: Equations, or the function u̇ = f(t, q, u) itself."""
-    from deltac.diagnosis.check_files import load_equations
+    from deltac.diagnosis.inputs.equations import load_equations
     from deltac.simulation.equations import Equations
 
     found = load_equations(text)

@@ -9,14 +9,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
-
-Array: TypeAlias = NDArray[np.float64]
 
 TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
 """Names of an argument that is the time."""

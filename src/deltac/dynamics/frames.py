@@ -11,16 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Set
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import Turn
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
-
-Array: TypeAlias = NDArray[np.float64]
 
 ALIGNABLE = frozenset({"revolute", "prismatic", "screw", "cylindrical"})
 Z_AXIS = (0.0, 0.0, 1.0)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System
-
-Array: TypeAlias = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""

@@ -6,11 +6,10 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -20,10 +19,10 @@ from deltac.dynamics.testing_functions import (
 )
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
-from deltac.energy.pieces import integrate_pieces, jumps, rows_of
-from deltac.energy.quadrature import Integral
-from deltac.energy.sampled import Between, Powers, Samples, at_samples
-from deltac.energy.samples import checked_samples, violations
+from deltac.energy.sampling.prepare import checked_samples, violations
+from deltac.energy.sampling.quadrature import Integral
+from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
+from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
 from deltac.energy.terms import (
     LedgerSymbols,
     LoggedForces,
@@ -41,7 +40,6 @@ from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 
-Array: TypeAlias = NDArray[np.float64]
 WORK = ("in-loop", "samples", "discrete")
 EPS = float(np.finfo(np.float64).eps)
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.recursions import rnea
-from deltac.energy.pieces import Rows
-from deltac.energy.sampled import Samples
+from deltac.energy.sampling.samples import Samples
+from deltac.energy.sampling.segments import Rows
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

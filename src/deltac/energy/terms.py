@@ -28,7 +28,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import TestingFunction
-from deltac.energy.pieces import Rows
+from deltac.energy.sampling.segments import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread

@@ -6,12 +6,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from deltac.importers.geoms import read_shapes
-from deltac.importers.mujoco_import import read_mechanism
+from deltac.importers.mujoco import read_mechanism
 from deltac.importers.report import ImportReport, Remark
 
 if TYPE_CHECKING:
-    from deltac.importers.symbolic import SymbolicEquations, symbolic_equations
-    from deltac.importers.sympy_methods import equations_from_sympy
+    from deltac.importers.sympy_equations import (
+        SymbolicEquations,
+        equations_from_sympy,
+        symbolic_equations,
+    )
 
 __all__ = [
     "ImportReport",
@@ -24,9 +27,9 @@ __all__ = [
 ]
 
 _LATER = {
-    "SymbolicEquations": "symbolic",
-    "symbolic_equations": "symbolic",
-    "equations_from_sympy": "sympy_methods",
+    "SymbolicEquations": "sympy_equations",
+    "symbolic_equations": "sympy_equations",
+    "equations_from_sympy": "sympy_equations",
 }
 
 

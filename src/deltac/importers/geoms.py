@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from deltac.importers.mujoco_model import load_model
+from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
 from deltac.mechanism import shapes

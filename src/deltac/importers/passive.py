@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.importers.names import (
     JOINT_KINDS,
     actuator_names,
@@ -30,8 +30,6 @@ from deltac.mechanism.forces import (
 )
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import q, u
-
-Array = NDArray[np.float64]
 
 
 @dataclass

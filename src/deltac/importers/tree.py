@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.importers.names import JOINT_KINDS, body_names, joint_names
 from deltac.importers.report import Remark
 from deltac.mechanism.bodies import Body, body, frame
 from deltac.mechanism.joints import KINDS, Joint, fixed, free, prismatic, revolute, spherical
 from deltac.mechanism.quantities import rotation, rotation_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from deltac.errors import InputError
-from deltac.kernels.processor import processor
+from deltac.kernels.simd import processor
 
 T = TypeVar("T")
 

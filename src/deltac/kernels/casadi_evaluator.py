@@ -6,11 +6,9 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
-
-Array = NDArray[np.float64]
 
 _COLUMNS = 256
 """Columns per call: enough to hide the cost of a call, few enough for the processor's cache."""

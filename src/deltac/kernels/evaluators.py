@@ -6,12 +6,8 @@ import importlib.util
 import os
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from deltac.arrays import Array
 from deltac.errors import InputError, closest
-
-Array = NDArray[np.float64]
 
 EVALUATORS = ("heyoka", "casadi")
 

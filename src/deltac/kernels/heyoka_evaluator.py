@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import heyoka as hy
-import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.kernels.cache import compiled, prepare_heyoka
 from deltac.kernels.lowering import to_heyoka
 from deltac.kernels.simd import simd_width
-
-Array = NDArray[np.float64]
 
 
 class HeyokaEvaluator:

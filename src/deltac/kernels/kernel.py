@@ -9,12 +9,12 @@ from typing import Any, TypeAlias
 
 import casadi
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deltac.arrays import Array
 from deltac.errors import InputError, closest
 from deltac.kernels.evaluators import Evaluator, compile_function
 
-Array: TypeAlias = NDArray[np.float64]
 SX: TypeAlias = Any  # casadi.SX
 
 AT_ONCE = 1032

@@ -1,17 +1,47 @@
-"""How many states go side by side through one instruction: the width of the SIMD code.
-
-heyoka recommends four doubles on processors with AVX-512, since early ones clocked down in wide code.
-Today's do not: eight are 1.3 to 1.6 times faster. The width is read off the processor, never timed: a
-result must not depend, to the last bit, on how busy the machine was.
-"""
+"""What the processor is and can do, as Linux tells it."""
 
 from __future__ import annotations
 
 import os
+import platform
 from functools import cache
+from pathlib import Path
 
 from deltac.errors import InputError
-from deltac.kernels.processor import flags
+
+_TELLING = {
+    *("vendor_id", "cpu family", "model", "model name", "stepping", "flags"),  # x86
+    *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision", "Features"),
+}
+"""Lines of /proc/cpuinfo that say which code may run; others change from boot to boot."""
+
+
+@cache
+def processor() -> tuple[tuple[str, str], ...]:
+    """Pairs (what, which) that are the same on processors that run the same code."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    first = text.partition("\n\n")[0]  # processors of a machine are told one after the other
+    pairs = (line.partition(":") for line in first.splitlines())
+    told = tuple((what.strip(), which.strip()) for what, _, which in pairs)
+    return (
+        ("machine", platform.machine()),
+        ("processor", platform.processor()),
+        *(pair for pair in told if pair[0] in _TELLING),
+    )
+
+
+def flags() -> set[str]:
+    """The instruction sets of an x86 processor; nothing elsewhere."""
+    return set(dict(processor()).get("flags", "").split())
+
+
+# --- how many states go side by side through one instruction: the width of the SIMD code ---------
+# heyoka recommends four doubles on processors with AVX-512, since early ones clocked down in wide
+# code. Today's do not: eight are 1.3 to 1.6 times faster. The width is read off the processor,
+# never timed: a result must not depend, to the last bit, on how busy the machine was.
 
 WIDTHS = (1, 2, 4, 8)
 AVX512_WIDTH = 8

@@ -6,11 +6,12 @@ from deltac.recorders.builder import TrajectoryBuilder
 from deltac.recorders.exudyn_recorder import ExudynRecorder, record_exudyn
 from deltac.recorders.mujoco_recorder import (
     MujocoRecorder,
+    MujocoSimulator,
     integrator_names,
+    mujoco_simulator,
     record_mujoco,
+    run_mujoco,
 )
-from deltac.recorders.mujoco_run import run_mujoco
-from deltac.recorders.mujoco_simulator import MujocoSimulator, mujoco_simulator
 
 __all__ = [
     "ExudynRecorder",

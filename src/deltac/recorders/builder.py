@@ -1,21 +1,33 @@
-"""The recorder protocol: rows of a running simulation, gathered into a trajectory.
-
-A recorder is whatever calls `TrajectoryBuilder.add` once for every sample; it needs of a simulator
-the state (t, q, u) and, of the *same* instant, the accelerations and the generalized forces.
-"""
+"""Simulators that are installed only where they are used."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory
 
-Array = NDArray[np.float64]
+
+def simulator(module: str, extra: str) -> Any:
+    """Import a simulator's module; InputError with the remedy where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"recording {extra} runs needs the Python module {module!r}, which is not installed "
+            f'({error}); run: pip install "deltac[{extra}]"'
+        ) from None
+
+
+# --- the recorder protocol: rows of a running simulation, gathered into a trajectory -------------
+# A recorder is whatever calls `TrajectoryBuilder.add` once for every sample; it needs of a
+# simulator the state (t, q, u) and, of the *same* instant, the accelerations and the generalized
+# forces.
 
 
 class TrajectoryBuilder:

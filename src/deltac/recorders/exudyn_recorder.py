@@ -7,14 +7,12 @@ from types import TracebackType
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.recorders.builder import TrajectoryBuilder
-from deltac.recorders.optional import simulator
+from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
-Array: TypeAlias = NDArray[np.float64]
 System: TypeAlias = Any
 Force: TypeAlias = Callable[[float, Array, Array], Sequence[float] | Array]
 

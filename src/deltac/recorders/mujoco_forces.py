@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.importers.names import (
     actuator_names,
@@ -23,9 +24,8 @@ from deltac.importers.names import (
     joint_names,
     tendon_names,
 )
-from deltac.recorders.optional import simulator
+from deltac.recorders.builder import simulator
 
-Array: TypeAlias = NDArray[np.float64]
 Model: TypeAlias = Any
 Data: TypeAlias = Any
 Forces: TypeAlias = dict[str, Array]

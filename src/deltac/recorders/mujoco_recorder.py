@@ -8,18 +8,23 @@ forward pass, and the replayed state must be the one that MuJoCo reached.
 
 from __future__ import annotations
 
+import copy
 import json
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError, closest
-from deltac.importers.motors import motor_strengths
-from deltac.importers.names import coordinate_names, speed_names
-from deltac.recorders.builder import TrajectoryBuilder
+from deltac.importers.names import coordinate_names, motor_strengths, speed_names
+from deltac.mechanism import State
+from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
     OCCASIONAL,
     ROUNDING,
@@ -29,10 +34,8 @@ from deltac.recorders.mujoco_forces import (
     generalized_forces,
     mass_times,
 )
-from deltac.recorders.optional import simulator
 from deltac.trajectories import Provenance, Trajectory
 
-Array: TypeAlias = NDArray[np.float64]
 Model: TypeAlias = Any
 Data: TypeAlias = Any
 
@@ -305,3 +308,190 @@ class _Row:
     step_acceleration: Array
     correction: Array
     corrected: bool
+
+
+# --- A whole run of MuJoCo, recorded -------------------------------------------------------------
+
+Control = Callable[[Model, Data], object]
+
+
+def run_mujoco(
+    model: Model | str | Path,
+    duration: float,
+    *,
+    data: Data | None = None,
+    control: Control | None = None,
+    step: float | None = None,
+    integrator: str | None = None,
+    channels: str = "all",
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Run MuJoCo and record every step.
+
+    Args:
+        model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
+        duration: s; a whole number of steps.
+        data: the initial state and inputs; the model's own initial state by default. Not changed.
+        control: called as control(model, data) before each step, to set data.ctrl or applied forces.
+        step: time step, s; by default the model's own.
+        integrator: one of `integrator_names`; by default the model's own.
+        channels: as in `record_mujoco`.
+        progress: called with the fraction done.
+
+    Returns:
+        The trajectory: one row for each step and one for the end. A run that blows up stops there; its
+        provenance says so.
+
+    Raises:
+        InputError: MuJoCo is missing, an argument is unusable, or the forces do not add up.
+    """
+    mujoco = simulator("mujoco", "mujoco")
+    own = copy.copy(compiled_model(model))
+    if step is not None:
+        own.opt.timestep = _positive("step", step)
+    if integrator is not None:
+        known = integrator_names()
+        if integrator not in known:
+            raise InputError(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
+        own.opt.integrator = known[integrator]
+    # A reset to the initial state in the middle of a run would hide that it blew up.
+    own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    h = float(own.opt.timestep)
+    steps = round(_positive("duration", duration) / h)
+    if steps < 1 or abs(steps * h - duration) > 1e-9 * duration:
+        near = duration / max(1, math.ceil(duration / h))
+        raise InputError(
+            f"step {h:g} does not divide the duration {duration:g} (it goes {duration / h:.6g} times); the "
+            f"next smaller one that does is step={near:.12g}, the nearest duration for this one "
+            f"{max(1, steps) * h:.12g}"
+        )
+    moving = mujoco.MjData(own)
+    if data is not None:
+        mujoco.mj_copyData(moving, own, data)
+    with record_mujoco(own, moving, channels) as recorder:
+        for k in range(steps):
+            if control is not None:
+                control(own, moving)
+            mujoco.mj_step(own, moving)
+            trouble = recorder.trouble()
+            if trouble:
+                return recorder.trajectory(trouble)
+            recorder.sample()
+            if progress is not None:
+                progress((k + 1) / steps)
+        if control is not None:
+            control(own, moving)
+    return recorder.trajectory()
+
+
+def compiled_model(model: Model | str | Path) -> Model:
+    """The mjModel that a model, a spec or a file means; InputError for none."""
+    mujoco = simulator("mujoco", "mujoco")
+    if isinstance(model, mujoco.MjModel):
+        return model
+    try:
+        if isinstance(model, mujoco.MjSpec):
+            return model.compile()
+        if isinstance(model, str | Path):
+            return mujoco.MjModel.from_xml_path(str(model))
+    except ValueError as error:
+        raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
+    raise InputError(
+        f"model: found {type(model).__name__}, expected an mjModel, an mjSpec or the path of a file"
+    )
+
+
+def _positive(name: str, value: float) -> float:
+    if not (isinstance(value, int | float | np.number) and np.isfinite(value) and value > 0):
+        raise InputError(f"{name}={value!r}: expected a positive number of seconds")
+    return float(value)
+
+
+# --- muJoCo as a simulator of a study: `simulator(step)` runs the same motion at any step --------
+
+ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
+"""Order of each integrator in the state, for smooth forces."""
+
+
+@dataclass(frozen=True, eq=False)
+class MujocoSimulator:
+    """A MuJoCo model, its start and its inputs; called with a step (s) it returns the recorded run.
+
+    `solver` and `order` name the integrator and its nominal order.
+    """
+
+    model: Any
+    duration: float
+    integrator: str
+    control: Callable[[Any, Any], object] | None
+    data: Any
+
+    @property
+    def solver(self) -> str:
+        """The integrator, as "mujoco:rk4"."""
+        return f"mujoco:{self.integrator}"
+
+    @property
+    def order(self) -> int | None:
+        """The integrator's order, None for one that is not known."""
+        return ORDERS.get(self.integrator)
+
+    def __call__(self, step: float) -> Trajectory:
+        """The run at this step."""
+        return run_mujoco(
+            self.model,
+            self.duration,
+            data=self.data,
+            control=self.control,
+            step=step,
+            integrator=self.integrator,
+        )
+
+
+def mujoco_simulator(
+    model: Any,
+    duration: float,
+    *,
+    integrator: str = "rk4",
+    control: Callable[[Any, Any], object] | None = None,
+    state: State | Any = None,
+) -> MujocoSimulator:
+    """A MuJoCo model as the `simulator` of a study.
+
+    Args:
+        model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
+        duration: s; each step must divide it.
+        integrator: "euler", "rk4", "implicit", "implicitfast", or another of the installed MuJoCo.
+        control: called as control(model, data) before each step. It is held over the step, so a motion
+            that depends on it is of first order in the step, whatever the integrator.
+        state: where it starts: an mjData, or a state of the imported mechanism; by default the model's own
+            initial state.
+
+    Raises:
+        InputError: MuJoCo is missing, the integrator is unknown, or model or state cannot be used.
+    """
+    mujoco = simulator("mujoco", "mujoco")
+    known = integrator_names()
+    name = integrator.lower()
+    if name not in known:
+        raise InputError(f"unknown integrator {integrator!r}{closest(name, known)}")
+    own = copy.copy(compiled_model(model))
+    data = mujoco.MjData(own)
+    if isinstance(state, State):
+        _set_state(own, data, state)
+    elif state is not None:
+        mujoco.mj_copyData(data, own, state)
+    return MujocoSimulator(own, duration, name, control, data)
+
+
+def _set_state(model: Any, data: Any, state: State) -> None:
+    """Give the data a mechanism's state; its columns are in MuJoCo's order where they are as many."""
+    q, u = np.asarray(state.q), np.asarray(state.u)
+    if q.shape != data.qpos.shape or u.shape != data.qvel.shape:
+        raise InputError(
+            f"the state has {q.size} coordinates and {u.size} speeds, the MuJoCo model {data.qpos.size} "
+            f"and {data.qvel.size} ({', '.join(coordinate_names(model)[:6])} …; "
+            f"{', '.join(speed_names(model)[:6])} …): give state= as an mjData of this model"
+        )
+    data.qpos[:], data.qvel[:] = q, u
+    data.time = state.t

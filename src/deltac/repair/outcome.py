@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.localisation_terms import explain_residual
+from deltac.diagnosis.check.terms import explain_residual
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from deltac.diagnosis.check import chosen_map
-from deltac.diagnosis.models import load_model
+from deltac.arrays import Array
+from deltac.diagnosis.check.check import chosen_map
+from deltac.diagnosis.inputs.models import load_model
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
@@ -28,7 +28,6 @@ from deltac.repair.tracing.source import Source, read_source
 from deltac.repair.tracing.tape import ELEMENTARY, Slot
 from deltac.simulation.equations import Equations
 
-Array: TypeAlias = NDArray[np.float64]
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
 TIME_LIMIT = 60.0

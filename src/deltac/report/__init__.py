@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from deltac.report.audit_figure import audit_figure
-from deltac.report.figures import Curve, angles_figure, testing_figure, torque_figure
+from deltac.report.figures import (
+    Curve,
+    angles_figure,
+    audit_figure,
+    recommendation_figure,
+    study_figure,
+    testing_figure,
+    torque_figure,
+)
 from deltac.report.files import check_figure, output_folder, write_figure, write_json
-from deltac.report.recommendation_figure import recommendation_figure
-from deltac.report.study_figure import study_figure
 
 __all__ = [
     "Curve",

@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.laws import is_smooth
@@ -20,7 +20,6 @@ from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle, StageRate
 
-Array = NDArray[np.float64]
 IMPLICIT = ("Radau", "BDF", "LSODA")
 KINKED = (
     "FABS",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows, constraint_rows
 from deltac.dynamics.independence import independence, row_names, without_rounding
 from deltac.dynamics.recursions import crba
@@ -21,7 +21,6 @@ from deltac.mechanism.state import State
 from deltac.simulation.feasibility import violation
 from deltac.simulation.flow import quaternions
 
-Array: TypeAlias = NDArray[np.float64]
 TOLERANCE = 1e-15
 """Newton's steps go on until the violation is below this, or falls no more."""
 

@@ -8,12 +8,11 @@ that do what the constraints can ask for.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import VANISHED
 from deltac.dynamics.recursions import crba, rnea
@@ -23,7 +22,6 @@ from deltac.dynamics.testing_functions import testing_functions
 from deltac.simulation.flow import Flow, constraint_forces, quaternions
 from deltac.simulation.solvers.solver import Parts, Solver
 
-Array: TypeAlias = NDArray[np.float64]
 CUT_OFF = 1e-8
 """Singular values of G M⁻¹ Gᵀ (of unit diagonal) below this fraction of the largest count as zero."""
 

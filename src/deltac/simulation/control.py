@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.system import System
 from deltac.errors import InputError, closest
 from deltac.simulation.equations import Controller
-
-Array = NDArray[np.float64]
 
 
 def motor_values(controller: Controller, system: System, t: float, q: Array, u: Array) -> Array:

@@ -10,20 +10,18 @@ from __future__ import annotations
 
 import warnings
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.flow import ENERGY_DUE, Flow
 from deltac.simulation.projection import projection
-
-Array: TypeAlias = NDArray[np.float64]
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from deltac.arrays import Array
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 """Told the fraction of a run that is done."""
 

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from threading import Lock
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.kept import Kept
@@ -40,8 +40,6 @@ from deltac.simulation.preparation import check_request, count, positive
 from deltac.simulation.solvers import Solver
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

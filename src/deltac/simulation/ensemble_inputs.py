@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deltac.arrays import Array
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.preparation import count, whole_steps
 from deltac.simulation.solvers import Solver, find_solver
-
-Array = NDArray[np.float64]
 
 
 def member_count(**sizes: int) -> int:

@@ -7,8 +7,9 @@ from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deltac.arrays import Array
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import Entries
@@ -16,7 +17,6 @@ from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
-Array: TypeAlias = NDArray[np.float64]
 ROUNDING = 1e-15
 """A quaternion's length differs from one by so little after a division by it."""
 

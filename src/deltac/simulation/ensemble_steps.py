@@ -13,8 +13,8 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.kernels import Kernel
@@ -26,8 +26,6 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.solvers.explicit import tableau_of
 from deltac.simulation.solvers.solver import Parts
 from deltac.simulation.stages import numeric_masks, settle_kernel
-
-Array: TypeAlias = NDArray[np.float64]
 
 FUSED_INSTRUCTIONS = 4000
 """Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""

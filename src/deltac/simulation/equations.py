@@ -6,19 +6,18 @@ import hashlib
 import warnings
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

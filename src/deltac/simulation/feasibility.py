@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows, constraint_rows
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
@@ -20,7 +19,6 @@ from deltac.simulation.equations import Equations
 from deltac.simulation.flow import Stabilisation
 from deltac.simulation.solvers import Solver
 
-Array: TypeAlias = NDArray[np.float64]
 NONE: Array = np.empty(0)
 START_TOLERANCE = 1e-6
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""

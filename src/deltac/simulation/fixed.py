@@ -9,8 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.careful import CarefulStep
@@ -29,8 +29,6 @@ from deltac.simulation.stages import (
     settled,
     symbolic_masks,
 )
-
-Array = NDArray[np.float64]
 
 MOST_STEPS_PER_CALL = 8
 INSTRUCTIONS_PER_CALL = 4000

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.kernels import Kernel
 from deltac.mechanism.mechanism import Mechanism
@@ -17,7 +16,6 @@ from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.trajectories import Provenance, Trajectory
 
-Array: TypeAlias = NDArray[np.float64]
 LOST = 1e-3
 """A projected state this far off a constraint (m or rad) is not on it."""
 

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.recursions import crba
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -19,7 +20,6 @@ from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stages import StageRate
 
-Array = NDArray[np.float64]
 MOST_STEPS = 10**15
 """Steps of a run at most: time is still told apart from step to step, and it would take years."""
 

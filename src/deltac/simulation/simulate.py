@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
@@ -47,7 +46,6 @@ from deltac.simulation.sundials import SUNDIALS, run_sundials
 from deltac.simulation.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
 
-Array = NDArray[np.float64]
 DEFAULT_TOLERANCE = 1e-9
 
 

@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.correction import energy_correction
@@ -18,8 +18,6 @@ from deltac.simulation.equations import Controller
 from deltac.simulation.flow import Flow, quaternions
 from deltac.simulation.projection import pivot, projection
 from deltac.simulation.solvers.solver import Parts
-
-Array = NDArray[np.float64]
 
 
 def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:

@@ -9,14 +9,12 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.simulation.course import Motion
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers.explicit import growth, tableau_of
 from deltac.simulation.solvers.solver import Solver
-
-Array = NDArray[np.float64]
 
 
 class StiffStep(UserWarning):

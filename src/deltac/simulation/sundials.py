@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
@@ -22,7 +22,6 @@ from deltac.simulation.implicit.form import Form, Point, Settings
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle
 
-Array: TypeAlias = NDArray[np.float64]
 SUNDIALS = ("CVODES", "IDAS")
 CHUNK = 64
 """Samples between reports of progress."""

@@ -12,12 +12,12 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
@@ -32,8 +32,6 @@ from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stiffness import StiffStep, longest_step, remedy
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

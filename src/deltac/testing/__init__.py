@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit import Audit
+    from deltac.diagnosis.audit.audit import Audit
 
 __all__ = ["assert_balanced"]
 
@@ -33,7 +33,7 @@ def assert_balanced(
         InputError: model or run cannot be read.
     """
     __tracebackhide__ = True  # pytest shows the caller's line
-    from deltac.diagnosis.audit import audit
+    from deltac.diagnosis.audit.audit import audit
 
     found = audit(model, run, tolerance=tolerance, work=work, mapping=mapping)
     if found.status:

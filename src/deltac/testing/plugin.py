@@ -10,7 +10,7 @@ import pytest
 from deltac.testing import assert_balanced
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit import Audit
+    from deltac.diagnosis.audit.audit import Audit
 
 
 @pytest.fixture

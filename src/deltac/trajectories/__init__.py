@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from deltac.trajectories.derive import derived_error, with_accelerations
-from deltac.trajectories.files import FORMATS, explain, read_trajectory, write_trajectory
-from deltac.trajectories.mapping import LogMapping, read_mapping
-from deltac.trajectories.names import MechanismNames
+from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.files import FORMATS, explain, read_trajectory, write_trajectory
+from deltac.trajectories.formats.mapping import LogMapping, read_mapping
+from deltac.trajectories.formats.reading import ColumnReading
+from deltac.trajectories.formats.schema import SCHEMA_VERSION, from_columns, to_columns, to_metadata
+from deltac.trajectories.formats.streaming import Chunk, scan_trajectory
+from deltac.trajectories.lint import Suspicion, corrected, suspicions
 from deltac.trajectories.occurrences import Occurrence
-from deltac.trajectories.reading import ColumnReading
-from deltac.trajectories.schema import SCHEMA_VERSION, from_columns, to_columns, to_metadata
-from deltac.trajectories.stream import Chunk, scan_trajectory
-from deltac.trajectories.suspicions import Suspicion, corrected, suspicions
+from deltac.trajectories.rates import derived_error, with_accelerations
 from deltac.trajectories.trajectory import Provenance, Trajectory
 
 __all__ = [

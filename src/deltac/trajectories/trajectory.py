@@ -259,13 +259,13 @@ class Trajectory:
         """A polars DataFrame with the columns of the log schema (see `schema`)."""
         import polars
 
-        from deltac.trajectories.schema import to_columns
+        from deltac.trajectories.formats.schema import to_columns
 
         return polars.DataFrame(to_columns(self))
 
     def write(self, path: str | Path) -> None:
         """Write a `.parquet` or `.csv` log; see `files.write_trajectory`."""
-        from deltac.trajectories.files import write_trajectory
+        from deltac.trajectories.formats.files import write_trajectory
 
         write_trajectory(self, path)
 

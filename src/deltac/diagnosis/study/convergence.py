@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 
-Array: TypeAlias = NDArray[np.float64]
 Trend = Literal[
     "falls to zero", "tends to a limit", "at its floor", "does not settle", "one run", "two runs"
 ]

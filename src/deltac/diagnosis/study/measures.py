@@ -1,12 +1,228 @@
-"""The numbers that the verdict of a study rests on."""
+"""Whether the equations of motion close at the states of a study's runs: no integration is involved.
+
+A run that went astray still obeys, state by state, the equations that it was made with. So what is left of
+F_r + F*_r, and of the constraints on acceleration level, at its own states and accelerations does not depend
+on the step, and speaks at steps at which nothing converges.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from deltac.diagnosis.findings import Finding
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.audit import checks
+from deltac.diagnosis.residuals.at_samples import (
+    CLEAR,
+    LEAST,
+    EquationTerms,
+    constraint_rates,
+    equation_terms,
+)
 from deltac.diagnosis.study.convergence import Convergence
-from deltac.diagnosis.study.residuals import Residuals
+from deltac.diagnosis.study.curves import FEWEST
+from deltac.diagnosis.verdict import Finding, percent
+from deltac.dynamics.coordinates import trace_map
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+SHARE = 0.02
+"""Equations whose residual is below this share of the worst one's are not blamed."""
+
+FALLS = 0.5
+"""Order from which on a residual falls with the step: then it is of the accelerations, not the equations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What is left of Kane's equations at the states of the runs.
+
+    Attributes:
+        names: of the coordinates that the equations belong to: the user's own, where given.
+        relative: of the finest run, root mean square of each residual as a share of its terms (n,).
+        constraints: likewise what accelerations leave of each constraint, ψ̇ = G u̇ + γ.
+        by_step: the largest of both that is no rounding, for each run, coarsest first; 0 where all close.
+        order: at which that falls with the step; 0 where it stays, NaN where the runs part too early to tell.
+        findings: what else they betray: forces one row old, degrees.
+    """
+
+    names: tuple[str, ...]
+    relative: Array
+    constraints: Mapping[str, float]
+    by_step: tuple[float, ...]
+    order: float
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def closes(self) -> bool:
+        """Whether the equations close at the finest step."""
+        return self.by_step[-1] == 0.0
+
+    @property
+    def stays(self) -> bool:
+        """Whether they do not close, at any step."""
+        return not self.closes and self.order < FALLS
+
+    @property
+    def blamed(self) -> tuple[int, ...]:
+        """Places of the equations that do not close, worst first."""
+        worst = float(self.relative.max(initial=0.0))
+        order = np.argsort(-self.relative)
+        return tuple(int(k) for k in order if self.relative[k] > max(SHARE * worst, 0.0))
+
+    def finding(self) -> Finding:
+        """Which equations to look at."""
+        if not self.blamed:
+            return self._across_constraints()
+        shown = ", ".join(f"{self.names[k]} {percent(self.relative[k])}" for k in self.blamed[:4])
+        first = self.names[self.blamed[0]]
+        return Finding(
+            "coordinate-residual",
+            f"the equation of motion of {first!r} does not close at the run's own states and accelerations"
+            if len(self.blamed) == 1
+            else f"{len(self.blamed)} of {len(self.names)} equations of motion do not close at the run's own "
+            "states and accelerations",
+            f"F_r + F*_r leaves of its terms: {shown}; the same at every step",
+            f"Look for the mistake in the equation of {first!r}: a sign, a factor, a term, a force",
+            "cause",
+            first,
+        )
+
+    def _across_constraints(self) -> Finding:
+        name, share = max(self.constraints.items(), key=lambda item: item[1])
+        return Finding(
+            "constraint-acceleration",
+            f"the accelerations do not keep to constraint {name!r}, though the states do",
+            f"G u̇ + γ leaves {percent(share)} of its terms; the same at every step",
+            "Look for a mistake in the constraint's force, or in what was eliminated with it: the projection "
+            "after each step hides it from energy",
+            "cause",
+            name,
+        )
+
+
+def residuals_of(
+    mechanism: Mechanism,
+    runs: Sequence[tuple[float, Trajectory]],
+    own: CoordinateMap | None = None,
+    *,
+    until: float,
+    trusted: bool,
+) -> Residuals | None:
+    """Residuals of runs (step, run), coarsest first; None where no accelerations were measured.
+
+    `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
+    solvers', and their u̇ is what the equations gave.
+    """
+    known = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
+    if not known or not len(mechanism.free.u):
+        return None
+    finest = known[-1][1]
+    terms = equation_terms(mechanism, finest)
+    names, relative = _in_own(mechanism, terms, own)
+    rates = constraint_rates(terms, finest)
+    constraints = rates.relative if rates is not None else {}
+    worst = [max(_worst(terms), *constraints.values(), 0.0)]
+    findings: list[Finding] = []
+    if worst[0] > 0.0:
+        coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
+        worst = [*coarser, worst[0]]
+        if not trusted:
+            findings += checks.stale_stage(mechanism, finest, terms)
+            findings = findings or checks.all_in_degrees(mechanism, finest, terms)
+    else:
+        worst = [0.0] * len(known)
+    order = 0.0
+    if len(known) > 1 and not trusted and min(worst) > 0.0:
+        order = _falling(mechanism, known[-2:], until)
+    return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
+
+
+def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
+    """Order at which residuals fall while two runs are in the same states; NaN where that is no time.
+
+    Those of other states are larger or smaller for that reason alone.
+    """
+    parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
+    if min(len(part) for _, part in parts) < FEWEST:
+        return math.nan
+    (h0, coarse), (h1, fine) = ((h, _worst_of(mechanism, part)) for h, part in parts)
+    if not (coarse > 0.0 and fine > 0.0):
+        return math.nan
+    return math.log(fine / coarse) / math.log(h1 / h0)
+
+
+def _worst_of(mechanism: Mechanism, run: Trajectory) -> float:
+    terms = equation_terms(mechanism, run)
+    rates = constraint_rates(terms, run)
+    return max(_worst(terms), *(rates.relative.values() if rates is not None else ()), 0.0)
+
+
+def _worst(terms: EquationTerms) -> float:
+    return float(np.where(terms.significant, terms.relative, 0.0).max(initial=0.0))
+
+
+def _measured(run: Trajectory, *, trusted: bool) -> bool:
+    """Whether a run's u̇ were not made from its u afterwards."""
+    if run.udot is None or len(run) < 4:
+        return False
+    if trusted:
+        return True
+    if "udot" in run.provenance.notes.get("derived", "").split(";"):
+        return False
+    return not _differences(run)
+
+
+def _differences(run: Trajectory) -> bool:
+    """Whether u̇ are difference quotients of u: forward, backward, central.
+
+    Those of an engine that steps so (semi-implicit Euler: u₊ = u + h u̇) are measured all the same.
+    """
+    if run.provenance.step is not None and run.provenance.simulator.startswith("MuJoCo"):
+        return False
+    u, a, t = run.u, run.udot, run.t
+    assert a is not None
+    dt = np.diff(t)[:, None]
+    size = float(np.abs(a).max())
+    central = np.gradient(u, t, axis=0)
+    close = 1e-9 * size + 1e-14 * float(np.abs(u).max()) / float(dt.min())
+    return size > 0.0 and bool(
+        np.abs(a[1:-1] - central[1:-1]).max() <= close
+        or np.abs(a[1:] - np.diff(u, axis=0) / dt).max() <= close
+    )
+
+
+def _in_own(
+    mechanism: Mechanism, terms: EquationTerms, own: CoordinateMap | None
+) -> tuple[tuple[str, ...], Array]:
+    """Names and relative residuals, in own speeds u = Y u′ + Z: the residual is Yᵀ times ours."""
+    if own is None:
+        return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
+    system = terms.evaluator.symbols.system
+    traced = trace_map(system, own)
+    if traced.inverse is None:
+        return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
+    Y = ca.substitute(traced.Y, traced.own_q, traced.inverse)
+    function = ca.Function("Y", [system.t, system.q], [ca.densify(ca.vec(Y))])
+    n, m = Y.shape
+    flat = np.array(function.map(len(terms.t))(terms.t[None, :], terms.q.T)).T
+    # vec() stacks columns, so this is Yᵀ, sample by sample.
+    Yt = flat.reshape(-1, m, n)
+    residual = np.einsum("tji,ti->tj", Yt, terms.residual)
+    scale = np.sqrt(np.mean(np.einsum("tji,i->tj", np.abs(Yt), terms.scale) ** 2, axis=0))
+    precision = np.sqrt(np.mean(np.einsum("tji,i->tj", np.abs(Yt), terms.precision) ** 2, axis=0))
+    size = np.sqrt(np.mean(residual**2, axis=0))
+    relative = np.divide(size, scale, out=np.zeros_like(size), where=scale > 0.0)
+    clear = (size > CLEAR * precision) & (relative > LEAST)
+    return own.speeds or own.coordinates, np.where(clear, relative, 0.0)
+
+
+# --- the numbers that the verdict of a study rests on --------------------------------------------
 
 
 @dataclass(frozen=True)

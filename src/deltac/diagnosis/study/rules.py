@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.findings import percent
-from deltac.diagnosis.judgement import BEYOND, DOMINATES, IDLE, NOTHING
+from deltac.diagnosis.audit.rules import BEYOND, DOMINATES, IDLE, NOTHING
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.measures import StudyMeasures
-from deltac.diagnosis.verdict import Confidence, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
 
 BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a

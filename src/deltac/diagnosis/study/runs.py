@@ -1,4 +1,4 @@
-"""The runs of a study: made by a solver of ours, by a user's simulator, or read from logs."""
+"""Runs that blow up: what comes before is a motion, what comes after is none."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from deltac.diagnosis.findings import Finding
-from deltac.diagnosis.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.resolution import EPS, resolution
-from deltac.diagnosis.study.blow_up import before_blow_up
+from deltac.arrays import Array
+from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
+from deltac.diagnosis.residuals.at_samples import EPS, resolution
+from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -23,7 +22,28 @@ from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.stiffness import StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
-Array: TypeAlias = NDArray[np.float64]
+FASTEST = 3e8
+"""No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
+
+GROWN = 1e3
+"""Speeds so many times the usual ones belong to the blow-up already."""
+
+
+def before_blow_up(run: Trajectory) -> Trajectory:
+    """The rows before speeds run away; the run itself where they do not."""
+    size = np.abs(run.u).max(axis=1, initial=0.0)
+    away = ~(size < FASTEST)
+    if not away.any():
+        return run
+    sane = int(np.argmax(away))
+    usual = float(np.median(size[:sane])) if sane else 0.0
+    early = size[:sane] > GROWN * usual
+    end = int(np.argmax(early)) if usual > 0.0 and early.any() else sane
+    return run.between(run.t[0], run.t[max(end - 1, 0)])
+
+
+# --- the runs of a study -------------------------------------------------------------------------
+
 Simulator: TypeAlias = Callable[[float], Trajectory]
 Progress: TypeAlias = Callable[[float, str], None]
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.repair.tracing.interpreter import Instance
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array, Change, Operation, Slot, identity
+from deltac.repair.tracing.tape import Change, Operation, Slot, identity
 
 
 @dataclass(frozen=True, eq=False)

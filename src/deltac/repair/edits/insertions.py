@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.repair.edits.candidates import (
     Candidate,
     combine,
@@ -27,7 +28,6 @@ from deltac.repair.edits.required import Requirement
 from deltac.repair.edits.substitutions import callables
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array
 
 EXACT = 1e-9
 """A required value that differs by less than this (relative) from state to state is one number."""

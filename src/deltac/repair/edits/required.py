@@ -18,9 +18,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
-from deltac.repair.tracing.tape import Array
 
 STEPS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import Candidate, apply, short
 from deltac.repair.edits.insertions import Vocabulary, additions, insertions
@@ -20,7 +21,7 @@ from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array, Change
+from deltac.repair.tracing.tape import Change
 
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.repair.tracing.program import Program
-from deltac.repair.tracing.tape import Array, Change, identity
+from deltac.repair.tracing.tape import Change, identity
 
 LINEAR = 1e-8
 """Relative departure from linearity that is rounding."""

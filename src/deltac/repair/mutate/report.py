@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.check import chosen_map
-from deltac.diagnosis.models import load_model
+from deltac.diagnosis.check.check import chosen_map
+from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants

@@ -23,12 +23,13 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.diagnosis.state_form import PLAIN
 from deltac.errors import InputError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
-from deltac.repair.tracing.tape import COMPARISONS, Array, Branch, Slot, Tape, TapeError, identity
+from deltac.repair.tracing.tape import COMPARISONS, Branch, Slot, Tape, TapeError, identity
 from deltac.repair.tracing.values import (
     Bound,
     Class,

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.diagnosis.state_form import StateForm, forms, likeliest
 from deltac.errors import InputError
 from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Array, Change, Row, Slot, Solve, Tape, identity
+from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
 
 SAME = 1e-9
 """A constant of the function that is within this (relative) of a parameter of its name is that one."""

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.diagnosis.equation_test import LEAST as FLOOR
-from deltac.diagnosis.equation_test import EquationTest
-from deltac.diagnosis.states import random_states
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_states import LEAST as FLOOR
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.states import random_states
 from deltac.errors import InputError
 from deltac.mechanism.coordinates import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 NOMINAL, VARIED, SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""

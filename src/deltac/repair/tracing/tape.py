@@ -15,7 +15,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from deltac.arrays import Array
+
 Operation: TypeAlias = Callable[..., Any]
 
 LIMIT = 60_000

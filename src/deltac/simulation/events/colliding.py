@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
 from deltac.dynamics.recursions import crba
@@ -16,8 +16,6 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.simulation.events.impact_law import Contact, Inertia, resolve
 from deltac.simulation.flow import Flow
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

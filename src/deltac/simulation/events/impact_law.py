@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.simulation.events.rubbing import REST, collide
 
-Array = NDArray[np.float64]
 MOST_IMPACTS = 2000
 """Impacts of single contacts at one instant, before the rest of them is taken as plastic."""
 

@@ -16,7 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from deltac.arrays import Array
+
 Look: TypeAlias = Callable[[float], tuple[float, float]]
 """θ in [0, 1] -> the function and its rate by θ there."""
 

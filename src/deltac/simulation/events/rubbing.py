@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 
-Array = NDArray[np.float64]
 REST = 1e-13
 """Speeds below this fraction of the first approach are rounding."""
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.simulation.course import Motion
 from deltac.simulation.events.accumulation import Accumulation
@@ -18,7 +18,6 @@ from deltac.simulation.events.locating import EPS, End, crossing, may_cross
 from deltac.simulation.events.stepping import Step, Stepper
 from deltac.simulation.events.watching import Sight, Watch
 
-Array = NDArray[np.float64]
 TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 

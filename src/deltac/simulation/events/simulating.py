@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import InputError
@@ -29,8 +29,6 @@ from deltac.simulation.observation import logged_forces, observer
 from deltac.simulation.solvers import Solver
 from deltac.simulation.sundials import SUNDIALS
 from deltac.trajectories import Occurrence, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def check_events(

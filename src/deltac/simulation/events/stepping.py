@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.simulation.careful import CarefulStep
 from deltac.simulation.equations import Controller
 from deltac.simulation.fixed import FixedStepper
@@ -16,8 +16,6 @@ from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stages import Settle, StageRate, numeric_masks
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,14 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.impacts import ImpactPoint
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.mechanism.events import Event
 from deltac.simulation.flow import Flow
 
-Array = NDArray[np.float64]
 DIRECTIONS = {"falling": -1, "both": 0, "rising": 1}
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 
-Array: TypeAlias = NDArray[np.float64]
 MOST_ITERATIONS = 400
 FREE, MOST_HALVED = 8, 40
 """Iterations whose steps are not questioned; how often one step is halved at most."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.simulation.course import Course, Motion
@@ -21,7 +20,6 @@ from deltac.simulation.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle, StageRate, march
 
-Array: TypeAlias = NDArray[np.float64]
 DEFAULT_RADIUS = 0.8
 """Spectral radius of generalized-α at infinity, where none is asked for."""
 

@@ -20,8 +20,7 @@ from deltac.report import (
 )
 from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.reproduction import Reproduction
-from deltac.studies.thesis.runs import Outcome, absolute_angles
-from deltac.studies.thesis.torque import PRESCRIBED
+from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

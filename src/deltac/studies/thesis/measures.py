@@ -11,8 +11,16 @@ from typing import TypeAlias
 import numpy as np
 
 from deltac.problems import triple_pendulum
-from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, problem
-from deltac.studies.thesis.torque import PRESCRIBED, ThreeWays, rates, totals
+from deltac.studies.thesis.runs import (
+    PRESCRIBED,
+    Outcome,
+    Run,
+    ThreeWays,
+    absolute_angles,
+    problem,
+    rates,
+    totals,
+)
 
 Outcomes: TypeAlias = Mapping[str, Outcome]
 """What came out of an experiment's runs, by their labels."""

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from deltac.errors import InputError
-from deltac.studies.thesis.experiments import EXPERIMENTS, Experiment
+from deltac.studies.thesis.experiments import EXPERIMENTS, REPORTED, Experiment, Reported
 from deltac.studies.thesis.measures import NAMES, final, largest
-from deltac.studies.thesis.rules import REPORTED, Reported
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
 Progress: TypeAlias = Callable[[float, str], None]

@@ -1,0 +1,463 @@
+"""Checks of a log against a model, one function each; each returns its findings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_samples import (
+    CLEAR,
+    EquationTerms,
+    Sampled,
+    equation_terms,
+    total,
+)
+from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.dynamics.constraints import constraint_rows
+from deltac.dynamics.system import trace
+from deltac.energy import Ledger
+from deltac.errors import InputError
+from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory, suspicions
+
+if TYPE_CHECKING:
+    from deltac.importers import ImportReport
+
+
+DEGREE = float(np.pi / 180.0)
+
+PASSIVE = ("spring", "damper")
+"""Kinds that a simulator takes from its model alone: active there, they belong in ours."""
+
+
+def differing_channels(
+    terms: EquationTerms, ledger: Ledger, tolerance: float, import_report: ImportReport | None
+) -> list[Finding]:
+    """Logged forces that are not the model's own, where that moves more energy than the tolerance."""
+    found: list[Finding] = []
+    told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
+    for name, logged in terms.forces.items():
+        kind = name.partition(" ")[0]
+        own = terms.own.get(name)
+        if ledger.basis.get(name) != "measured" or (own is None and kind not in PASSIVE):
+            continue
+        if own is None and f"'{name}'" in told:
+            continue  # the importer said that it left this to the log
+        difference = logged - (own if own is not None else 0.0)
+        energy = _moved(terms, difference)
+        if energy <= tolerance * ledger.turnover:
+            continue
+        found.append(_difference(name, own, logged, energy, ledger.turnover))
+    return found
+
+
+def _difference(
+    name: str, own: Array | None, logged: Array, energy: float, turnover: float
+) -> Finding:
+    moved = (
+        f"{energy:.3g} J went through the difference, {percent(energy / turnover)} of the turnover"
+    )
+    if own is None or not own.any():
+        return Finding(
+            "channel-not-in-model",
+            f"the log has an active channel {name!r} that the model does not have",
+            moved,
+            "Add it to the model: the ledger takes the logged force, but the model alone would move "
+            "otherwise",
+            "cause",
+            name,
+        )
+    factor = float(np.sum(own * logged) / np.sum(own * own))
+    rest = float(np.sum((logged - factor * own) ** 2) / np.sum((logged - own) ** 2))
+    error = float(np.sqrt(np.sum((logged - factor * own) ** 2) / np.sum(own * own) / len(own)))
+    simple = rest < 0.1
+    return Finding(
+        "channel-differs",
+        f"the logged force of {name!r} is "
+        + (f"{factor:.5g} times the model's" if simple else "not the model's"),
+        moved,
+        "Give the model the parameters that the simulator used",
+        "cause",
+        name,
+        factor if simple else None,
+        error if simple else None,
+    )
+
+
+def _moved(terms: EquationTerms, force: Array) -> float:
+    """∫|power| dt of a generalized force of the free speeds, J."""
+    power = np.einsum("ij,ij->i", terms.u, force)
+    return float(np.trapezoid(np.abs(power), terms.t)) if len(terms.t) > 1 else 0.0
+
+
+def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
+    """Forces or accelerations that belong to the row before: then shifting them closes the equations."""
+    rows = terms.rows[terms.rows < len(run) - 1]
+    if not terms.significant.any() or len(rows) < 4:
+        return []
+    evaluator = terms.evaluator
+    everything = Sampled.of(mechanism, run, evaluator.log)
+    here, after = everything.take(rows), everything.take(rows + 1)
+    # Of the same rows: where a motion runs away, the last one alone outweighs all others.
+    size = _size(terms, terms.residual[terms.rows < len(run) - 1])
+    for what, udot, logged in (
+        ("forces", here.udot, after.logged),
+        ("accelerations", after.udot, here.logged),
+        ("forces and accelerations", after.udot, after.logged),
+    ):
+        moved = Sampled(here.t, here.q, here.u, udot, logged)
+        left = _size(terms, total(evaluator(moved)))
+        if left < 0.05 * size:
+            return [
+                Finding(
+                    "stale-stage",
+                    f"the log's {what} are one row old: each belongs to the state of the row before",
+                    f"moved up by one row they leave {left / size:.2g} of the residual of the equations",
+                    "Log them with the state that they belong to: after a step most engines hold new "
+                    "positions beside old forces. deltac.record_mujoco takes care of that",
+                    "doubt",
+                )
+            ]
+    return []
+
+
+def all_in_degrees(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
+    """Angles, their speeds and accelerations in degrees together: then π/180 closes the equations."""
+    if not terms.significant.any():
+        return []
+    angles = [c.index for c in mechanism.coordinates if c.unit == "rad"]
+    speeds = [c.index for c in mechanism.speeds if c.unit == "rad/s"]
+    if not angles or run.udot is None:
+        return []
+    q, u, udot = (np.array(x) for x in (run.q, run.u, run.udot))
+    for values, places in ((q, angles), (u, speeds), (udot, speeds)):
+        values[:, places] *= DEGREE
+    turned = equation_terms(mechanism, replace(run, q=q, u=u, udot=udot))
+    left, was = float(turned.relative.max()), float(terms.relative.max())
+    if left > 0.05 * was:
+        return []
+    return [
+        Finding(
+            "degrees",
+            "the log seems to have angles, their speeds and accelerations in degrees in place of radians",
+            f"multiplied by π/180 they leave {percent(left)} of the terms of the equations of motion, else "
+            f"{percent(was)}",
+            'Say so in a mapping ([units] angle = "deg", angular_speed = "deg/s"), or multiply them by '
+            f"{DEGREE:.6g}",
+            "doubt",
+        )
+    ]
+
+
+def _size(terms: EquationTerms, residual: Array) -> float:
+    return float(np.sqrt(np.mean(terms.weighted(residual) ** 2)))
+
+
+def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> list[Finding]:
+    """A residual that is there only now and then: a contact, limit or impact that nobody logged.
+
+    One below the tolerance is a note: constraint solvers leave that much.
+    """
+    if not terms.significant.any():
+        return []
+    each = np.abs(terms.weighted(terms.residual)).max(axis=1)
+    quiet_below = max(
+        1e-4 * float(each.max()), CLEAR * float(terms.weighted(terms.precision).max())
+    )
+    active = each > quiet_below
+    share = float(active.mean())
+    upward = _upward_push(terms)
+    if (share > 0.95 or (~active).sum() < 5) and not upward:
+        return []
+    when = _intervals(terms.t, active)
+    logged = [name for name in run.forces if name.partition(" ")[0] in ("contact", "limit")]
+    return [
+        Finding(
+            "missing-contact",
+            (
+                "a force is missing now and then, as of a contact, a joint limit or an impact"
+                if share <= 0.95
+                else "a force is missing that only pushes against gravity, as of a contact"
+            )
+            + " that the log does not hold",
+            f"the equations of motion do not close in {100 * share:.3g} % of the samples ({when})"
+            + ("; what is missing pushes upward on the floating base" if upward else ""),
+            "Log the forces of all contacts and limits"
+            + (f"; the log has {', '.join(map(repr, logged[:5]))}" if logged else "; it has none"),
+            "cause" if float(terms.relative.max()) > tolerance else "note",
+        )
+    ]
+
+
+def _upward_push(terms: EquationTerms) -> bool:
+    """Whether what is missing on a free root body always pushes against gravity."""
+    mechanism = terms.evaluator.mechanism
+    g = np.array([mechanism.number(x) for x in mechanism.gravity])
+    if not g.any():
+        return False
+    for joint in mechanism.joints:
+        if joint.kind != "free" or joint.parent != "ground" or joint.prescribed:
+            continue
+        places = [terms.speeds.index(f"{joint.name}.v{c}") for c in "xyz"]
+        push = terms.residual[:, places] @ (g / np.linalg.norm(g))  # the missing force is −residual
+        if np.sum(push > 0) and float(np.sum(push[push < 0] ** 2)) < 1e-3 * float(np.sum(push**2)):
+            side = terms.residual[:, places] - push[:, None] * g / np.linalg.norm(g)
+            if float(np.sum(side**2)) < 2.0 * float(np.sum(push**2)):
+                return True
+    return False
+
+
+def _intervals(t: Array, active: NDArray[np.bool_]) -> str:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]).astype(int)))
+    spans = [(t[a], t[b - 1]) for a, b in zip(edges[::2], edges[1::2])]
+    shown = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in spans[:3])
+    return shown + (f", and {len(spans) - 3} more times" if len(spans) > 3 else "")
+
+
+def blame(terms: EquationTerms) -> list[Finding]:
+    """The speeds whose equations do not close, largest first."""
+    order = [int(k) for k in np.argsort(-terms.relative) if terms.significant[k]]
+    if not order:
+        return []
+    units = {e.name: e.unit for e in terms.evaluator.mechanism.speeds}
+    shown = ", ".join(
+        f"{terms.speeds[k]} {terms.size[k]:.3g} {'N' if units[terms.speeds[k]] == 'm/s' else 'N·m'} "
+        f"({percent(terms.relative[k])} of its terms)"
+        for k in order[:4]
+    )
+    return [
+        Finding(
+            "residual",
+            f"the equations of motion do not close for {len(order)} of {len(terms.speeds)} speeds",
+            f"root mean square of F_r + F*_r: {shown}{', …' if len(order) > 4 else ''}",
+            "Look for the mistake at these joints and at what they carry",
+            "note",
+            terms.speeds[order[0]],
+        )
+    ]
+
+
+def violations(
+    mechanism: Mechanism, run: Trajectory, ledger: Ledger, tolerance: float
+) -> list[Finding]:
+    """Prescribed joints that departed from their laws, constraints and quaternions that were violated."""
+    found: list[Finding] = []
+    for name, values in ledger.violation.items():
+        what, _, element = name.partition(" ")
+        worst, when = float(values.max()), float(run.t[int(values.argmax())])
+        evidence = f"by up to {worst:.3g}, at t = {when:.4g} s"
+        if what in ("coordinate", "speed"):
+            column = run.q if what == "coordinate" else run.u
+            entries = mechanism.coordinates if what == "coordinate" else mechanism.speeds
+            span = float(np.abs(column[:, entries.of(element)]).max(initial=0.0))
+            if worst > 1e-9 * max(span, 1.0):
+                grave: Weight = "cause" if worst > tolerance * max(span, 1e-12) else "note"
+                found.append(
+                    Finding(
+                        "prescribed-departs",
+                        f"the {what} of prescribed joint {element!r} departs from its law",
+                        evidence,
+                        "Give the model the motion that was really driven",
+                        grave,
+                        element,
+                    )
+                )
+        elif what == "quaternion" and worst > 1e-6:
+            found.append(
+                Finding(
+                    "quaternion-norm",
+                    f"the quaternion of joint {element!r} is not of unit length",
+                    evidence,
+                    "Normalise it; orientations are read from q/|q|",
+                    "doubt" if worst > 0.05 else "note",
+                    element,
+                )
+            )
+        elif what in ("position", "velocity") and worst > 1e-6:
+            moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
+            large = worst > tolerance * float(moved.max(initial=0.0))
+            drifted = float(values[0]) < 0.5 * worst
+            found.append(
+                Finding(
+                    "constraint-drift" if drifted else "constraint-violation",
+                    f"constraint {element!r} is violated on {what} level"
+                    + (", more and more" if drifted else " from the start on" if large else ""),
+                    evidence,
+                    "Use a projection or a smaller step, or log the constraint's force if it is soft"
+                    if drifted or not large
+                    else "Check the constraint's geometry in the model, and offsets of logged coordinates",
+                    "cause" if large else "note",
+                    element,
+                )
+            )
+    return found
+
+
+def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[str]:
+    """Channels that the importer left to the log and the log does not have.
+
+    A recorder that tells which kinds of forces it looked for, and which of them acted, is believed.
+    """
+    if import_report is None:
+        return []
+    channels = re.findall(r"channel '([^']+)'", " ".join(str(r) for r in import_report.ignored))
+    notes = run.provenance.notes
+    looked_for, acted = (notes.get(n, "").split(";") for n in ("looked_for", "acted"))
+    missing: list[str] = []
+    for name in dict.fromkeys(channels):
+        generic = name.partition("<")[0]
+        if name.partition(" ")[0] in looked_for and not any(a.startswith(generic) for a in acted):
+            continue
+        if name not in run.forces and not (
+            "<" in name and any(f.startswith(generic) for f in run.forces)
+        ):
+            missing.append("contact all" if name.startswith("contact <") else name)
+    return missing
+
+
+def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
+    """One finding for all of them: a channel that never acted need not be logged."""
+    if not missing:
+        return []
+    number = "1 channel" if len(missing) == 1 else f"{len(missing)} channels"
+    return [
+        Finding(
+            "assumed-zero",
+            f"the log has no force of {number} that the model's file has; taken as zero",
+            ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
+            "If one of them acted, log it",
+            "note",
+        )
+    ]
+
+
+def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
+    """A run of another program without events, of a model in which things hit each other."""
+    names = [event.name for event in mechanism.events if event.impulsive]
+    channels = (*run.forces, *run.integrals)
+    held = run.events or any(name.partition(" ")[0] == "impact" for name in channels)
+    if not names or held or run.provenance.simulator == "deltac":
+        return []
+    return [
+        Finding(
+            "impacts",
+            "the model has impacts, and the run does not say whether there were any",
+            f"{', '.join(map(repr, names))} in the model; no events, no channel 'impact …' in the run",
+            "Hand over the run with its events, or leave the impacts out of the model if nothing was hit",
+            element=names[0],
+        )
+    ]
+
+
+def suspicious_conventions(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
+    """What the log betrays of units and conventions: degrees, the order of quaternions, gaps."""
+    found: list[Finding] = []
+    for s in suspicions(run, mechanism):
+        doubtful = s.certain and s.kind not in ("gap", "rate")  # which coarse samples show too
+        found.append(
+            Finding(
+                s.kind.replace(" ", "-"),
+                f"the log seems to have {_SLIPS.get(s.kind, 'a slip: ' + s.kind)}",
+                s.evidence,
+                s.remedy[:1].upper() + s.remedy[1:],
+                "doubt" if doubtful else "note",
+            )
+        )
+    return found
+
+
+_SLIPS = {
+    "degrees": "degrees in place of radians",
+    "turns": "turns in place of radians",
+    "rpm": "turns per minute in place of radians per second",
+    "millimetres": "millimetres in place of metres",
+    "centimetres": "centimetres in place of metres",
+    "time": "times in another unit than seconds",
+    "sign": "a coordinate and its speed of opposite signs",
+    "rate": "a speed that is not the rate of its coordinate",
+    "quaternion order": "quaternions stored scalar last (xyzw); scalar first (wxyz) is expected",
+    "quaternion conjugate": "conjugated quaternions",
+    "angular velocity frame": "an angular velocity in the parent's components",
+    "velocity frame": "a velocity in body components",
+    "gap": "a gap in time",
+}
+
+
+# --- equality constraints whose force the log does not hold --------------------------------------
+
+LEFT = 1e-6
+"""Share of the squared residual that forces along the rows may leave."""
+
+RANK = 1e-9
+
+
+def withheld_equalities(
+    mechanism: Mechanism, run: Trajectory, terms: EquationTerms, import_report: ImportReport | None
+) -> tuple[list[Finding], list[Finding]]:
+    """Findings (certain, possible) of equalities left to the log that would explain the residual.
+
+    A force of constraint is Gᵀλ. Where the rows G span all speeds anything is such a force, and the
+    finding is a mere possibility.
+    """
+    if import_report is None or not terms.significant.any():
+        return [], []
+    absent = [c for c in import_report.equalities if f"constraint {c.name}" not in run.forces]
+    groups = [[c] for c in absent] + ([absent] if len(absent) > 1 else [])
+    for group in groups:
+        G = _jacobians(mechanism, group, terms)
+        if G is None:
+            continue
+        left, rank = _unexplained(G, terms)
+        if left <= LEFT:
+            found = [_finding(c, left, len(group)) for c in group]
+            return (found, []) if rank < len(terms.speeds) else ([], found)
+    return [], []
+
+
+def _jacobians(
+    mechanism: Mechanism, constraints: Sequence[Constraint], terms: EquationTerms
+) -> Array | None:
+    """G (T, rows, n) at the samples; None where the model cannot have these constraints."""
+    try:
+        system = trace(replace(mechanism, constraints=(*mechanism.constraints, *constraints)))
+    except InputError:
+        return None
+    rows = constraint_rows(system)
+    names = {c.name for c in constraints}
+    G = rows.G[[k for k, name in enumerate(rows.names) if name in names], :]
+    function = ca.Function("G", [system.t, system.q], [ca.densify(ca.vec(G.T))])
+    values = np.array(function.map(len(terms.t))(terms.t[None, :], terms.q.T)).T
+    return values.reshape(len(terms.t), G.shape[0], G.shape[1])
+
+
+def _unexplained(G: Array, terms: EquationTerms) -> tuple[float, int]:
+    """Share of the squared residual that no forces along G explain, and the rank of G."""
+    weight = np.divide(1.0, terms.scale, out=np.zeros_like(terms.scale), where=terms.scale > 0)
+    r = terms.weighted(terms.residual)
+    U, singular, _ = np.linalg.svd(np.swapaxes(G * weight, 1, 2), full_matrices=False)
+    real = singular > RANK * singular.max(initial=0.0)
+    U = U * real[:, None, :]
+    along = np.einsum("tij,tj->ti", U, np.einsum("tij,ti->tj", U, r))
+    share = float(np.sum((r - along) ** 2) / np.sum(r**2))
+    return share, int(real.sum(axis=1).max(initial=0))
+
+
+def _finding(constraint: Constraint, left: float, together: int) -> Finding:
+    name = constraint.name
+    return Finding(
+        "missing-equality",
+        f"the force of equality constraint {name!r} is missing: the model's file has it, the log does not",
+        f"forces along its Jacobian{' and the others' if together > 1 else ''} explain all but {left:.1g} "
+        "of the squared residual of the equations of motion",
+        f"Log its force in channel 'constraint {name}', or read the model with equality=\"constraints\"",
+        "cause",
+        f"constraint {name}",
+    )

@@ -1,0 +1,235 @@
+"""From measures to a verdict: the rules, in the order in which they apply."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltac.diagnosis.residuals.at_samples import EquationTerms
+from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
+
+NOTHING = 1e-12
+"""Energy turned over below this share of the energies themselves is their rounding."""
+
+DOMINATES = 4.0
+"""What is left counts from this many error bars on, once the bar is above the tolerance."""
+
+SMOOTH = 2.0
+"""Order of convergence from which on an error bar above the tolerance is believed."""
+
+BEYOND = 30.0
+"""So many error bars count whatever their order."""
+
+IDLE = 2.0
+"""Energy turned over below so many times what is left is that itself: nothing was exchanged."""
+
+HALF = 0.5
+"""Share of what is left that the residual must account for to be its cause."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Numbers (J, s) that a verdict on one log rests on.
+
+    turnover  energy turned over; scale: that and the energies themselves; kinetic: the largest K
+    left      largest |ΔC|, corrections included; bar: the error bar of its quadrature, and `held`:
+              what of it comes of forces held over steps that were not all logged
+    tolerance accepted share of the turnover
+    spacing   of the samples; step: of the simulator, if known; method: how the work was taken
+    outside_gaps  gives left and bar of the parts between gaps, if rows are missing
+    bar_growth  gives how many times larger the bar is on every second sample
+    """
+
+    turnover: float
+    scale: float
+    kinetic: float
+    left: float
+    bar: float
+    held: float
+    tolerance: float
+    spacing: float
+    step: float | None
+    method: str
+    outside_gaps: Callable[[], tuple[float, float]] | None
+    bar_growth: Callable[[], float]
+
+    @property
+    def allowed(self) -> float:
+        """The energy error that is accepted, J."""
+        return self.tolerance * self.turnover
+
+    @property
+    def idle(self) -> bool:
+        """Whether no energy is exchanged: what is turned over is rounding, or the error itself."""
+        return self.turnover <= max(NOTHING * self.scale, IDLE * self.left)
+
+    @property
+    def within_motion(self) -> bool:
+        """Whether what is left is small beside the kinetic energy of a body that moves."""
+        return self.kinetic > 0.0 and max(self.left, self.bar) <= self.tolerance * self.kinetic
+
+    @property
+    def order(self) -> float:
+        """Order of convergence that the error bar shows when every second sample is left out."""
+        return math.log2(max(self.bar_growth(), 1.0))
+
+    @property
+    def clear(self) -> bool:
+        """Whether what is left is no error of the samples, where their bar exceeds the tolerance."""
+        sure = BEYOND if self.order < SMOOTH else DOMINATES
+        return self.left > sure * self.bar
+
+
+def judge(
+    measures: Measures, terms: EquationTerms | None, findings: tuple[Finding, ...]
+) -> Verdict:
+    """The verdict on one log.
+
+    A log that was misread, or in which nothing moves, cannot be judged. Then the equations of motion at
+    the samples speak, which no integration enters; then ΔC against tolerance and error bar.
+    """
+
+    def verdict(kind: Kind, confidence: Confidence, *evidence: str) -> Verdict:
+        return Verdict(kind, confidence, evidence, findings)
+
+    balance = _balance(measures)
+    if any(f.weight == "doubt" for f in findings):
+        named = ", ".join(dict.fromkeys(f.kind for f in findings if f.weight == "doubt"))
+        return verdict(
+            "unresolved", "high", f"The log is not what it claims to be ({named}): correct it first"
+        )
+    equations = _equations(terms)
+    causes = {f.kind for f in findings if f.weight == "cause"}
+    if causes == {"constraint-drift"}:
+        return verdict("integration-error", "medium", balance, equations, _smaller_step(measures))
+    if causes:
+        closed = terms is not None and not terms.significant.any()
+        # Equations closed by forces as logged do not speak for the model.
+        told = () if closed else (equations, *_slight(measures))
+        return verdict("equation-error", "high", balance, *told)
+    if terms is not None and terms.significant.any():
+        share = float(np.abs(terms.share_of_energy).max())
+        if float(terms.relative.max()) > measures.tolerance or (
+            measures.left > measures.allowed and share >= HALF * measures.left
+        ):
+            accounted = f"The residual of the equations accounts for {share:.3g} J of what is left"
+            return verdict("equation-error", "medium", balance, equations, accounted)
+    if measures.idle and measures.within_motion:
+        return verdict(
+            "consistent", "medium" if terms is None else "high", _idle(measures), equations
+        )
+    if measures.turnover <= NOTHING * measures.scale:
+        return verdict(
+            "unresolved",
+            "high",
+            f"Next to nothing moves: {measures.turnover:.3g} J are turned over, no more than rounding. "
+            "Take a run in which energy flows",
+        )
+    if measures.outside_gaps is not None and max(measures.left, measures.bar) > measures.allowed:
+        left, bar = measures.outside_gaps()
+        outside = replace(measures, left=left, bar=bar, held=min(measures.held, bar))
+        if left <= measures.allowed + bar or (bar > measures.allowed and not outside.clear):
+            return verdict("unresolved", "high", balance, equations, _missing_rows(outside))
+        measures, balance = (
+            outside,
+            f"{balance}; {left:.3g} J ± {bar:.2g} J in one part between gaps",
+        )
+    if measures.bar > measures.allowed and not measures.clear:
+        return verdict("unresolved", "high", balance, equations, _sampling(measures))
+    if measures.left <= measures.allowed:
+        return verdict("consistent", "medium" if terms is None else "high", balance, equations)
+    if measures.left <= measures.allowed + measures.bar:
+        return verdict("unresolved", "high", balance, equations, _sampling(measures))
+    if terms is None:
+        return verdict(
+            "unresolved",
+            "medium",
+            balance,
+            "The log has no measured accelerations, so an error of the equations cannot be told from one "
+            "of the integration: log udot.<speed> of the same instants (MuJoCo: qacc)",
+        )
+    impacts = next((f for f in findings if f.kind == "impacts"), None)
+    if impacts is not None:
+        return verdict("unresolved", "high", balance, equations, f"{impacts}")
+    return verdict("integration-error", "high", balance, equations, _smaller_step(measures))
+
+
+def _balance(m: Measures) -> str:
+    share = m.left / m.turnover if m.turnover > 0.0 else 0.0
+    return (
+        f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the "
+        f"{m.turnover:.4g} J turned over; accepted are {100 * m.tolerance:g} %"
+    )
+
+
+def _equations(terms: EquationTerms | None) -> str:
+    if terms is None:
+        return "The equations of motion were not tested at the samples: no measured accelerations"
+    if not terms.significant.any():
+        worst = float(terms.relative.max(initial=0.0))
+        if not worst:
+            return f"At {len(terms.t)} samples the equations of motion close to rounding: no mistake shows"
+        return (
+            f"At {len(terms.t)} samples the equations of motion close to {worst:.1g} of their terms: no "
+            "mistake shows"
+        )
+    k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))
+    above = terms.size[k] / terms.precision[k]
+    return (
+        f"At {len(terms.t)} samples the equations of motion leave up to {percent(terms.relative[k])} of "
+        f"their terms ({terms.speeds[k]}), {above:.2g} times what the log's precision explains"
+    )
+
+
+def _idle(m: Measures) -> str:
+    return (
+        f"Energy is hardly exchanged ({m.turnover:.3g} J turned over), so the kinetic energy is the scale: "
+        f"largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}) of {m.kinetic:.4g} J; accepted are "
+        f"{100 * m.tolerance:g} %"
+    )
+
+
+def _missing_rows(outside: Measures) -> str:
+    return (
+        "Unresolved because rows are missing (see the gap below): what was done in it is not known, and "
+        f"between gaps no more than {outside.left:.3g} J ± {outside.bar:.2g} J are left"
+    )
+
+
+def _sampling(m: Measures) -> str:
+    """Which sampling rate would bring the error bar to where it decides."""
+    order = min(max(m.order, 1.0), 8.0)
+    if m.bar > m.allowed:
+        wanted = m.allowed
+        now = f"the error bar of the samples dominates at {1.0 / m.spacing:.4g} Hz"
+    else:
+        wanted = max(m.left - m.allowed, 0.1 * m.bar)
+        now = f"what is left exceeds the tolerance by less than the error bar at {1.0 / m.spacing:.4g} Hz"
+    # What was held does not fall with the spacing; a whole order is counted on.
+    excess = max(m.bar - m.held, 0.0) / max(wanted - m.held, 0.01 * wanted)
+    rate = max(excess, 1.0) ** (1.0 / math.floor(order)) / m.spacing
+    rate = float(f"{rate:.2g}") if rate < 1e4 else float(f"{rate:.1g}")
+    fewer = m.step is not None and m.spacing > 1.5 * m.step
+    if m.step is not None and fewer and (rate >= 0.9 / m.step or 2.0 * m.held > m.bar):
+        advice = f"log every step of the simulator ({1.0 / m.step:.4g} Hz)"
+    elif m.step is not None and not fewer:
+        advice = "every step is logged already: take a smaller step"
+        advice += ", or work='discrete' to check the bookkeeping" if m.method == "samples" else ""
+    else:
+        advice = f"sample at about {rate:g} Hz or more"
+    return f"Unresolved because {now} (it falls with order {order:.1f}): {advice}"
+
+
+def _slight(m: Measures) -> tuple[str, ...]:
+    if m.left > m.allowed:
+        return ()
+    return ("As far as energy goes, the mistake stays within the tolerance",)
+
+
+def _smaller_step(m: Measures) -> str:
+    if m.step is None:
+        return "A smaller step, or a method of higher order, is the remedy"
+    return f"The step was {m.step:g} s: a smaller one, or a method of higher order, is the remedy"

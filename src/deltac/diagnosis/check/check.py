@@ -1,0 +1,486 @@
+"""What a check of equations found, in values and in words."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.check.example import Example, simplest_failure
+from deltac.diagnosis.check.location import Blame, blame
+from deltac.diagnosis.inputs.models import Model, load_model
+from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
+from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import (
+    Place,
+    Scales,
+    States,
+    close_states,
+    draw,
+    joined,
+    natural_scales,
+    not_sampled,
+    places,
+    some_rows,
+    states_along,
+)
+from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict
+from deltac.errors import InputError
+from deltac.mechanism.absolute import absolute_angles
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.simulation.equations import Equations
+from deltac.trajectories import Trajectory
+
+SHOWN = 6
+"""Equations that are told of in words."""
+
+STATUS = {"consistent": 0, "equation-error": 1, "unresolved": 3}
+
+LIMITS = (
+    "states other than those drawn, such as a branch that is seldom taken",
+    "a parameter that is wrong in the model and in the equations alike",
+)
+
+MEANINGS = {
+    "consistent": "The equations are the model's.",
+    "equation-error": "The equations are not the model's.",
+    "unresolved": "The function is too rough, or too often undefined, to tell.",
+}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one test makes of the equations: its largest `relative` residual, and whether it `sees` them fail.
+
+    `test`: "coordinate residual", "constraint <name>", "momentum, <name>", or the name of a testing function.
+    """
+
+    test: str
+    relative: float
+    sees: bool
+
+
+@dataclass(frozen=True, eq=False)
+class EquationCheck:
+    """What a check of equations found.
+
+    Attributes:
+        verdict: "consistent", "equation-error" or "unresolved", with evidence and findings.
+        blame: the equations that fail, the worst first.
+        seen: which of all tests see that they fail.
+        example: a simple state at which they fail, and both accelerations; None if they do not.
+        states: where they were tested; `udot` (n, B) their accelerations there, `residuals` what is left.
+        test: the mechanism's own equations at these states.
+        roughness: of the function, as a fraction of the terms (n,), by speed.
+        tolerance: relative residual that is accepted.
+        coordinates: the map to the mechanism's coordinates, None for its own.
+        name: what the equations are called; `vectorised`: whether they take batches.
+    """
+
+    verdict: Verdict
+    blame: tuple[Blame, ...]
+    seen: tuple[Seen, ...]
+    example: Example | None
+    states: States
+    udot: Array
+    residuals: Residuals
+    test: EquationTest
+    roughness: Array
+    tolerance: float
+    coordinates: CoordinateMap | None
+    name: str
+    vectorised: bool
+
+    @property
+    def status(self) -> int:
+        """Exit status of the command line: 0 consistent, 1 wrong, 3 unresolved."""
+        return STATUS[self.verdict.kind]
+
+    @property
+    def worst(self) -> float:
+        """The largest relative residual, of all equations at all states where it is finite."""
+        values = self.residuals.relative
+        return float(values[np.isfinite(values)].max(initial=0.0))
+
+    def explain(self, width: int = 96) -> str:
+        """The check in words, a paragraph each."""
+        v = self.verdict
+        lines = [f"{v.kind} (confidence {v.confidence}). {MEANINGS[v.kind]}"]
+        lines += [f"- {sentence}." for sentence in v.evidence]
+        for k, finding in enumerate(self.blame[:SHOWN]):
+            lines.append(f"{'Where' if k == 0 else 'Also'}: {finding}.")
+        if len(self.blame) > SHOWN:
+            lines.append(f"Also: {len(self.blame) - SHOWN} more equations.")
+        if self.example is not None:
+            lines.append(f"Example: {self.example}.")
+        for heading, weight in (("Cause", "cause"), ("Doubt", "doubt"), ("Note", "note")):
+            lines += [f"{heading}: {f}." for f in v.findings if f.weight == weight]
+        lines.append(f"Not seen by this check: {'; '.join(v.limits)}.")
+        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "verdict": self.verdict.kind,
+            "confidence": self.verdict.confidence,
+            "evidence": list(self.verdict.evidence),
+            "equations": self.name,
+            "mechanism": self.test.kane.mechanism.name,
+            "states": len(self.states),
+            "tolerance": self.tolerance,
+            "relative_residual": dict(zip(self.test.speeds, finite_worst(self.residuals))),
+            "roughness": dict(zip(self.test.speeds, map(float, self.roughness))),
+            "vectorised": self.vectorised,
+            "blame": [entry.to_dict() for entry in self.blame],
+            "tests": [vars(entry) for entry in self.seen],
+            "example": None if self.example is None else self.example.to_dict(),
+            "findings": [vars(finding) for finding in self.verdict.findings],
+            "limits": list(self.verdict.limits),
+        }
+
+
+def finite_worst(residuals: Residuals) -> list[float]:
+    """The largest relative residual of each equation, where it is finite."""
+    return [float(row[np.isfinite(row)].max(initial=0.0)) for row in residuals.relative]
+
+
+# --- `check_equations` ---------------------------------------------------------------------------
+
+TOLERANCE = float(np.sqrt(np.finfo(np.float64).eps))
+"""Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
+constant typed with seven digits shows."""
+
+MOST_ROWS = 256
+"""States of a run at which equations are tested."""
+
+CLEAR = 50.0
+"""A residual this many times above the roughness of the function is no rounding."""
+
+BLIND = 1e-3
+"""A power below this share of the residual is none."""
+
+
+def check_equations(
+    mechanism: Any,
+    rhs: Callable[..., Any] | Equations,
+    *,
+    coordinates: CoordinateMap | str | None = None,
+    states: States | Trajectory | None = None,
+    count: int = 64,
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+) -> EquationCheck:
+    """Test equations of motion at random admissible states of a mechanism, without integrating them.
+
+    Args:
+        mechanism: a Mechanism, a Problem or a problem's name, a model file.
+        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); or `Equations`.
+        coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
+            mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
+            one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
+        states: where to test: `States` in own coordinates, or the states of a run; drawn by `random_states`
+            if not given.
+        count: how many states to draw.
+        seed: which ones; the same seed gives the same states.
+        tolerance: residual that is accepted, as a fraction of each equation's terms.
+
+    Returns:
+        The check: `.verdict`, `.blame`, `.example`, `.explain()`.
+
+    Raises:
+        InputError: a function that raises, returns no u̇, or has a memory; a map that does not fit; states
+            that the mechanism cannot take.
+    """
+    if not 0.0 <= tolerance < 1.0:
+        raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
+    model = load_model(mechanism)
+    equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
+    if coordinates is None and isinstance(rhs, Equations):
+        chosen = rhs.coordinates
+    else:
+        chosen = chosen_map(model, coordinates)
+    kane = Kane(model.mechanism, chosen)
+    if not kane.speed_names:
+        raise InputError(
+            f"all joints of mechanism {model.mechanism.name!r} are prescribed or fixed: there is nothing "
+            "that equations of motion could tell"
+        )
+    scales = natural_scales(kane)
+    where = places(kane)
+    if states is None:
+        drawn = _drawn(kane, scales, where, count=count, seed=seed)
+    elif isinstance(states, Trajectory):
+        drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
+    else:
+        drawn = _fitting(kane, states)
+    test = EquationTest(kane, drawn, scales=scales)
+    caller = Caller(equations.rhs, equations.name)
+    udot = caller(drawn)
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
+    if not finite.any():
+        shown = ", ".join(f"{n} = {x:.6g}" for n, x in drawn.describe(0).items())
+        raise InputError(
+            f"{equations.name} returned values that are not finite at all {len(drawn)} states, for "
+            f"example at {shown}: u̇ = {udot[:, 0].tolist()}"
+        )
+    if not finite.all():  # judge where there is something to judge
+        test = EquationTest(kane, drawn.take(finite), scales=scales)
+    given = udot[:, finite]
+    residuals = test(given)
+    typical = test.typical(given)
+    speeds = np.sqrt(np.mean(drawn.u**2, axis=1))
+    ordinary = int(finite[:count].sum()) if states is None else len(test.states)
+    rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
+    rough = np.where(np.isfinite(rough), rough, 0.0)
+    limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
+    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()))
+    wrong = kind == "equation-error"
+    found = blame(caller, test, given, limit) if wrong else ()
+    seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
+    findings = _findings(caller, finite, drawn, [m.name for m in model.mechanism.motors])
+    if wrong:
+        findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
+    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
+    if wrong and caller.overwrites:
+        # First, because all that follows may come of it: what is overwritten looks like a missing term.
+        evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
+    return EquationCheck(
+        verdict=Verdict(kind, confidence, evidence, findings, _limits(model, where, test.states)),
+        blame=found,
+        seen=seen,
+        example=simplest_failure(caller, test, given, limit) if wrong else None,
+        states=test.states,
+        udot=given,
+        residuals=residuals,
+        test=test,
+        roughness=rough,
+        tolerance=tolerance,
+        coordinates=chosen,
+        name=equations.name,
+        vectorised=bool(caller.vectorised),
+    )
+
+
+def _drawn(
+    kane: Kane, scales: Scales, where: tuple[Place, ...], *, count: int, seed: int
+) -> States:
+    """Random states, then those of slow slip and small overlap where there is friction or contact."""
+    random = draw(kane, scales, count=count, seed=seed)
+    close = close_states(kane, scales, where, seed)
+    return random if close is None else joined([random, close])
+
+
+def _limits(model: Model, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
+    """What the check cannot see, of this mechanism at these states."""
+    events = tuple(event.name for event in model.mechanism.events)
+    told = (f"what happens at events ({', '.join(events)})",) if events else ()
+    return (*LIMITS, *not_sampled(where, states), *told)
+
+
+def _fitting(kane: Kane, states: States) -> States:
+    names = (states.coordinates, states.speeds)
+    if names != (kane.coordinate_names, kane.speed_names):
+        raise InputError(
+            f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "
+            f"{', '.join(kane.coordinate_names)}. Draw them with the same coordinates="
+        )
+    return states
+
+
+def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
+    """The coordinates that equations of a model are written in (see `check_equations`)."""
+    if isinstance(coordinates, CoordinateMap):
+        return coordinates
+    own = None if model.problem is None else model.problem.equations
+    offered = None if own is None else own.coordinates
+    if coordinates is None:
+        return offered
+    if coordinates == "joint":
+        return None
+    if coordinates == "absolute":
+        return offered or absolute_angles(model.mechanism)
+    raise InputError(
+        f"unknown coordinates {coordinates!r}: expected 'joint', 'absolute' or a CoordinateMap"
+    )
+
+
+def _name_of(rhs: Any) -> str:
+    return str(getattr(rhs, "__name__", "equations by hand"))
+
+
+def _judged(
+    residuals: Residuals, limit: Array, tolerance: float, finite: bool
+) -> tuple[Kind, Confidence]:
+    worst = np.array(finite_worst(residuals))
+    violated = float(residuals.relative_violation.max(initial=0.0))
+    most = float(limit.max(initial=tolerance))
+    excess = max(float((worst / limit).max(initial=0.0)), violated / most)
+    if excess > 1.0:
+        return "equation-error", "high" if excess > 100.0 else "medium"
+    if max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
+        return "unresolved", "medium"
+    return "consistent", "high" if most <= tolerance else "medium"
+
+
+def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> tuple[Seen, ...]:
+    most = float(limit.max(initial=TOLERANCE))
+    worst = np.array(finite_worst(residuals))
+    found = [
+        Seen("coordinate residual", float(worst.max(initial=0.0)), bool((worst > limit).any()))
+    ]
+    for name in dict.fromkeys(constraints):
+        rows = [k for k, owner in enumerate(constraints) if owner == name]
+        violated = float(residuals.relative_violation[rows].max(initial=0.0))
+        found.append(Seen(f"constraint {name}", violated, violated > most))
+    scalars: Mapping[str, Array] = {
+        **residuals.relative_power,
+        **{f"momentum, {name}": x for name, x in residuals.relative_momentum.items()},
+    }
+    for name, values in scalars.items():
+        largest = float(values.max(initial=0.0))
+        found.append(Seen(name, largest, largest > most))
+    return tuple(found)
+
+
+def _evidence(
+    residuals: Residuals,
+    rough: Array,
+    limit: Array,
+    tolerance: float,
+    seen: tuple[Seen, ...],
+    test: EquationTest,
+    udot: Array,
+    wrong: bool,
+) -> tuple[str, ...]:
+    worst = float(max(finite_worst(residuals), default=0.0))
+    said = [
+        f"F_r + F*_r is at most {worst:.2g} of an equation's terms, at {len(test.states)} random states "
+        f"(accepted: {float(limit.max(initial=tolerance)):.2g})"
+    ]
+    ties = [s for s in seen if s.test.startswith("constraint ")]
+    if ties:
+        worst_tie = max(ties, key=lambda s: s.relative)
+        violated = [s.test.removeprefix("constraint ") for s in ties if s.sees]
+        said.append(
+            f"ψ̇ = G u̇ + γ is at most {worst_tie.relative:.2g} of its terms"
+            + (f": the accelerations violate {', '.join(violated)}" if violated else "")
+        )
+    wrong_speeds = _wrong_accelerations(test, udot, limit) if wrong else ()
+    if 0 < len(wrong_speeds) < len(test.speeds):
+        said.append(f"only the acceleration of {', '.join(wrong_speeds)} differs from the model's")
+    if float(rough.max(initial=0.0)) > 1e-13:
+        said.append(
+            f"the function is rough: its values are good to {float(rough.max()):.1g} only, as with single "
+            "precision or derivatives by differences"
+        )
+    if wrong:
+        energy = [s for s in seen if s.test in residuals.power]
+        sees = ", ".join(s.test for s in energy if s.sees)
+        if sees:
+            said.append(f"seen by the testing functions {sees}")
+        elif all(s.relative < max(tolerance, BLIND * worst) for s in energy):
+            said.append(
+                "no energy test sees it: the error does no work, and a simulation would keep its energy"
+            )
+        momenta = [s for s in seen if s.test.startswith("momentum")]
+        if momenta:
+            names = ", ".join(s.test.removeprefix("momentum, ") for s in momenta if s.sees)
+            said.append(
+                f"seen by the momentum balance {names}" if names else "no momentum balance sees it"
+            )
+    return tuple(said)
+
+
+def _overwriting(name: str, written: str) -> str:
+    return (
+        f"{name} overwrites its arguments ({written}); if it does so before it uses them, that is the "
+        "mistake, and the terms named below are only what it looks like: copy q and u first"
+    )
+
+
+def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple[str, ...]:
+    """The speeds whose accelerations differ from the model's."""
+    off = np.abs(udot - test.acceleration).max(axis=1)
+    size = np.abs(test.acceleration).max()
+    return tuple(n for n, x in zip(test.speeds, off) if x > float(limit.max()) * size)
+
+
+def _findings(
+    caller: Caller, finite: NDArray[np.bool_], drawn: States, motors: list[str]
+) -> tuple[Finding, ...]:
+    found: list[Finding] = []
+    if caller.overwrites:
+        found.append(
+            Finding(
+                "writes-to-input",
+                "the function writes into the arrays that it is given",
+                f"for example {caller.overwrites}; it was handed copies here; a solver would be disturbed",
+                "Copy q and u before changing them",
+                "doubt",
+            )
+        )
+    if motors:
+        found.append(
+            Finding(
+                "motor",
+                f"the motors {', '.join(motors)} have no law, and were taken to exert nothing",
+                "a joint torque whose value a controller or a log supplies",
+                "Give the joint torque a law if the equations have one",
+            )
+        )
+    missing = int((~finite).sum())
+    if missing:
+        k = int(np.argmin(finite))
+        where = ", ".join(f"{n} = {x:.4g}" for n, x in drawn.describe(k).items())
+        found.append(
+            Finding(
+                "not-finite",
+                f"the accelerations are not finite at {missing} of {len(finite)} states",
+                f"for example at {where}",
+                "Look for a root of a negative number or a division by zero; those states were left out",
+                "doubt",
+            )
+        )
+    return tuple(found)
+
+
+def _other_coordinates(
+    model: Model, equations: Equations, chosen: CoordinateMap | None, *, count: int, seed: int
+) -> tuple[Finding, ...]:
+    """A finding if the same function is right in other coordinates."""
+    others: list[tuple[str, CoordinateMap | None]] = []
+    if chosen is not None:
+        others.append(("joint", None))
+    for name in ("absolute",):
+        try:
+            others.append((name, chosen_map(model, name)))
+        except InputError:
+            continue
+    for name, given in others:
+        if given is chosen:
+            continue
+        try:
+            kane = Kane(model.mechanism, given)
+            scales = natural_scales(kane)
+            states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
+            test = EquationTest(kane, states)
+            relative = test.relative(Caller(equations.rhs, equations.name)(states))
+        except InputError:
+            continue
+        if float(relative.max(initial=0.0)) < TOLERANCE:
+            return (
+                Finding(
+                    "coordinates",
+                    f"the same function is right in {name} coordinates ({', '.join(states.coordinates)})",
+                    f"relative residual {float(relative.max(initial=0.0)):.1g} there",
+                    f"Check it with coordinates={name!r}",
+                    "cause",
+                ),
+            )
+    return ()

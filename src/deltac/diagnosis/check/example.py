@@ -1,0 +1,212 @@
+"""A state as simple as can be at which equations fail."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.function import Caller
+from deltac.diagnosis.residuals.kane import times
+from deltac.diagnosis.residuals.states import States, admissible, onto_positions, onto_speeds
+from deltac.errors import InputError
+from deltac.mechanism.joints import KINDS
+
+PLAIN = (1.0, 0.5, 2.0, 10.0)
+"""Values that are tried, after zero, in place of an odd one."""
+
+
+WORTH = 0.01
+"""A simple state must show at least this share of the worst failure, or it would not convince."""
+
+
+CLOSE = 1e-6
+"""Accelerations that differ by less than this (relative) are shown only where nothing differs more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A state at which the equations fail, most of it zero.
+
+    `state` by name (``t``, ``q.<coordinate>``, ``u.<speed>``); the accelerations by speed: `given` by the
+    tested equations, `right` by the mechanism; `speed` is the equation that fails, by `relative` of its
+    typical terms.
+    """
+
+    state: Mapping[str, float]
+    given: Mapping[str, float]
+    right: Mapping[str, float]
+    speed: str
+    relative: float
+
+    def __str__(self) -> str:
+        moved = {name: x for name, x in self.state.items() if x != 0.0}
+        where = ", ".join(f"{name} = {x:.6g}" for name, x in moved.items())
+        where = f"{where}, all else zero" if moved else "the zero state"
+        rounding = 1e-12 * max(map(abs, (*self.given.values(), *self.right.values())))
+        off = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
+        worst = max(off, key=lambda n: off[n])
+        lines = [
+            f"u̇.{n}: the equations give {_told(self.given[n], off[n])}, the model "
+            f"{_told(self.right[n], off[n])}"
+            for n in off
+            if n == worst or off[n] > CLOSE
+        ]
+        return f"At {where}: " + "; ".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "state": dict(self.state),
+            "given": dict(self.given),
+            "right": dict(self.right),
+            "equation": self.speed,
+            "relative": self.relative,
+        }
+
+
+def _difference(a: float, b: float, rounding: float) -> float:
+    """How far two numbers differ, relative to the larger; 0 for what rounding leaves of zero."""
+    return 0.0 if abs(a - b) <= rounding else abs(a - b) / max(abs(a), abs(b))
+
+
+def _told(value: float, difference: float) -> str:
+    """A number with the digits that show a relative difference, six at least."""
+    digits = 6 if difference <= 0.0 else int(np.clip(np.ceil(-np.log10(difference)) + 2, 6, 17))
+    return f"{value:.{digits}g}"
+
+
+def simplest_failure(
+    caller: Caller, test: EquationTest, udot: Array, limit: Array
+) -> Example | None:
+    """A failing state with as many zeros as single steps lead to, from the state that fails worst.
+
+    Time, speeds and coordinates are set to zero one by one, then to plain numbers, and moved back onto the
+    constraints, as long as an equation still misses by more than `limit` (n,).
+    """
+    typical = test.typical(udot)
+    with np.errstate(all="ignore"):
+        excess = (_missed(test, udot) / (limit * typical)[:, None]).max(axis=0)
+    excess[~np.isfinite(excess)] = -1.0
+    if excess.max() <= 1.0:
+        return None
+    probe = _Probe(caller, test, typical, limit * max(1.0, WORTH * float(excess.max())))
+    start = test.states.take([int(np.argmax(excess))])
+    return probe.example(_simplified(test, probe, start))
+
+
+def _missed(test: EquationTest, udot: Array) -> Array:
+    """Inertia forces of the error of accelerations (n, B): the residual, and what violates constraints."""
+    return np.abs(times(test.M, udot - test.acceleration))
+
+
+def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
+    """The state with zeros, and plain numbers, wherever it still fails."""
+
+    def tried(state: States, name: str, k: Any, value: Any, plain: bool = False) -> States | None:
+        array = getattr(state, name).copy()
+        array[k] = value
+        trial = _onto_constraints(test, replace(state, **{name: array}))
+        gained = _zeros(trial) - _zeros(state)
+        wanted = gained >= 0 if plain else gained > 0
+        return trial if wanted and probe.fails(trial) else None
+
+    for name, k, value in _moves(test):
+        state = tried(state, name, k, value) or state
+    quaternions = _in_quaternions(test, "q")
+    odd = [("u", k) for k in range(len(state.u))]
+    odd += [("q", k) for k in range(len(state.q)) if k not in quaternions]
+    for name, k in odd:
+        if getattr(state, name)[k, 0] == 0.0:
+            continue
+        trials = (tried(state, name, k, value, plain=True) for value in PLAIN)
+        state = next((trial for trial in trials if trial is not None), state)
+    return state
+
+
+def _zeros(state: States) -> int:
+    """How many entries are zero; a quaternion that is the identity has three."""
+    return sum(int((x == 0.0).sum()) for x in (state.t, state.q, state.u))
+
+
+def _onto_constraints(test: EquationTest, state: States) -> States:
+    """The state moved onto the constraints, its smallest entries to zero."""
+    kane = test.kane
+    if not len(test.gamma) or kane.own is not None:
+        return state
+    q = _without_rounding(onto_positions(kane, state.t, state.q))
+    return replace(state, q=q, u=_without_rounding(onto_speeds(kane, state.t, q, state.u)))
+
+
+def _without_rounding(x: Array) -> Array:
+    return np.where(np.abs(x) < 1e-12, 0.0, x)
+
+
+def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
+    """What is set to zero, one after the other; a quaternion as a whole, to the identity."""
+    moves: list[tuple[str, Any, Any]] = [("t", slice(None), 0.0)]
+    moves += [("u", k, 0.0) for k in range(len(test.states.u))]
+    quaternions = _in_quaternions(test, "q")
+    moves += [("q", k, 0.0) for k in range(len(test.states.q)) if k not in quaternions]
+    for first in sorted(quaternions)[::4]:
+        moves.append(("q", slice(first, first + 4), np.eye(4)[:, :1]))
+    return moves
+
+
+def _in_quaternions(test: EquationTest, name: str) -> set[int]:
+    kane = test.kane
+    if name != "q" or (kane.coordinates is not None and kane.coordinates.q):
+        return set()
+    place = {int(index): k for k, index in enumerate(kane.mechanism.free.q)}
+    found: set[int] = set()
+    for joint in kane.mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = place[kane.mechanism.coordinates.of(joint.name).start + offset]
+            found |= set(range(start, start + 4))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Probe:
+    """One state at a time, judged by the typical terms of many."""
+
+    caller: Caller
+    test: EquationTest
+    typical: Array
+    limit: Array
+
+    def fails(self, state: States) -> bool:
+        """Whether the state is admissible and an equation misses there by more than the limit."""
+        try:
+            given, there = self._at(state)
+        except InputError:
+            return False
+        kane = self.test.kane
+        with np.errstate(all="ignore"):
+            if not admissible(kane, self.test.scales, state.t, state.q, state.u)[0]:
+                return False
+            missed = _missed(there, given)[:, 0]
+        return bool(np.isfinite(missed).all() and (missed > self.limit * self.typical).any())
+
+    def example(self, state: States) -> Example:
+        """The state in words."""
+        given, there = self._at(state)
+        missed = _missed(there, given)[:, 0] / self.typical
+        worst = int(np.argmax(missed / self.limit))
+        names = self.test.speeds
+        return Example(
+            state=state.describe(0),
+            given=dict(zip(names, map(float, given[:, 0]))),
+            right=dict(zip(names, map(float, there.acceleration[:, 0]))),
+            speed=names[worst],
+            relative=float(missed[worst]),
+        )
+
+    def _at(self, state: States) -> tuple[Array, EquationTest]:
+        there = EquationTest(self.test.kane, state, scales=self.test.scales, strict=False)
+        return self.caller(state), there

@@ -1,0 +1,220 @@
+"""Where a motion departs from its model: which equation and joint, when, and by which term."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.check.terms import Match, explain_residual
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.kane import Kane, evaluate, times
+from deltac.diagnosis.residuals.states import some_rows, states_along
+from deltac.diagnosis.verdict import percent
+from deltac.dynamics.recursions import accelerations, velocities
+from deltac.dynamics.spatial import SX, cross, cross_force
+from deltac.energy import residuals
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+MOST_ROWS = 1000
+"""Samples that are looked at, evenly over the run."""
+
+HOLDS = 1e-6
+"""A relative residual below this is no departure: constraint solvers and files stop there."""
+
+BULK = 0.8
+"""Share of a residual that the told part of the motion holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPower:
+    """Power balance of one body (T,), W: kinetic = gravity + received − delivered.
+
+    `kinetic` is the rate of its kinetic energy; `received` what the joint that carries it transmits, its
+    reactions and motor included, `delivered` what it passes on through the joints that it carries.
+    """
+
+    kinetic: Array
+    gravity: Array
+    received: Array
+    delivered: Array
+
+
+@dataclass(frozen=True)
+class Departure:
+    """One equation that a motion does not obey: where, when, by what.
+
+    `relative`: root mean square of F_r + F*_r as a fraction of the equation's terms; `span` (s) holds most
+    of it; `terms`: what it consists of, if that could be told.
+    """
+
+    speed: str
+    number: int
+    relative: float
+    span: tuple[float, float]
+    terms: tuple[Match, ...]
+
+    def __str__(self) -> str:
+        start, end = self.span
+        said = [
+            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms, mostly "
+            f"from t = {start:.4g} to {end:.4g} s"
+        ]
+        if self.terms:
+            said.append(" and ".join(map(str, self.terms)))
+        return "; ".join(said)
+
+
+@dataclass(frozen=True, eq=False)
+class Localisation:
+    """Where a motion departs from its model, at T samples.
+
+    Attributes:
+        t: times (T,), s.
+        speeds: names of the (own) speeds; `residual`: F_r + F*_r of each (T, n), N or N·m.
+        joints: power that each joint takes beyond what the model's forces supply (T,), W: −Σ u_r (F_r + F*_r)
+            over its speeds. Zero where the motion obeys the model.
+        bodies: the power balance of each body, joint reactions included.
+        departures: the equations that do not hold, the worst first.
+    """
+
+    t: Array
+    speeds: tuple[str, ...]
+    residual: Array
+    joints: Mapping[str, Array]
+    bodies: Mapping[str, BodyPower]
+    departures: tuple[Departure, ...]
+
+    def explain(self, width: int = 96) -> str:
+        """In words, a paragraph each."""
+        if not self.departures:
+            return "The motion obeys the model's equations at all samples."
+        lines = [f"{'Where' if k == 0 else 'Also'}: {d}." for k, d in enumerate(self.departures)]
+        power = {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+        total = max(power.values(), default=0.0)
+        shown = [n for n in sorted(power, key=lambda n: -power[n]) if power[n] > 1e-3 * total > 0.0]
+        if shown:
+            told = ", ".join(f"{name} {power[name]:.3g} W" for name in shown)
+            lines.append(f"Power that the model does not supply, at most: {told}.")
+        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: the departures, and the largest powers (W)."""
+        return {
+            "departures": [
+                {
+                    "equation": d.number,
+                    "speed": d.speed,
+                    "relative": d.relative,
+                    "span": list(d.span),
+                    "terms": [str(m) for m in d.terms],
+                }
+                for d in self.departures
+            ],
+            "joints": {name: float(np.abs(x).max()) for name, x in self.joints.items()},
+        }
+
+
+def localise(
+    mechanism: Mechanism, run: Trajectory, *, coordinates: CoordinateMap | None = None
+) -> Localisation:
+    """Find where a motion departs from a model: in which equation and joint, when, and by which term.
+
+    Nothing is integrated. The run needs accelerations. Forces that it holds take the place of the model's.
+
+    Args:
+        mechanism: the model.
+        run: the motion, at least two samples with u̇.
+        coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
+            known. By default the mechanism's own.
+
+    Raises:
+        InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.
+    """
+    rows = some_rows(run, MOST_ROWS)
+    found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
+    assert run.udot is not None  # residuals would have refused
+    kane = Kane(mechanism, coordinates)
+    states = states_along(kane, run, rows)
+    test = EquationTest(kane, states, strict=False)
+    free = mechanism.free
+    t, q, u = states.t, test.point.q, test.point.u
+    udot = run.udot[np.ix_(rows, free.u)].T
+    back: Array = np.asarray(np.linalg.pinv(test.point.Y))
+    own_udot = times(back, udot - test.point.rest)
+    own = times(test.point.Y.transpose(0, 2, 1), found)
+    power = -u * found
+    joints: dict[str, Array] = {}
+    for k, index in enumerate(free.u):
+        joint = mechanism.speeds[int(index)].joint
+        joints[joint] = joints.get(joint, 0.0) + power[k]
+    return Localisation(
+        t=t,
+        speeds=test.speeds,
+        residual=own.T,
+        joints=joints,
+        bodies=_bodies(kane, t, q, u, udot),
+        departures=_departures(test, own, own_udot),
+    )
+
+
+def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Departure, ...]:
+    typical = test.typical(udot)
+    size = np.sqrt(np.mean(residual**2, axis=1)) / typical
+    made = []
+    for k in map(int, np.argsort(-size)):
+        if size[k] <= HOLDS:
+            continue
+        terms = () if len(test.gamma) else explain_residual(test, residual[k], udot, k)
+        made.append(
+            Departure(
+                test.speeds[k], k + 1, float(size[k]), _span(test.states.t, residual[k]), terms
+            )
+        )
+    return tuple(made)
+
+
+def _span(t: Array, values: Array) -> tuple[float, float]:
+    """The shortest interval that holds most of the squares of values (T,)."""
+    total = np.concatenate([[0.0], np.cumsum(values**2)])
+    ends = np.searchsorted(total, total[:-1] + BULK * total[-1])
+    lengths = np.where(ends < len(total), ends - np.arange(len(values)), len(values) + 1)
+    first = int(np.argmin(lengths))
+    last = min(int(ends[first]), len(values)) - 1
+    return float(t[first]), float(t[last])
+
+
+def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, BodyPower]:
+    """Power balances of all bodies; wrenches through the joints from tip to root."""
+    s = kane.system
+    V = velocities(s, s.u_all)
+    A = accelerations(s, V, s.udot_all)
+    carried: dict[int, SX] = {}
+    inertia, weight, received = [], [], []
+    delivered = [ca.SX(0) for _ in s.links]
+    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
+        inertia.append(link.inertia @ A[k] + cross_force(V[k], link.inertia @ V[k]))
+        pull = link.mass * ca.mtimes(pose.E, s.gravity)
+        weight.append(ca.vertcat(cross(link.centre, pull), pull))
+        carried[k] = inertia[k] - weight[k]
+    for k in reversed(range(len(s.links))):
+        link = s.links[k]
+        received.append(ca.dot(carried[k], V[k]))
+        if link.parent >= 0:
+            back = link.X.force_back(carried[k])
+            carried[link.parent] = carried[link.parent] + back
+            delivered[link.parent] += ca.dot(back, V[link.parent])
+    received.reverse()
+    columns = [
+        ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
+        for k in range(len(s.links))
+    ]
+    found = evaluate(kane.function(columns, s.udot), t[None, :], q, u, udot)
+    return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, found)}

@@ -1,0 +1,415 @@
+"""A term of a mechanism's equations as people write it, in the model's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, islice
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.kane import Kane, evaluate, matrices, times
+from deltac.diagnosis.residuals.states import States
+from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.forces import channels
+from deltac.dynamics.recursions import crba, gather, rnea, velocities
+from deltac.dynamics.spatial import SX, cross
+from deltac.dynamics.system import System, trace
+from deltac.errors import InputError
+from deltac.kernels.lowering import to_sympy
+from deltac.mechanism.laws import symbol_of
+
+MOST_SPEEDS = 4
+"""Terms grow exponentially with the number of speeds, and so does the time to simplify them."""
+
+MOST_INSTRUCTIONS, MOST_NODES = 300, 500
+"""Of a term before it is simplified: SymPy takes a second for the latter."""
+
+LONGEST = 100
+"""Characters of a term that is still worth reading."""
+
+PLAIN = 12
+"""The largest denominator of a fraction that is not written as a decimal number."""
+
+Key = tuple[str, str, tuple[int, ...] | None]
+"""What a term is: its kind, the channel, speed or body, and the rates that it is proportional to."""
+
+
+def written(kane: Kane, key: Key, row: int) -> str:
+    """A term of the equation of one own speed, with its sign in F_r + F*_r; "" if it is too long."""
+    if len(kane.speed_names) > MOST_SPEEDS or key[0] == "inertia by body":
+        return ""
+    mechanism = kane.mechanism
+    system = trace(mechanism, vary=tuple(mechanism.parameters))
+    term, own_q, own_u = _term(system, kane, key, row)
+    function = ca.Function("term", [system.t, own_q, own_u, system.p], [ca.densify(ca.cse(term))])
+    if function.n_instructions() > MOST_INSTRUCTIONS:
+        return ""
+    names = [
+        ["t"],
+        list(kane.coordinate_names),
+        [f"u.{name}" for name in kane.speed_names],
+        list(mechanism.parameters),
+    ]
+    try:
+        found = to_sympy(function, [[symbol_of(name) for name in group] for group in names])[0][0]
+        text = _tidy(found)
+    except (InputError, ValueError, TypeError, ArithmeticError):  # what SymPy cannot write
+        return ""
+    return text if len(text) <= LONGEST else ""
+
+
+def _tidy(expression: Any) -> str:
+    """Sums of products of sines collected, numbers as people write them."""
+    import sympy
+
+    if _larger(expression, MOST_NODES):
+        return ""
+    expanded = sympy.expand(sympy.nsimplify(sympy.sympify(expression), rational=True))
+    if _larger(expanded, MOST_NODES):
+        return ""
+    found = sympy.factor(sympy.fu(expanded))
+    odd = [r for r in found.atoms(sympy.Rational) if r.q > PLAIN]
+    rounded = found.xreplace({r: sympy.Float(f"{float(r):.6g}") for r in odd})
+    return str(sympy.sstr(rounded, full_prec=False))
+
+
+def _larger(expression: Any, most: int) -> bool:
+    """Whether an expression has more than `most` nodes; shared ones count each time."""
+    import sympy
+
+    return sum(1 for _ in islice(sympy.preorder_traversal(expression), most + 1)) > most
+
+
+def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
+    """The term in own symbols, and these."""
+    kind, name, rates = key
+    free = system.free_u
+    n = len(free)
+    own = None if kane.coordinates is None else trace_map(system, kane.coordinates)
+    own_q, own_u = (system.q, system.u) if own is None else (own.own_q, own.own_u)
+    Y = ca.SX.eye(n) if own is None else own.Y
+
+    def moved(x: SX) -> SX:
+        """Expressed in own symbols."""
+        if own is None:
+            return x
+        return ca.substitute(x, ca.vertcat(system.q, system.u), ca.vertcat(own.q, own.u))
+
+    if kind == "inertia":
+        j = kane.speed_names.index(name)
+        M = moved(crba(system)[free, free])
+        term = -ca.mtimes(Y.T, ca.mtimes(M, Y))[row, j]
+    elif kind == "weight":
+        k = system.index[name]
+        link = system.links[k]
+        weight = link.mass * ca.mtimes(system.poses[k].E, system.gravity)
+        wrench = ca.vertcat(cross(link.centre, weight), weight)
+        term = ca.mtimes(Y.T, moved(gather(system, {k: wrench})[free]))[row]
+    elif kind == "gyroscopic":
+        still = ca.SX(system.udot_all)
+        still[free] = 0
+        bias = moved(rnea(system, still)[free])
+        if own is not None:
+            rest = own.udot(system, ca.SX.zeros(own_u.shape[0]))
+            bias = bias + ca.mtimes(moved(crba(system)[free, free]), rest)
+        term = -ca.mtimes(Y.T, bias)[row]
+    else:
+        (force,) = (part.force for part in channels(system) if part.name == name)
+        term = ca.mtimes(Y.T, moved(force[free]))[row]
+    return _proportional(term, own_u, rates), own_q, own_u
+
+
+def _proportional(term: SX, u: SX, rates: tuple[int, ...] | None) -> SX:
+    """The part of a polynomial of the rates that is proportional to some of them; all of it for None."""
+    if rates is None:
+        return term
+    part, factor = term, ca.SX(1)
+    for i in rates:
+        part, factor = ca.jacobian(part, u[i]), factor * u[i]
+    if len(rates) == 2 and rates[0] == rates[1]:
+        factor = factor / 2
+    return ca.substitute(part, u, ca.SX.zeros(u.shape[0])) * factor
+
+
+# --- the terms that a mechanism's equations are made of ------------------------------------------
+# Equations with one term T wrong by a factor k leave the residual (1 − k) T: twice the term where
+# its sign is wrong, the term itself where it is missing. So the residual is compared with the
+# model's own terms, and where none fits with products of sines, cosines and rates.
+
+
+FEW = 8
+"""Speeds up to which terms are divided by bodies and pairs of rates."""
+
+PRESENT = 1e-9
+"""A part smaller than this share of its equation's terms is rounding."""
+
+EXACT = 1e-7
+"""Relative error of a fit that is no coincidence."""
+
+MOST_TERMS = 3
+
+MOST_VARIABLES = 4
+"""Coordinates in a dictionary of plain functions."""
+
+FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A candidate: what it is called and its values at the states (B,).
+
+    A term of the model's own equation (with its sign in F_r + F*_r) has a `key`; a plain function has none.
+    """
+
+    name: str
+    values: Array
+    key: Key | None = None
+
+
+@dataclass(frozen=True)
+class Match:
+    """`coefficient` times a part: one summand of a residual.
+
+    For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
+    for a wrong sign, 0 for a missing term. None for a plain function of the state. `symbols`: the model's
+    term as people write it, where it is short.
+    """
+
+    part: str
+    coefficient: float
+    factor: float | None
+    symbols: str = ""
+
+    def __str__(self) -> str:
+        if self.factor is None:
+            return f"{self.coefficient:.6g}·{self.part}"
+        part = f"{self.part}, {self.symbols}," if self.symbols else self.part
+        for factor, words in FACTORS.items():
+            if abs(self.factor - factor) < 1e-5:
+                return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
+        return f"{part} enters with the factor {_factor(self.factor)}"
+
+
+def _factor(factor: float) -> str:
+    """A factor; one that six digits do not tell from 1 by what it differs: "1 + 1.0e-07"."""
+    more = factor - 1.0
+    if abs(more) >= 1e-4:
+        return f"{factor:.6g}"
+    return f"1 {'-' if more < 0.0 else '+'} {abs(more):.1e}"
+
+
+def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
+    """The terms of one equation at the accelerations `udot`, whole and in their parts."""
+    names = test.speeds
+    scale = float(test.typical(udot)[row])
+    found: list[Part] = []
+
+    def add(name: str, values: Array, key: Key) -> None:
+        if np.abs(values).max() > PRESENT * scale and np.isfinite(values).all():
+            found.append(Part(name, values, key))
+
+    for channel, force in test.forces.items():
+        add(_called(channel), force[row], ("channel", channel, None))
+    inertia = -test.M[:, row, :].T * udot
+    add("the sum of the gyroscopic terms", -test.bias[row], ("gyroscopic", "", None))
+    by_rates = _by_rates(test, row) if len(names) <= FEW else ()
+    for name, values, key in by_rates:
+        add(name, values, key)
+    for j, name in enumerate(names):
+        add(_inertia_term(name), inertia[j], ("inertia", name, None))
+    if len(names) <= FEW:
+        for name, values, key in _by_bodies(test, udot, row):
+            add(name, values, key)
+    return found
+
+
+def _inertia_term(speed: str) -> str:
+    return f"the inertia term of {speed}'s acceleration"
+
+
+def _called(channel: str) -> str:
+    return "gravity" if channel == "gravity" else f"{channel!r}"
+
+
+def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array, Key]]:
+    """Parts of forces and gyroscopic terms by the rates that they are proportional to."""
+    n, batch = test.bias.shape
+    names = test.speeds
+    pairs = list(combinations(range(n), 2))
+    unit = np.eye(n)
+    rays = [np.zeros(n), *unit, *(-unit), *(unit[i] + unit[j] for i, j in pairs)]
+    states = test.states
+    repeated = States(
+        np.tile(states.t, len(rays)),
+        np.tile(states.q, len(rays)),
+        np.repeat(np.array(rays).T, batch, axis=1),
+        states.coordinates,
+        states.speeds,
+    )
+    there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
+    u = states.u
+    gyroscopic: list[tuple[str, str, str, Array, Array]] = [
+        ("the gyroscopic term", "gyroscopic", "", -there.bias, -test.bias)
+    ]
+    acting = [(_called(c), "channel", c, there.forces[c], test.forces[c]) for c in test.forces]
+    for name, kind, which, along, whole in gyroscopic + acting:
+        at = along[row].reshape(len(rays), batch)
+        rest, plus, minus, both = at[0], at[1 : n + 1], at[n + 1 : 2 * n + 1], at[2 * n + 1 :]
+        linear, square = 0.5 * (plus - minus) * u, (0.5 * (plus + minus) - rest) * u**2
+        mixed = [
+            (both[k] - plus[i] - plus[j] + rest) * u[i] * u[j] for k, (i, j) in enumerate(pairs)
+        ]
+        total = rest + linear.sum(axis=0) + square.sum(axis=0) + sum(mixed, start=np.zeros(batch))
+        if not np.allclose(total, whole[row], atol=1e-9 * np.abs(whole[row]).max(initial=1e-300)):
+            continue  # not a polynomial of the rates
+        yield f"{name} at rest", rest, (kind, which, ())
+        for i in range(n):
+            yield f"{name} with u.{names[i]}", linear[i], (kind, which, (i,))
+            yield f"{name} with u.{names[i]}²", square[i], (kind, which, (i, i))
+        for values, (i, j) in zip(mixed, pairs):
+            yield f"{name} with u.{names[i]}·u.{names[j]}", values, (kind, which, (i, j))
+
+
+def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str, Array, Key]]:
+    """Gravity and inertia terms of each body alone."""
+    kane, s = test.kane, test.kane.system
+    free = s.free_u
+    V = velocities(s, s.u_all)
+    bodies, outputs = [], []
+    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
+        if s.mechanism.body(link.joint.child).massless:
+            continue
+        weight = link.mass * ca.mtimes(pose.E, s.gravity)
+        wrench: SX = ca.vertcat(cross(link.centre, weight), weight)
+        J = ca.jacobian(V[k], s.u)
+        columns = [link.inertia @ J[:, j] for j in range(J.shape[1])]
+        bodies.append(link.joint.child)
+        outputs.append(gather(s, {k: wrench})[free])
+        outputs.append(ca.mtimes(J.T, ca.horzcat(*columns)))
+    if not bodies:
+        return
+    point = test.point
+    found = evaluate(kane.function(outputs), test.states.t[None, :], point.q, point.u)
+    Yt, n = point.Y.transpose(0, 2, 1), len(free)
+    for body, weight, flat in zip(bodies, found[::2], found[1::2]):
+        yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)
+        M = Yt @ matrices(flat, n, n) @ point.Y
+        for j, name in enumerate(test.speeds):
+            yield (
+                f"{_inertia_term(name)} by body {body!r}",
+                -M[:, row, j] * udot[j],
+                ("inertia by body", body, None),
+            )
+
+
+def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list[Part]:
+    """Products of sines and cosines of some coordinates, rates and accelerations."""
+    q, names = states.q, states.coordinates
+    shapes: list[tuple[str, Array]] = [("", np.ones(len(states)))]
+    for k in coordinates:
+        for name, f in (("sin", np.sin), ("cos", np.cos)):
+            shapes.append((f"{name}({names[k]})", f(q[k])))
+            shapes.append((f"{name}(2·{names[k]})", f(2 * q[k])))
+        shapes += [(names[k], q[k]), (f"{names[k]}²", q[k] ** 2), (f"{names[k]}³", q[k] ** 3)]
+    for i, j in combinations(coordinates, 2):
+        for sign, shift in (("-", q[j] - q[i]), ("+", q[j] + q[i])):
+            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(shift)))
+            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(shift)))
+        shapes.append((f"({names[j]} - {names[i]})", q[j] - q[i]))
+    rates: list[tuple[str, Array]] = [("", np.ones(len(states)))]
+    for i, speed in enumerate(states.speeds):
+        rates.append((f"u.{speed}", states.u[i]))
+        rates.append((f"u̇.{speed}", udot[i]))
+        for j in range(i, len(states.speeds)):
+            other = states.speeds[j]
+            name = f"u.{speed}²" if i == j else f"u.{speed}·u.{other}"
+            rates.append((name, states.u[i] * states.u[j]))
+    return [Part("·".join(filter(None, (a, b))) or "1", x * y) for a, x in shapes for b, y in rates]
+
+
+def explain_residual(
+    test: EquationTest,
+    residual: Array,
+    udot: Array,
+    row: int,
+    depends: tuple[str, ...] | None = None,
+) -> tuple[Match, ...]:
+    """What the residual (B,) of one equation consists of: the model's own terms, else plain functions.
+
+    `depends` names what it changes with, if that is known. Empty if it is no such sum.
+    """
+    found = explain_row(test, residual, udot, row)
+    if found:
+        return found
+    names = test.states.coordinates
+    some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
+    if len(some) > MOST_VARIABLES:
+        return ()
+    return explain_by(residual, plain_parts(test.states, udot, some))
+
+
+def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
+    """The model's own terms that the residual (B,) of one equation consists of; empty if it is no such sum.
+
+    That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
+    """
+    parts = own_parts(test, udot, row)
+    found = explain_by(residual, parts)
+    own = _inertia_term(test.speeds[row])
+    if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found):
+        return ()
+    keys = {part.name: part.key for part in parts if part.key is not None}
+    return tuple(replace(m, symbols=written(test.kane, keys[m.part], row)) for m in found)
+
+
+def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> tuple[Match, ...]:
+    """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
+
+    Orthogonal matching pursuit, with at most `MOST_TERMS` parts. Among parts of the same shape the one
+    with the plainest factor is named.
+    """
+    size = float(np.linalg.norm(residual))
+    usable = [p for p in parts if float(np.linalg.norm(p.values)) > 0.0]
+    if not usable or size == 0.0:
+        return ()
+    columns = np.array([p.values for p in usable])
+    columns = columns / np.linalg.norm(columns, axis=1)[:, None]
+    chosen: list[int] = []
+    left = residual
+    for _ in range(min(MOST_TERMS, len(residual) // 4)):
+        fit = np.abs(columns @ left) / np.linalg.norm(left)
+        fit[chosen] = -1.0
+        best = int(np.argmax(fit))
+        twins = [int(k) for k in np.flatnonzero(fit > fit[best] - 1e-12)]
+        chosen.append(min(twins, key=lambda k: not _plain(left, usable[k])))
+        coefficients, left = _fitted(residual, usable, chosen)
+        if float(np.linalg.norm(left)) <= exact * size:
+            needed = [
+                k
+                for k, c in zip(chosen, coefficients)
+                if abs(c) * np.linalg.norm(usable[k].values) > 10 * exact * size
+            ]
+            coefficients, _ = _fitted(residual, usable, needed)
+            return tuple(
+                Match(usable[k].name, float(c), None if usable[k].key is None else 1.0 - float(c))
+                for k, c in zip(needed, coefficients)
+            )
+    return ()
+
+
+def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients of the chosen parts by least squares, and what they leave of the residual."""
+    A = np.array([parts[k].values for k in chosen]).T
+    coefficients: Array = np.asarray(np.linalg.lstsq(A, residual, rcond=None)[0])
+    return coefficients, residual - A @ coefficients
+
+
+def _plain(left: Array, part: Part) -> bool:
+    """Whether it is a term of the model that enters with the factor −1, 0, 2 or ½."""
+    factor = 1.0 - float(part.values @ left) / float(part.values @ part.values)
+    return part.key is not None and any(abs(factor - plain) < 1e-5 for plain in FACTORS)

@@ -1,0 +1,240 @@
+"""Columns: what one unit of every elementary change of a mechanism adds to its equations of motion.
+
+F_r + F*_r is linear in the ten inertial parameters of each body (mass, first moments, moments and
+products of inertia about the link frame's origin), in gravity, and in coefficients of elementary
+forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, computed from the traced mechanism.
+
+All columns are affine in u̇, x = A(q, t) u̇ + b(q, u, t), so their integral against a test function
+that vanishes at the ends of a window needs no accelerations: ∫φ x dt = ∫ φ (b − Ȧu) − φ̇ (A u) dt.
+That is the weak form (Messenger and Bortz 2021, *Weak SINDy*, Multiscale Model. Simul. 19).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_samples import Evaluator
+from deltac.dynamics.forces import total_force
+from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
+from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
+from deltac.mechanism.joints import KINDS
+
+What = Literal[
+    "inertia", "weight", "gravity", "damper", "friction", "spring", "constant", "armature", "channel",
+    "delay",
+    "force", "moment", "body-force", "body-moment",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Column:
+    """An elementary change: of which body, speed or channel; `index` counts those of one element.
+
+    inertia     body; 0 mass, 1–3 first moments, 4–9 Jxx, Jyy, Jzz, Jxy, Jxz, Jyz; kg, kg·m, kg·m²
+    weight      body; the part of its columns 0 to 3 that gravity makes
+    gravity     world axis; m/s²
+    damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
+    channel     a channel's generalized force once more
+    delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
+    force, moment        body: along the world's axes, at the mass centre; N, N·m
+    body-force, body-moment  the same along the body's axes
+    """
+
+    what: What
+    element: str
+    index: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnKernels:
+    """The residual (first column) and all others as CasADi functions of samples.
+
+    `pointwise` gives (n, 1 + P) of t, q, u, u̇, logged forces, their first and their second rates.
+    """
+
+    columns: tuple[Column, ...]
+    speeds: int
+    expression: SX
+    evaluator: Evaluator
+    inputs: tuple[SX, ...]
+
+    def pointwise(self) -> ca.Function:
+        """F_r + F*_r and the columns."""
+        return ca.Function("columns", list(self.inputs), [ca.densify(self.expression)])
+
+    def weak(self) -> ca.Function:
+        """(momentum A u, force b − Ȧu) of the residual and the columns, both (n, 1 + P)."""
+        s = self.evaluator.symbols.system
+        w = ca.SX.sym("w", s.u.shape[0])
+        rest = ca.substitute(self.expression, s.udot, ca.SX.zeros(w.shape[0]))
+        along = ca.substitute(self.expression, s.udot, w) - rest
+        turning = ca.jtimes(ca.vec(along), ca.vertcat(s.q, s.t), ca.vertcat(s.qdot, 1))
+        momentum, turned = ca.substitute([along, turning], [w], [s.u])
+        force = rest - ca.reshape(turned, rest.shape)
+        outputs = [ca.densify(momentum), ca.densify(force)]
+        return ca.Function("weak_columns", list(self.inputs), outputs)
+
+
+def column_kernels(evaluator: Evaluator) -> ColumnKernels:
+    """All columns of a mechanism whose forces are those of `evaluator`."""
+    symbols = evaluator.symbols
+    s = symbols.system
+    rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
+    found: dict[Column, SX] = {}
+    for part in (_inertia, _gravity, _joints, _wrenches):
+        found.update(part(evaluator))
+    found.update(_channels(evaluator, rate, curve))
+    kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
+    residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
+    columns = [_projected(evaluator, x) for x in kept.values()]
+    bound = symbols.constrained
+    if symbols.with_measured is not None and bound is not None:
+        first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
+    else:
+        first = _projected(evaluator, residual)
+    inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
+    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), evaluator, inputs)
+
+
+def _projected(evaluator: Evaluator, x: SX) -> SX:
+    """What the constraints leave of a generalized force: x − Gᵀλ(x)."""
+    bound = evaluator.symbols.constrained
+    if bound is None or evaluator.symbols.with_measured is not None:
+        return x
+    return x - ca.mtimes(bound.rows.G.T, bound.multipliers_from(x))
+
+
+UNIT_MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Places of the moments and products of inertia, in the order of a body's columns 4 to 9."""
+
+
+def _unit_inertias() -> Iterable[Inertia]:
+    """Spatial inertias of one unit of each of the ten parameters."""
+    nothing = ca.SX(3, 3)
+    yield Inertia(nothing, nothing, ca.SX.eye(3))
+    for k in range(3):
+        axis = ca.SX(3, 1)
+        axis[k] = 1
+        yield Inertia(nothing, ca.sparsify(ca.skew(axis)), nothing)
+    for i, j in UNIT_MOMENTS:
+        J = ca.SX(3, 3)
+        J[i, j] = J[j, i] = 1
+        yield Inertia(J, nothing, nothing)
+
+
+def _inertia(evaluator: Evaluator) -> dict[Column, SX]:
+    s = evaluator.symbols.system
+    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
+    V = velocities(s, s.u_all)
+    A = accelerations(s, V, evaluator.symbols.udot, base)
+    found: dict[Column, SX] = {}
+    for k, link in enumerate(s.links):
+        if s.mechanism.body(link.joint.child).massless:
+            continue
+        for index, inertia in enumerate(_unit_inertias()):
+            F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
+            found[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
+            if base is not None and index < 4:
+                weight = inertia @ ca.vertcat(ca.SX.zeros(3), s.poses[k].E @ s.gravity)
+                found[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[s.free_u]
+    return found
+
+
+def computes_weight(evaluator: Evaluator) -> bool:
+    """Whether gravity is the model's, and not a logged force."""
+    return "gravity" in evaluator.channels and "gravity" not in evaluator.log.places
+
+
+def _gravity(evaluator: Evaluator) -> dict[Column, SX]:
+    s = evaluator.symbols.system
+    found: dict[Column, SX] = {}
+    if "gravity" in evaluator.log.places:
+        return found
+    for axis in range(3):
+        wrenches: dict[int, SX] = {}
+        for k, (link, pose) in enumerate(zip(s.links, s.poses)):
+            if not s.mechanism.body(link.joint.child).massless:
+                weight = link.mass * pose.E[:, axis]
+                wrenches[k] = ca.vertcat(cross(link.centre, weight), weight)
+        found[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
+    return found
+
+
+def _joints(evaluator: Evaluator) -> dict[Column, SX]:
+    s, mechanism = evaluator.symbols.system, evaluator.mechanism
+    found: dict[Column, SX] = {}
+    n = len(s.free_u)
+    for row, place in enumerate(s.free_u):
+        entry = mechanism.speeds[place]
+        joint = mechanism.joint(entry.joint)
+        force: dict[What, SX] = {"damper": -s.u[row]}
+        if KINDS[joint.kind].rates:
+            first = mechanism.coordinates.of(joint.name).start
+            q = s.q_all[first + place - mechanism.speeds.of(joint.name).start]
+            force |= {
+                "friction": -ca.sign(s.u[row]),
+                "spring": -q,
+                "constant": ca.SX(1),
+                "armature": -s.udot[row],
+            }
+        for what, value in force.items():
+            x = ca.SX(n, 1)
+            x[row] = value
+            found[Column(what, entry.name)] = x
+    return found
+
+
+def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
+    """Constant forces at mass centres, and constant moments."""
+    s = evaluator.symbols.system
+    found: dict[Column, SX] = {}
+    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
+        body = link.joint.child
+        if s.mechanism.body(body).massless:
+            continue
+        for axis in range(3):
+            world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
+            nothing = ca.SX(3, 1)
+            wrenches: dict[What, SX] = {
+                "force": ca.vertcat(cross(link.centre, world), world),
+                "moment": ca.vertcat(world, nothing),
+                "body-force": ca.vertcat(cross(link.centre, own), own),
+                "body-moment": ca.vertcat(own, nothing),
+            }
+            for what, wrench in wrenches.items():
+                found[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
+    return found
+
+
+def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
+    symbols = evaluator.symbols
+    at = symbols.system.free_u
+    found: dict[Column, SX] = {}
+    for part in symbols.parts:
+        kind = part.name.partition(" ")[0]
+        if part.name == "gravity" or kind == "correction":
+            continue
+        found[Column("channel", part.name)] = part.force[at]
+        if kind == "actuator" and part.name in evaluator.log.places:
+            first = ca.jtimes(part.force, symbols.logged, rate)
+            second = ca.jtimes(part.force, symbols.logged, curve)
+            found[Column("delay", part.name, 0)] = -first[at]
+            found[Column("delay", part.name, 1)] = 0.5 * second[at]
+    return found
+
+
+def evaluate(function: ca.Function, samples: Sequence[Array], speeds: int) -> list[Array]:
+    """Each output of a function of samples as (T, n, 1 + P)."""
+    count = len(samples[0])
+    found = function.map(count).call([ca.DM(np.atleast_2d(x.T)) for x in samples])
+    made = []
+    for output in found:
+        values = np.array(output)
+        made.append(values.reshape(speeds, count, -1).transpose(1, 0, 2))
+    return made

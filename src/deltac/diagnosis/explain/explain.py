@@ -1,0 +1,337 @@
+"""Which further motion would tell causes apart that a log does not: computed, not guessed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.explain.columns import evaluate
+from deltac.diagnosis.explain.regression import Fit, Form, Prepared, Regression, prepare
+from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
+from deltac.diagnosis.explain.search import MOST, Found, search
+from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
+from deltac.diagnosis.inputs.logs import in_model_order
+from deltac.diagnosis.residuals.at_samples import Sampled
+from deltac.errors import InputError
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+STATES = 60
+APART = 0.05
+"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
+
+
+def advice(mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found) -> str:
+    """A sentence: the simplest motion in which the causes differ, or that there is none."""
+    fits = [found.best, *found.alternatives]
+    most, said = 0, ""
+    for name, samples in _experiments(mechanism, run, prepared):
+        first, *others = _effects(prepared, samples, fits)
+        told = sum(_difference(first, other) > APART for other in others)
+        if told > most:
+            most, said = told, name
+    if not said:
+        return (
+            "No motion of this machine tells them apart by joint coordinates and these forces: they say the "
+            "same in other words"
+        )
+    them = "them" if most == len(found.alternatives) else "some of them"
+    return f"To tell {them} apart, log also {said}"
+
+
+def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Array]:
+    """What each fit adds to the equations at the samples, scaled equation by equation."""
+    kernels = prepared.kernels
+    nothing = np.zeros_like(samples.logged)
+    rng = np.random.default_rng(2)
+    rates = [rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
+    columns = [
+        samples.t[:, None], samples.q, samples.u, samples.udot, samples.logged, *rates,
+    ]  # fmt: skip
+    X = evaluate(kernels.pointwise(), columns, kernels.speeds)[0][..., 1:]
+    scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
+    X = X / np.maximum(scale, 1e-300)[:, None]
+    found = []
+    for fit in fits:
+        total = np.zeros(X.shape[:2])
+        for k, theta in zip(fit.chosen, fit.theta):
+            c = prepared.regression.candidates[k]
+            total += X[..., list(c.columns)] @ c.coefficients(theta)
+        found.append(total.ravel())
+    return found
+
+
+def _difference(a: Array, b: Array) -> float:
+    """Relative difference of two effects."""
+    size = max(float(np.linalg.norm(a)), float(np.linalg.norm(b)))
+    return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0
+
+
+def _experiments(
+    mechanism: Mechanism, run: Trajectory, prepared: Prepared
+) -> list[tuple[str, Sampled]]:
+    """Motions that a user could make, simplest first."""
+    rng = np.random.default_rng(1)
+    free = mechanism.free
+    speed = max(float(np.abs(run.u).max(initial=0.0)), 1.0)
+    bent = max(speed**2, 10.0)
+    nq, nu = len(free.q), len(free.u)
+    logged = prepared.kernels.evaluator.log.size
+
+    def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
+        return Sampled(
+            np.full(STATES, float(run.t[0])),
+            q,
+            u,
+            udot,
+            forces * rng.standard_normal((STATES, logged)),
+        )
+
+    anywhere = _poses(mechanism, rng)
+    here = np.repeat(run.q[:1, free.q], STATES, axis=0)
+    still = np.zeros((STATES, nu))
+    fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
+    force = (
+        float(max((np.abs(f).max(initial=0.0) for f in run.forces.values()), default=0.0)) or 1.0
+    )
+    found = [
+        ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
+        ("a motion with other forces of the motors", states(anywhere, fast, hard, force)),
+    ]
+    for k in range(nu):
+        alone = np.zeros((STATES, nu))
+        alone[:, k] = 1.0
+        name = mechanism.speeds[int(free.u[k])].name
+        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
+    found += [
+        ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
+        ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
+    ]
+    assert all(s.q.shape[1] == nq for _, s in found)
+    return found
+
+
+def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
+    """Random poses (STATES, free q); quaternions of unit length."""
+    q = rng.uniform(-np.pi, np.pi, (STATES, len(mechanism.coordinates)))
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = mechanism.coordinates.of(joint.name).start + offset
+            turns = rng.standard_normal((STATES, 4))
+            q[:, start : start + 4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.asarray(q[:, mechanism.free.q])
+
+
+# --- `explain_residual` --------------------------------------------------------------------------
+
+EXPLAINS = 0.9
+"""Share of what is no noise that causes must explain of the squared residual to be named."""
+
+CLEAR = 4.0
+"""A residual whose squares are so many times those of noise and rounding is there."""
+
+NOISE = 1.2
+"""What is left counts as noise up to so many times its estimate."""
+
+PASSIVE = ("spring", "damper")
+"""Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
+
+UNSEEN = 0.3
+"""Standard error of a factor from which on a log is said not to show it."""
+
+
+def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
+    """Name the few changes of a model that explain what a log leaves of its equations of motion.
+
+    Springs and dampers are taken from the model, also where the log holds them, so that what model
+    and run have differently is found; all other logged forces are taken as they are, and channels among
+    them that the model does not have are noted. Motors of which a recorded run tells another strength
+    than the model's are causes too, although their logged forces close the equations. Without measured
+    accelerations the equations are integrated over short windows (the weak form).
+
+    Args:
+        model: as for `audit`.
+        log: a Trajectory, or the path of a log.
+        mapping: path of a mapping file, for logs whose columns have other names or units.
+
+    Returns:
+        The explanation; `str()` of it is the outcome in words, `table()` the numbers.
+
+    Raises:
+        InputError: model or log cannot be read, the log is not of this model, or it is too short.
+    """
+    from deltac.diagnosis.inputs.models import load_model
+    from deltac.trajectories import read_trajectory
+
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
+    if not isinstance(log, Trajectory):
+        log = read_trajectory(log, mapping, mechanism)
+    elif mapping is not None:
+        raise InputError("mapping= is for log files; this log is a Trajectory already")
+    run, _ = in_model_order(mechanism, log)
+    if not len(mechanism.free.u):
+        raise InputError(
+            "every joint of the model is prescribed: no equation of motion is left to explain"
+        )
+    told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
+    own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
+    run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
+    derived = "udot" in run.provenance.notes.get("derived", "").split(";")
+    found = explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
+    works = foreign_channels(mechanism, run, loaded.import_report)
+    notes = tuple(foreign_words(name, work) for name, work in works.items())
+    return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
+
+
+def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:
+    """Also the motors whose strengths differ: their logged forces close the equations all the same."""
+    named = {(c.kind, c.element) for other in (found.causes, *found.alternatives) for c in other}
+    also = tuple(
+        Cause(
+            "actuator-gear", gear.channel, (gear.factor,), (0.0,), ("factor",), ("1",), (1.0,), 0.0,
+            str(gear),
+        )
+        for gear in gears
+        if gear.factor and ("actuator-gear", gear.channel) not in named
+    )  # fmt: skip
+    if not also or found.kind == "unexplained":
+        return found
+    return replace(
+        found,
+        kind="explained" if found.kind == "nothing" else found.kind,
+        causes=(*found.causes, *also),
+        explained=1.0 if found.kind == "nothing" else found.explained,
+        alternatives=tuple((*other, *also) for other in found.alternatives),
+    )
+
+
+def explanation(
+    mechanism: Mechanism,
+    run: Trajectory,
+    form: Form,
+    least: float = EXPLAINS,
+    *,
+    most: int = MOST,
+    sliding: bool = False,
+) -> Explanation:
+    """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
+
+    `least` is the share of the squared residual that causes must explain, `most` their number.
+    `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
+    where nothing else fits.
+    """
+    prepared = prepare(mechanism, run, form, sliding=sliding)
+    regression = prepared.regression
+    relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
+    noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
+
+    def made(
+        kind: Kind, found: Found | None = None, explained: float = 0.0, told: str = ""
+    ) -> Explanation:
+        return Explanation(
+            kind,
+            _causes(mechanism, prepared, found.best) if found else (),
+            explained,
+            tuple(_causes(mechanism, prepared, f) for f in found.alternatives) if found else (),
+            told,
+            _unseen(prepared),
+            prepared.form,
+            relative,
+            noise,
+            prepared.samples,
+        )
+
+    if regression.total <= regression.precision:
+        return made("nothing")
+    found = search(regression, most)
+    explained = _explained(prepared, found.best)
+    floor = regression.floor(regression.nothing)
+    if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+        if not regression.stands_out(found.best):
+            return made("nothing")
+    if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
+        slid = explanation(mechanism, run, form, least, most=most, sliding=True)
+        if (
+            any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
+            and slid.explained > explained
+        ):
+            return slid
+    if explained < _enough(regression, found.best, least):  # then one cause, if it says nearly all
+        found = search(regression, 1)
+        explained = _explained(prepared, found.best)
+    if not found.best.chosen or explained < _enough(regression, found.best, least):
+        return made("unexplained", Found(found.best, ()), explained)
+    if not found.alternatives:
+        return made("explained", found, explained)
+    return made("ambiguous", found, explained, advice(mechanism, run, prepared, found))
+
+
+def _enough(regression: Regression, fit: Fit, least: float) -> float:
+    """The share that causes must explain: with each number more, what is left must be a tenth."""
+    numbers = sum(regression.candidates[k].size for k in fit.chosen)
+    return float(1.0 - (1.0 - least) * 10.0 ** -min(max(numbers - 1, 0), 5))
+
+
+def _explained(prepared: Prepared, fit: Fit) -> float:
+    """Share of the squared residual beyond noise that a fit explains."""
+    regression = prepared.regression
+    if fit.left <= NOISE * regression.floor(fit):
+        return 1.0
+    there = max(regression.total - regression.noise(regression.nothing), 1e-300)
+    left = max(fit.left - regression.noise(fit), 0.0)
+    return float(np.clip(1.0 - left / there, 0.0, 1.0))
+
+
+def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, ...]:
+    regression = prepared.regression
+    if not fit.chosen:
+        return ()
+    errors = np.sqrt(np.maximum(np.diag(regression.covariance(fit)), 0.0))
+    found, start = [], 0
+    for n, (k, theta) in enumerate(zip(fit.chosen, fit.theta)):
+        c = regression.candidates[k]
+        error = errors[start : start + c.size]
+        start += c.size
+        others = [j for m, j in enumerate(fit.chosen) if m != n]
+        without = regression.fit(others).left if others else regression.total
+        share = (without - fit.left) / regression.total
+        found.append(
+            Cause(
+                c.kind,
+                c.element,
+                tuple(float(x) for x in c.base + theta),
+                tuple(float(x) for x in error),
+                c.names,
+                c.units,
+                tuple(float(x) for x in c.base),
+                float(min(share, 1.0)),
+                sentence(mechanism, c, theta, error),
+            )
+        )
+    held = [c for c in found if c.kind == "actuator-delay" and abs(c.values[0]) <= prepared.spacing]
+    kept = [c for c in found if c not in held] or found  # a force held over a step is no fault
+    return tuple(sorted(kept, key=lambda cause: -cause.share))
+
+
+def _unseen(prepared: Prepared) -> tuple[str, ...]:
+    """Bodies and channels of which a change by a third would not stand out."""
+    regression = prepared.regression
+    sizes = regression.sizes
+    largest = float(sizes.max(initial=0.0))
+    deviation = float(np.sqrt(regression.floor(regression.nothing) / max(1, regression.rows)))
+    found = []
+    for c, size in zip(regression.candidates, sizes):
+        if c.kind in ("body-mass", "body-moments", "actuator-gear", "channel-factor") and (
+            size <= 1e-9 * largest or deviation > UNSEEN * size
+        ):
+            what = {"body-mass": "mass of ", "body-moments": "inertia of "}.get(c.kind, "")
+            found.append(f"{what}{c.element}")
+    return tuple(found)

@@ -1,0 +1,319 @@
+"""What was found, in sentences."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.explain.regression import Form
+from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.mechanism import Mechanism
+
+WORTH_SAYING = 1e-7
+"""Relative errors below this are not shown: they are the log's rounding."""
+
+
+def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> str:
+    """One cause with its numbers, as what the run has and the model does not."""
+    value, shown = c.base + theta, _numbers(c, theta, error)
+    several = f"({shown})" if c.size > 1 else shown
+    element = f"`{c.element}`"
+    factor = float(value[0])
+    match c.kind:
+        case "gravity":
+            g = float(np.linalg.norm([mechanism.number(x) for x in mechanism.gravity]))
+            ours, theirs = f"{g:.6g}", f"{g * factor:.6g}{_error(g * factor, g * error[0])}"
+            return f"gravity in the run is {theirs} m/s² instead of {ours} m/s²"
+        case "gravity-vector":
+            ours = _plain(c.base) if c.size == 1 else f"({_plain(c.base)})"
+            return f"gravity in the run is {several} m/s², not {ours}"
+        case "mass-scale":
+            return f"all masses and inertias in the run are {shown} times those of the model{_more(factor)}"
+        case "body-inertia":
+            return f"mass and inertia of {element} in the run are {shown} times the model's{_more(factor)}"
+        case "body-mass":
+            return f"the mass of {element} in the run is {shown} times the model's{_more(factor)}"
+        case "body-moments":
+            return (
+                f"the central moments of inertia of {element} in the run are {shown} times the model's"
+                + _more(factor)
+            )
+        case "body-moment":
+            return (
+                f"the central moment of inertia {c.names[0]} of {element} in the run is {shown}, not "
+                f"{c.base[0]:.6g} kg·m²"
+            )
+        case "body-tensor":
+            return f"the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)"
+        case "body-centre":
+            axes = ", ".join(c.names)
+            return f"the mass centre of {element} in the run is moved by {several} m along {axes} of the body"
+        case "actuator-gear":
+            return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
+        case "channel-factor" if abs(factor) < 3.0 * error[0]:
+            return f"{element} does not act in the run: {shown} of its {c.origin} force"
+        case "channel-factor":
+            return f"{element} acts with {shown} of its {c.origin} force"
+        case "actuator-delay":
+            return f"{element} acts {shown} s later than it was logged"
+        case "damping" | "stiffness" | "armature":
+            noun = {"damping": "the damping of", "stiffness": "the stiffness of"}
+            what = noun.get(c.kind, "the rotor inertia of")
+            return f"{what} joint {element} in the run is {shown}, not {c.base[0]:.6g} {c.units[0]}"
+        case "rest-angle":
+            return (
+                f"the spring of joint {element} rests at {shown}, not {c.base[0]:.6g} {c.units[0]}"
+            )
+        case "constant-force":
+            return f"a constant force of {shown} {c.units[0]} acts on joint {element}"
+        case "missing-spring" if c.size == 2:
+            return (
+                f"a spring of {_number(theta[0], error[0])} {c.units[0]} that the model does not have acts "
+                f"on joint {element}, with {_number(theta[1], error[1])} {c.units[1]} at zero"
+            )
+        case "missing-damper" | "missing-friction" | "missing-rotor-inertia" | "missing-spring":
+            noun = {
+                "missing-damper": "viscous damping",
+                "missing-friction": "dry friction",
+                "missing-rotor-inertia": "rotor inertia",
+            }
+            return (
+                f"a {noun.get(c.kind, 'spring stiffness')} of {shown} {c.units[0]} at joint {element} that "
+                "the model does not have"
+            )
+    along = ", ".join(c.names)
+    frame = "the body" if c.kind in ("thrust", "body-torque") else "the world"
+    noun_of = "moment" if c.kind in ("applied-moment", "body-torque") else "force"
+    return (
+        f"a constant {noun_of} of {several} {c.units[0]} along {along} of {frame} acts on {element}"
+    )
+
+
+def remedy(kind: str) -> str:
+    """What to do about a cause of a kind."""
+    if kind.startswith("gravity"):
+        return "Give model and simulator the same gravity"
+    if kind == "actuator-gear":
+        return "Check the gear ratio and the unit of this actuator's logged force"
+    if kind == "actuator-delay":
+        return "Log the force that acted, not the one that was commanded"
+    if kind == "channel-factor":
+        return "Check this element's parameters in the model, or the unit of its logged force"
+    if kind == "mass-scale" or kind.startswith("body-"):
+        return "Check masses and inertias of the model against those that the simulator used"
+    if kind in ("damping", "stiffness", "armature", "rest-angle"):
+        return "Give the model the value that the simulator used"
+    return "Add it to the model, or log its force"
+
+
+def _more(factor: float) -> str:
+    percent = 100.0 * abs(factor - 1.0)
+    if percent < 1e-4 or factor <= 0.0:
+        return ""
+    return f": {percent:.3g} % {'larger' if factor > 1.0 else 'smaller'}"
+
+
+def _numbers(c: Candidate, theta: Array, error: Array) -> str:
+    """Values with errors; a mass that moved and a missing force are told by θ, which is their value."""
+    return ", ".join(_number(float(v), float(e)) for v, e in zip(c.base + theta, error))
+
+
+def _number(value: float, error: float) -> str:
+    if abs(value) < error:
+        return f"0{_error(1.0, error)}"
+    return f"{value:.{_digits(value, error)}g}{_error(value, error)}"
+
+
+def _digits(value: float, error: float) -> int:
+    if not value or not np.isfinite(error) or error <= 0.0:
+        return 6
+    return int(np.clip(np.ceil(np.log10(abs(value) / error)) + 1, 2, 7))
+
+
+def _error(value: float, error: float) -> str:
+    return "" if error <= WORTH_SAYING * abs(value) else f" ± {error:.2g}"
+
+
+def _plain(values: Sequence[float] | Array) -> str:
+    return ", ".join(f"{float(v):.6g}" for v in values)
+
+
+# --- what an explanation holds -------------------------------------------------------------------
+
+Kind = Literal["nothing", "explained", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A change of the model that would explain the residual.
+
+    kind, element   what, and of which body, joint or channel; "gravity", "body-mass", "missing-damper", …
+    values, errors  its numbers with their standard errors: what the run has
+    names, units    of these
+    model           what the model has in their place
+    share           of the squared residual that this cause alone explains of what the others leave
+    sentence        all of it in words
+    """
+
+    kind: str
+    element: str
+    values: tuple[float, ...]
+    errors: tuple[float, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    model: tuple[float, ...]
+    share: float
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What explains the residual F_r + F*_r of a log.
+
+    Attributes:
+        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; or
+            "unexplained" by the causes that are known.
+        causes: the fewest that explain it, largest first.
+        explained: share of the squared residual that they explain, what is noise left out.
+        alternatives: other sets of causes that the log does not tell from these.
+        separating: the motion that would tell them apart, or that none does.
+        unseen: elements whose masses, inertias or channels the log hardly shows.
+        form: "samples", with measured accelerations; "weak", from speeds over windows.
+        residual: largest root mean square of an equation's residual, as a share of its terms.
+        noise: what of that the noise of the log accounts for.
+        samples: how many were looked at.
+        notes: what the log's forces hide: channels that the model does not have.
+    """
+
+    kind: Kind
+    causes: tuple[Cause, ...]
+    explained: float
+    alternatives: tuple[tuple[Cause, ...], ...]
+    separating: str
+    unseen: tuple[str, ...]
+    form: Form
+    residual: float
+    noise: float
+    samples: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in a sentence or two."""
+        return ". Note: ".join((self._outcome, *self.notes))
+
+    @property
+    def _outcome(self) -> str:
+        if self.kind == "nothing":
+            return (
+                f"There is nothing to explain: the equations of motion hold to {self.residual:.1g} of their "
+                f"terms, and noise accounts for {self.noise:.1g}"
+            )
+        if self.kind == "unexplained":
+            nearest = f"; the nearest is {self.causes[0]}" if self.causes else ""
+            return (
+                f"No few causes of those known explain the residual ({self.residual:.2g} of the terms)"
+                f"{nearest}, which explains {percent(self.explained)}"
+            )
+        told = "; ".join(c.sentence for c in self.causes)
+        told = f"{told[:1].upper()}{told[1:]}"
+        if not any(c.share for c in self.causes):
+            closed = f"the equations hold to {self.residual:.1g} of their terms"
+            return f"{told}. With the forces as logged, {closed}"
+        that = "Together that" if len(self.causes) > 1 else "That"
+        said = f"{told}. {that} explains {percent(self.explained)} of the residual"
+        if self.kind == "ambiguous":
+            others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
+            more = len(self.alternatives) - 4
+            said += f". The log explains as well: {others}"
+            said += f"; or {more} more" if more > 0 else ""
+            said += f". {self.separating}" if self.separating else ""
+        return said
+
+    def explain(self, width: int = 96) -> str:
+        """All of it in words: the outcome, the causes with their numbers, notes, what was not seen."""
+        lines = [f"{self.kind}. {self._outcome}."]
+        lines += [f"Note: {note}." for note in self.notes]
+        if self.unseen:
+            lines.append(f"Not seen in this log: {', '.join(self.unseen)}.")
+        told = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
+        return "\n".join([*told, self.table()] if self.causes else told)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Cause, element, value in the run, its error, value in the model, unit, share; as text."""
+        return [
+            (
+                c.kind if k == 0 else "",
+                c.element if k == 0 else "",
+                f"{name} {c.values[k]:.6g}",
+                f"{c.errors[k]:.2g}",
+                f"{c.model[k]:.6g}",
+                c.units[k],
+                percent(c.share) if k == 0 else "",
+            )
+            for c in self.causes
+            for k, name in enumerate(c.names)
+        ]
+
+    def table(self) -> str:
+        """Causes with their numbers, a line each."""
+        heads = ("cause", "of", "in the run", "±", "in the model", "unit", "explains")
+        rows = [heads, *self.rows()]
+        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
+        return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        held = {k: v for k, v in vars(self).items() if k not in ("causes", "alternatives")}
+        return {
+            **held,
+            "sentence": self.sentence,
+            "causes": [vars(c) for c in self.causes],
+            "alternatives": [[vars(c) for c in other] for other in self.alternatives],
+        }
+
+    def findings(self) -> list[Finding]:
+        """The causes as findings of an audit; none where the residual is not explained."""
+        if self.kind not in ("explained", "ambiguous"):
+            return []
+        evidence = f"explains {percent(self.explained)} of what is left of the equations of motion"
+        if len(self.causes) > 1:
+            evidence = (
+                f"together these explain {percent(self.explained)} of what is left of the equations"
+            )
+        if self.alternatives:
+            others = (" and ".join(map(str, other)) for other in self.alternatives[:3])
+            evidence += f"; explained as well by: {'; '.join(others)}"
+            evidence += f". {self.separating}" if self.separating else ""
+        return [
+            Finding(
+                c.kind,
+                c.sentence,
+                evidence,
+                remedy(c.kind),
+                "cause",
+                c.element,
+                c.values[0],
+                c.errors[0],
+            )
+            for c in self.causes
+        ]
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def percent(share: float) -> str:
+    """A share near one, with as many nines as it has."""
+    if share == 1.0:
+        return "all but noise and rounding"
+    return "all but 1e-6" if share > 1 - 1e-6 else f"{100 * share:.4g} %"

@@ -1,0 +1,3 @@
+"""What users hand over (models, logs, equations), resolved and checked at the door."""
+
+from __future__ import annotations

@@ -1,0 +1,170 @@
+"""Channels of a log that the model does not have: their forces are taken as logged, which must be said."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deltac.diagnosis.verdict import Finding, percent
+from deltac.dynamics.forces import channels
+from deltac.dynamics.system import trace
+from deltac.energy import Ledger
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.importers import ImportReport
+
+OF_MODELS = ("friction", "limit", "actuator")
+"""Kinds that a simulator takes from its model: others come of what it meets, or are judged elsewhere."""
+
+
+def foreign_channels(
+    mechanism: Mechanism, run: Trajectory, import_report: ImportReport | None
+) -> dict[str, float]:
+    """The work (J) of channels of these kinds that neither the model nor its file has, by trapezoids.
+
+    What the importer left to the log, for the file has it, is not foreign; nor is what never acted.
+    """
+    told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
+    asked = [
+        n
+        for n, f in run.forces.items()
+        if n.partition(" ")[0] in OF_MODELS and f"'{n}'" not in told and f.any()
+    ]
+    if not asked:
+        return {}
+    ours = {channel.name for channel in channels(trace(mechanism))}
+    return {
+        n: float(np.trapezoid(np.einsum("ij,ij->i", run.u, run.forces[n]), run.t))
+        for n in asked
+        if n not in ours
+    }
+
+
+def foreign_notes(works: dict[str, float], turnover: float) -> list[Finding]:
+    """A note on each: it hides in a balance that holds, since its force is that of the log."""
+    return [
+        Finding(
+            "channel-not-in-model",
+            foreign_words(name, work),
+            f"{percent(abs(work) / turnover) if turnover > 0.0 else 'nothing'} of the turnover",
+            "Add it to the model if the model shall move so by itself",
+            "note",
+            name,
+        )
+        for name, work in works.items()
+    ]
+
+
+def foreign_words(name: str, work: float) -> str:
+    """What such a channel is, and did."""
+    return (
+        f"the log has a channel {name!r} that the model does not have; its force is taken as logged, and did "
+        f"{work:.3g} J of work"
+    )
+
+
+# --- motors of the model against those of the simulator ------------------------------------------
+
+SAME = 1e-9
+"""Relative difference up to which two strengths are the same number."""
+
+
+def differing_gears(
+    run: Trajectory, ledger: Ledger, tolerance: float, import_report: ImportReport | None
+) -> list[Finding]:
+    """Motors whose force per unit of control was another in the simulator than it is in the model.
+
+    A recorded run tells the strengths of its simple motors. A difference is a cause where it moved more
+    energy than the tolerance.
+    """
+    found: list[Finding] = []
+    for gear in other_gears(run, import_report):
+        power = np.abs(ledger.power.get(gear.channel, np.zeros(len(ledger.t))))
+        energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
+            np.trapezoid(power, ledger.t)
+        )
+        share = percent(energy / ledger.turnover) if ledger.turnover > 0.0 else "nothing"
+        found.append(
+            Finding(
+                "channel-differs",
+                str(gear),
+                f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
+                f"{energy:.3g} J went through the difference, {share} of the turnover",
+                "Give the model the gear that the simulator used",
+                "cause" if energy > tolerance * ledger.turnover else "note",
+                gear.channel,
+                gear.factor,
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Gear:
+    """A motor with another force per unit of control in the log than in the model, and their ratio.
+
+    `factor` is None where no single number turns one into the other.
+    """
+
+    channel: str
+    logged: np.ndarray
+    model: np.ndarray
+    factor: float | None
+
+    def __str__(self) -> str:
+        ratio = f"{self.factor:.5g} times the model's" if self.factor else "not the model's"
+        return (
+            f"the logged force of {self.channel!r} is {ratio} at the same control: the simulator had another "
+            "gear or gain"
+        )
+
+
+def other_gears(run: Trajectory, import_report: ImportReport | None) -> list[Gear]:
+    """Motors of which run and model tell different strengths."""
+    found: list[Gear] = []
+    theirs, ours = _strengths(run), import_report.strengths if import_report else {}
+    for name in sorted(theirs.keys() & ours.keys()):
+        logged, model = np.array(theirs[name]), np.array(ours[name])
+        if logged.shape != model.shape or not np.allclose(logged, model, rtol=SAME, atol=0.0):
+            found.append(Gear(f"actuator {name}", logged, model, _factor(logged, model)))
+    return found
+
+
+def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ...]:
+    """What an audit does not see of actuators whose control law was not compared."""
+    compared = _strengths(run).keys() & (import_report.strengths if import_report else {})
+    logged = [n for n in run.forces if n.startswith("actuator ")]
+    unknown = [n for n in logged if n.removeprefix("actuator ") not in compared]
+    if not unknown or import_report is None:
+        return ()
+    shown = ", ".join(map(repr, unknown[:3])) + (", …" if len(unknown) > 3 else "")
+    return (
+        f"a wrong gear, gain or control in the model: forces of {shown} are taken from the log",
+    )
+
+
+def _strengths(run: Trajectory) -> Mapping[str, Sequence[float]]:
+    try:
+        held = json.loads(run.provenance.notes.get("strengths", "{}"))
+        return {str(n): [float(x) for x in values] for n, values in held.items()}
+    except (ValueError, TypeError, AttributeError):
+        return {}  # a note of somebody else's
+
+
+def _factor(logged: np.ndarray, model: np.ndarray) -> float | None:
+    """The number that turns the model's strengths into the log's, if one does."""
+    if logged.shape != model.shape or not model.any():
+        return None
+    factor = float(model @ logged / (model @ model))
+    fits = np.allclose(logged, factor * model, rtol=1e-6, atol=1e-9 * np.abs(logged).max())
+    return factor if fits and factor else None
+
+
+def _shown(strengths: np.ndarray) -> str:
+    return " ".join(f"{x:.5g}" for x in np.trim_zeros(strengths, "b")) or "0"

@@ -1,0 +1,87 @@
+"""Equations and coordinate maps in Python files: what the command line calls them."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from deltac.diagnosis.inputs.models import from_file
+from deltac.errors import InputError
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.simulation.equations import Equations
+
+
+def load_equations(text: str) -> Equations | Callable[..., Any]:
+    """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
+
+    A function without parameters is asked for it. Raises InputError for anything else.
+    """
+    path, name = _divided(text, "equations", "FUNCTION")
+    found = _asked(from_file(path, name, "equations"), text)
+    if isinstance(found, Equations):
+        return replace(found, rhs=_staying(found.rhs, text))
+    if not callable(found):
+        raise InputError(
+            f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
+            "dc.Equations"
+        )
+    return _staying(found, text)
+
+
+def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
+    """The function, which may not end the program: its exit status is the verdict's."""
+
+    @functools.wraps(function)
+    def called(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except SystemExit as error:
+            raise InputError(
+                f"{text} called sys.exit({error.code!r}); let it return u̇, or raise an error that says why "
+                "it cannot"
+            ) from None
+
+    return called
+
+
+def load_map(text: str) -> CoordinateMap | str:
+    """The coordinates that ``joint``, ``absolute`` or ``FILE.py:MAP`` mean (see `check_equations`)."""
+    if not text.partition(":")[0].endswith(".py"):
+        return text
+    path, name = _divided(text, "coordinates", "MAP")
+    found = _asked(from_file(path, name, "coordinates"), text)
+    if isinstance(found, Equations):
+        found = found.coordinates
+    if not isinstance(found, CoordinateMap):
+        raise InputError(
+            f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap"
+        )
+    return found
+
+
+def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
+    file, colon, name = text.rpartition(":")
+    if not colon or not file.endswith(".py") or not name:
+        example = text if text.endswith(".py") else "FILE.py"
+        raise InputError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
+    return Path(file), name
+
+
+def _asked(found: Any, text: str) -> Any:
+    """What a function without parameters returns; anything else as it is."""
+    if not callable(found) or isinstance(found, Equations):
+        return found
+    try:
+        needs = [p for p in inspect.signature(found).parameters.values() if p.default is p.empty]
+    except (TypeError, ValueError):
+        return found
+    if needs:
+        return found
+    try:
+        return found()
+    except Exception as error:
+        raise InputError(f"{text} failed: {type(error).__name__}: {error}") from error

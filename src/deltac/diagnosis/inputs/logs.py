@@ -1,0 +1,232 @@
+"""The names in a log against those of a model: the first thing that goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.diagnosis.verdict import Finding
+from deltac.energy import Ledger, balance
+from deltac.energy.streaming import OVERLAP, balance_chunks
+from deltac.errors import InputError, closest
+from deltac.mechanism.coordinates import Entries
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
+from deltac.trajectories.formats.parquet import parquet_size
+from deltac.trajectories.lint import gap_rows
+from deltac.trajectories.trajectory import row_name
+
+
+def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """The log with its columns in the mechanism's order, and a finding if they were in another.
+
+    Raises InputError, comparing the joints, for a log of another mechanism.
+    """
+    places_q = _places("coordinate", mechanism.name, mechanism.coordinates, run.coordinates)
+    places_u = _places("speed", mechanism.name, mechanism.speeds, run.speeds)
+    ordered = (run.coordinates, run.speeds) == (
+        mechanism.coordinates.names,
+        mechanism.speeds.names,
+    )
+    if ordered:
+        return run, []
+    ours, theirs = mechanism.coordinates.names, run.coordinates
+    if ours == theirs:
+        ours, theirs = mechanism.speeds.names, run.speeds
+    moved = replace(
+        run,
+        q=run.q[:, places_q],
+        u=run.u[:, places_u],
+        udot=None if run.udot is None else run.udot[:, places_u],
+        forces={name: force[:, places_u] for name, force in run.forces.items()},
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        events=tuple(event.reordered(places_q, places_u) for event in run.events),
+    )
+    finding = Finding(
+        "order",
+        "the log's columns are in another order than the model's and were put in the model's by name",
+        f"log: {_shown(theirs)}; model: {_shown(ours)}",
+        "If the log's names are right, nothing is to be done",
+    )
+    return moved, [finding]
+
+
+def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.ndarray:
+    unknown = [name for name in theirs if name not in ours.names]
+    missing = [name for name in ours.names if name not in theirs]
+    if unknown or missing:
+        lines = [f"the log is not of model {model!r}: their {what}s differ"]
+        if unknown:
+            hints = (closest(name, missing or ours.names) for name in unknown[:4])
+            told = (
+                repr(name) + (hint if "did you mean" in hint else "")
+                for name, hint in zip(unknown, hints, strict=False)
+            )
+            lines.append("in the log only: " + ", ".join(told) + _more(unknown))
+        if missing:
+            lines.append("in the model only: " + ", ".join(map(repr, missing[:4])) + _more(missing))
+        lines.append("Rename the columns with a mapping file, or take the model of this log")
+        raise InputError(". ".join(lines))
+    return np.array([theirs.index(name) for name in ours.names], dtype=np.intp)
+
+
+def _more(names: Sequence[str]) -> str:
+    return f" and {len(names) - 4} more" if len(names) > 4 else ""
+
+
+def _shown(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+
+
+# --- what a user calls a log ---------------------------------------------------------------------
+
+LARGE = 16_000_000
+"""Numbers in a Parquet log (128 MB; balancing takes several times that) above which it is read in parts."""
+
+STRETCH = 16
+"""Rows that a part of a log has at least to be balanced on its own."""
+
+LARGEST = 1e50
+"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
+
+PART = 4_000_000
+"""Numbers in such a part, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log and its ledger.
+
+    `run` are its rows, or some of them where it was read in parts; `consecutive` rows that follow each
+    other: all, or those of the first part.
+    """
+
+    run: Trajectory
+    consecutive: Trajectory
+    ledger: Ledger
+    findings: tuple[Finding, ...]
+
+
+def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) -> Log:
+    """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
+
+    `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
+    another program's file are: a path, or a `LogMapping`.
+
+    Raises InputError for a log that cannot be read, or is of another model.
+    """
+    if isinstance(source, Trajectory):
+        if mapping is not None:
+            raise InputError("mapping= is for log files; this log is a Trajectory already")
+        return _whole(mechanism, source, work)
+    if not isinstance(source, str | Path):
+        raise InputError(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+    path = Path(source)
+    if path.suffix.lower() == ".parquet" and path.is_file():
+        rows, columns = _size(path)
+        if rows * columns > LARGE:
+            return _in_parts(mechanism, path, work, mapping, max(4, PART // columns // 4 * 4))
+    return _whole(mechanism, read_trajectory(path, mapping, mechanism), work)
+
+
+def _size(path: Path) -> tuple[int, int]:
+    try:
+        return parquet_size(path)
+    except Exception:  # damaged: reading it says how
+        return 0, 1
+
+
+def _whole(mechanism: Mechanism, given: Trajectory, work: str | None) -> Log:
+    run, findings = in_model_order(mechanism, given)
+    _refuse_garbage(run)
+    ledger = balance(mechanism, run, work or _work(run))
+    _refuse_undefined(ledger)
+    return Log(run, run, ledger, tuple(findings))
+
+
+def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int) -> Log:
+    def chunks() -> Iterator[Chunk]:
+        for chunk in scan_trajectory(path, rows, OVERLAP, mapping, mechanism):
+            _refuse_garbage(chunk.run, chunk.first_row, chunk.rows)
+            yield replace(chunk, run=in_model_order(mechanism, chunk.run)[0])
+
+    given = next(scan_trajectory(path, rows, OVERLAP, mapping, mechanism)).run
+    first, findings = in_model_order(mechanism, given)
+    ledger, kept = balance_chunks(mechanism, chunks(), work or _work(first))
+    _refuse_undefined(ledger)
+    note = Finding(
+        "read-in-parts",
+        "the log is large and was balanced in parts; statistics other than works and ΔC are of some rows",
+        f"{len(kept)} rows were kept",
+        "Nothing is to be done",
+    )
+    return Log(kept, first, ledger, (*findings, note))
+
+
+def stretches(mechanism: Mechanism, run: Trajectory) -> list[Ledger]:
+    """Ledgers of the parts of a log between its gaps; of few rows there is none."""
+    edges = [0, *(gap_rows(run.t) + 1), len(run)]
+    parts = [run.between(run.t[a], run.t[b - 1]) for a, b in pairwise(edges) if b - a >= STRETCH]
+    return [balance(mechanism, part, _work(part) or "samples") for part in parts]
+
+
+def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) -> None:
+    """InputError, naming column and row, for a number that is no measurement."""
+    columns = [("q", run.q, run.coordinates), ("u", run.u, run.speeds)]
+    columns += [("udot", run.udot, run.speeds)] if run.udot is not None else []
+    columns += [(f"force.{name}", force, run.speeds) for name, force in run.forces.items()]
+    for what, values, names in columns:
+        absurd = np.argwhere(np.abs(values) > LARGEST)
+        if len(absurd):
+            row, k = absurd[0]
+            raise InputError(
+                f"column '{what}.{names[k]}', {row_name(first + int(row), rows or len(run))}, t = "
+                f"{run.t[row]:g} s: found {values[row, k]:.4g}, which is beyond any physical quantity. The "
+                "file is damaged, or the run blew up: keep only the rows before it, or repair the source"
+            )
+
+
+def _refuse_undefined(ledger: Ledger) -> None:
+    """InputError, naming the time, where the energies of the logged states are not finite."""
+    groups = (ledger.potential, ledger.power, ledger.work, ledger.delta_c, ledger.error_bar)
+    named = {"K": ledger.kinetic, **{n: values for group in groups for n, values in group.items()}}
+    for name, values in named.items():
+        undefined = np.flatnonzero(~np.isfinite(values))
+        if undefined.size:
+            raise InputError(
+                f"the energy of {name!r} is {values[undefined[0]]} at t = {ledger.t[undefined[0]]:g} s: the "
+                "model has no energy in the state logged there (a quaternion of length zero, a singular "
+                "configuration, or forces out of all bounds). Repair or cut the log there"
+            )
+
+
+def held_between_rows(log: Log) -> float:
+    """Energy (J) that is not known where an engine held forces over steps of which some were not logged.
+
+    Held over a step h a force is on average h/2 older than one that is interpolated: ∫ (h/2) ḟᵀu dt.
+    """
+    run, step = log.run, log.run.provenance.step
+    if step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
+        return 0.0
+    held = [
+        run.forces[n] for n in run.provenance.notes.get("held", "").split(";") if n in run.forces
+    ]
+    mean = 0.5 * (run.u[1:] + run.u[:-1])
+    late = sum((np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in held), np.zeros(len(mean)))
+    return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
+
+
+def _work(run: Trajectory) -> str | None:
+    """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
+    step = run.provenance.step
+    held = set(run.provenance.notes.get("held", "").split(";"))
+    if run.integrals or not run.forces or step is None or not held.issuperset(run.forces):
+        return None
+    every_step = np.allclose(np.diff(run.t), step, rtol=1e-6, atol=0.0)
+    return "discrete" if every_step else None

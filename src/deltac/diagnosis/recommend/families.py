@@ -1,0 +1,267 @@
+"""What a recommendation chooses from: our solvers with their steps or tolerances, and MuJoCo's."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from deltac.diagnosis.recommend.work_precision import Family, Motion, Piece
+from deltac.errors import InputError, closest
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.simulate import simulate
+from deltac.simulation.solvers import SOLVERS, Solver, find_solver
+from deltac.trajectories import Trajectory
+
+Control = Callable[[Any, Any], object]
+
+LADDER = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0)
+"""Numbers of steps go up by these within a factor of ten: a quarter more each time."""
+
+FEWEST, MOST = 20, 5_000_000
+"""Steps of the coarsest and of the finest setting of a solver of ours."""
+
+MOST_OF_MUJOCO = 200_000
+"""Steps of the finest setting in MuJoCo, where each is recorded."""
+
+SAMPLES = 200
+"""A run is timed with at least so many rows, or all of its steps."""
+
+ROWS = 20_000
+"""Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
+
+REFINED = 16
+"""A fixed step is verified against one this many times as small. That is enough for a solver of first
+order, at a kink of a law as well: the reference then has a sixteenth of the error."""
+
+TIGHTER, TIGHTEST = 1e-3, 1e-13
+"""An adaptive solver is verified against itself at so much of its tolerance, down to rounding."""
+
+DENSE, DECADES = 1000, 7
+"""An adaptive run may be sampled anywhere. It is verified on so many rows of the whole motion, and of its
+first 10th, 100th, … where a fast transient would fall between those."""
+
+TOLERANCES = tuple(10.0 ** (-k / 2.0) for k in range(6, 25))
+"""Settings of adaptive solvers: half decades from 1e-3 to 1e-12; a tenth of that is still computed."""
+
+SUITED = ("DOP853", "Radau", "CVODES", "IDAS")
+"""Adaptive solvers that are tried unless others are named; the rest is dearer at every tolerance."""
+
+MUJOCO = "mujoco:"
+
+
+def families(
+    source: Any,
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
+    solvers: Sequence[str] | None,
+    equations: Equations | None,
+    controller: Controller | None,
+    control: Control | None,
+) -> tuple[list[Family], tuple[str, ...]]:
+    """The families to choose from, and notes on what was left out.
+
+    Raises InputError for unknown solvers, and for a `control` that no MuJoCo model takes.
+    """
+    in_mujoco = _runs_in_mujoco(source)
+    if solvers is not None and not solvers:
+        raise InputError("recommend: solvers is empty; name some, or leave it out")
+    names = (
+        _suited(mechanism, controller, in_mujoco=in_mujoco) if solvers is None else list(solvers)
+    )
+    outside = [n for n in names if n.startswith(MUJOCO)]
+    if outside and not in_mujoco:
+        raise InputError(
+            f"recommend: {outside[0]!r} needs a MuJoCo model (.xml, .urdf, MjModel), but the model is "
+            f"{mechanism.name or 'a mechanism'!r}"
+        )
+    if control is not None and not outside:
+        raise InputError(
+            "recommend: control is for MuJoCo's integrators; give our own solvers a controller="
+        )
+    if equations is not None and outside:
+        raise InputError("recommend: MuJoCo's integrators cannot take equations by hand")
+    found, notes = [], []
+    for name in names:
+        if name in outside:
+            found.append(_mujoco(source, state, duration, name.removeprefix(MUJOCO), control))
+            continue
+        solver = find_solver(name)
+        if solver.family == "taylor":
+            notes.append(
+                f"{solver.name} chooses its step by itself and is made for references, not chosen from"
+            )
+        else:
+            found.append(_own(solver, mechanism, state, duration, equations, controller))
+    if not found:
+        raise InputError(f"recommend: nothing to choose from; {'; '.join(notes)}")
+    return found, tuple(notes)
+
+
+def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: bool) -> list[str]:
+    """Names that are tried when none are given, orders high to low, so that the best comes early."""
+    if in_mujoco:
+        from deltac.recorders.mujoco_recorder import ORDERS
+
+        return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
+    stepping = [s for s in SOLVERS.values() if s.family not in ("adaptive", "taylor")]
+    names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
+    held = controller is not None and controller.hold
+    return names + [n for n in SUITED if n in SOLVERS and not held]
+
+
+def _own(
+    solver: Solver,
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
+    equations: Equations | None,
+    controller: Controller | None,
+) -> Family:
+    def run(
+        step: float, span: float = duration, every: int = 1, tolerance: float | None = None
+    ) -> Trajectory:
+        return simulate(
+            mechanism,
+            state,
+            span,
+            step,
+            solver.name,
+            ("wang",),
+            equations,
+            controller=controller,
+            tolerance=tolerance,
+            record_every=every,
+        )
+
+    def stepped(step: float, rows: int, finer: int = 1) -> Trajectory:
+        steps = round(duration / step)
+        return run(duration / (finer * steps), every=finer * _every(steps, rows))
+
+    def every_step(step: float) -> list[Piece]:
+        steps = round(duration / step)
+        return [
+            Piece(
+                lambda: stepped(step, steps),
+                lambda: stepped(step, steps, REFINED),
+                float(REFINED ** (solver.order or 1)),
+            )
+        ]
+
+    def adaptive(tolerance: float) -> Trajectory:
+        return run(duration / SAMPLES, tolerance=tolerance)
+
+    def beginnings(tolerance: float) -> list[Piece]:
+        tighter = max(TIGHTER * tolerance, TIGHTEST)
+        return [
+            Piece(
+                partial(run, span / DENSE, span, tolerance=tolerance),
+                partial(run, span / DENSE, span, tolerance=tighter),
+                tolerance / tighter,
+            )
+            for span in (duration / 10**k for k in range(DECADES))
+        ]
+
+    if solver.family == "adaptive":
+        return Family(
+            solver.name,
+            solver.order,
+            0,
+            TOLERANCES,
+            "tolerance",
+            adaptive,
+            beginnings,
+            halved=lambda h: h / 10.0,
+        )
+    return Family(
+        solver.name,
+        solver.order,
+        solver.stages,
+        _steps(duration, FEWEST, MOST),
+        "step",
+        lambda step: stepped(step, ROWS),
+        every_step,
+        work=lambda step: stepped(step, SAMPLES),
+    )
+
+
+def _mujoco(
+    source: Any, state: State, duration: float, integrator: str, control: Control | None
+) -> Family:
+    from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
+
+    if integrator.lower() not in ORDERS:
+        raise InputError(
+            f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), ORDERS)}"
+        )
+    recorded = mujoco_simulator(
+        source, duration, integrator=integrator, control=control, state=state
+    )
+
+    def plain(step: float, every: int = 0) -> Motion:
+        """The run without recording, what a user will pay for; or with its motion at every so many steps."""
+        import mujoco
+
+        model = copy.copy(recorded.model)
+        model.opt.timestep = step
+        model.opt.integrator = integrator_names()[recorded.integrator]
+        # A reset in the middle of a run would hide that it blew up.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        data = mujoco.MjData(model)
+        mujoco.mj_copyData(data, model, recorded.data)
+        start = data.time
+        rows = [(start, data.qpos.copy(), data.qvel.copy())]
+        for k in range(round(duration / step)):
+            if control is not None:
+                control(model, data)
+            mujoco.mj_step(model, data)
+            if every and (k + 1) % every == 0:
+                rows.append((start + (k + 1) * step, data.qpos.copy(), data.qvel.copy()))
+        t, q, u = zip(*rows)
+        return Motion(np.array(t), np.array(q), np.array(u))
+
+    def every_step(step: float) -> list[Piece]:
+        gain = float(REFINED ** (recorded.order or 1))
+        return [Piece(partial(recorded, step), lambda: plain(step / REFINED, every=REFINED), gain)]
+
+    return Family(
+        f"{MUJOCO}{integrator.lower()}",
+        recorded.order,
+        4 if recorded.order == 4 else 1,
+        _steps(duration, FEWEST, MOST_OF_MUJOCO),
+        "step",
+        recorded,
+        every_step,
+        plain,
+    )
+
+
+def _runs_in_mujoco(source: Any) -> bool:
+    if isinstance(source, str) or hasattr(source, "suffix"):
+        return str(source).lower().endswith((".xml", ".mjcf", ".urdf"))
+    return type(source).__module__.partition(".")[0] == "mujoco"
+
+
+def _steps(duration: float, fewest: int, most: int) -> tuple[float, ...]:
+    """Steps that divide the duration, coarse to fine."""
+    counts = sorted(
+        {
+            round(m * 10**k)
+            for m in LADDER
+            for k in range(1, 8)
+            if fewest <= round(m * 10**k) <= most and (m * 10**k) % 1 == 0
+        }
+    )
+    return tuple(duration / n for n in counts)
+
+
+def _every(steps: int, rows: int) -> int:
+    """Keep every so many steps: the most that divides them and leaves so many rows, or all."""
+    most = max(1, steps // rows)
+    return next(r for r in range(most, 0, -1) if steps % r == 0)

@@ -1,0 +1,200 @@
+"""`Advice`: a recommended solver and step, and what it rests on, in words."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+from typing import Any
+
+from deltac.diagnosis.recommend.work_precision import Trial
+from deltac.diagnosis.verdict import percent
+
+SAME_TIME = 1.2
+"""Times within this factor are the same; fewer evaluations decide."""
+
+LIMITS = (
+    "errors of the model: the advice is about the integration only",
+    "other motions: another start or drive may need a smaller step",
+    "other machines: times are of this one, though their ratios change little",
+)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A recommended solver and its step or tolerance, with what it rests on.
+
+    Attributes:
+        solver, step: what to use; `step` is None for a solver that takes a `setting` as its tolerance.
+        best: the trial of the advice, None if nothing tried keeps the tolerance.
+        coarser: the next cheaper setting of that solver, which does not.
+        finer: the trial at half the step (a tenth of the tolerance), which confirms it.
+        runner_up: the next best solver at its own best setting, not always verified; `agreement` is how
+            far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
+        trials: all that was tried.
+        tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
+        turnover: energy turned over in it, J.
+        notes: why some solvers were left out.
+    """
+
+    best: Trial | None
+    coarser: Trial | None
+    finer: Trial | None
+    runner_up: Trial | None
+    agreement: float
+    trials: tuple[Trial, ...]
+    tolerance: float
+    motion_tolerance: float
+    duration: float
+    turnover: float
+    notes: tuple[str, ...] = ()
+    limits: tuple[str, ...] = LIMITS
+
+    @property
+    def solver(self) -> str | None:
+        """The recommended solver."""
+        return None if self.best is None else self.best.solver
+
+    @property
+    def step(self) -> float | None:
+        """The recommended step, s; None for an adaptive solver."""
+        return self.best.setting if self.best and self.best.knob == "step" else None
+
+    @property
+    def setting_tolerance(self) -> float | None:
+        """The recommended relative tolerance of an adaptive solver, else None."""
+        return self.best.setting if self.best and self.best.knob == "tolerance" else None
+
+    @property
+    def verified(self) -> bool:
+        """Whether the run keeps the tolerances at all of its rows, and the finer one's energy confirms it."""
+        asked = (self.tolerance, self.motion_tolerance)
+        return (
+            self.best is not None
+            and self.best.verified
+            and self.best.passes(*asked)
+            and self.finer is not None
+            and self.finer.energy <= self.tolerance
+        )
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 a verified advice, 1 none of what was tried keeps the tolerance."""
+        return 0 if self.verified else 1
+
+    def explain(self, width: int = 96) -> str:
+        """The advice in words: what, why, why not the runner-up, and what it does not cover."""
+        lines = _explained(self)
+        lines += [f"Note: {note}." for note in self.notes]
+        lines.append(f"Not covered: {'; '.join(self.limits)}.")
+        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+
+        def trial(value: Trial | None) -> dict[str, Any] | None:
+            return None if value is None else value.to_dict()
+
+        return {
+            "solver": self.solver,
+            "step": self.step,
+            "setting_tolerance": self.setting_tolerance,
+            "verified": self.verified,
+            "best": trial(self.best),
+            "coarser": trial(self.coarser),
+            "finer": trial(self.finer),
+            "runner_up": trial(self.runner_up),
+            "agreement": None if math.isnan(self.agreement) else self.agreement,
+            "trials": [t.to_dict() for t in self.trials],
+            "tolerance": self.tolerance,
+            "motion_tolerance": self.motion_tolerance
+            if math.isfinite(self.motion_tolerance)
+            else None,
+            "duration": self.duration,
+            "turnover": self.turnover,
+            "notes": list(self.notes),
+            "limits": list(self.limits),
+        }
+
+
+def _explained(advice: Advice) -> list[str]:
+    best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
+    if best is None:
+        tried = [t for t in advice.trials if math.isfinite(t.energy)]
+        line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"
+        if tried:
+            nearest = min(tried, key=lambda t: t.excess(*asked))
+            line += f"; nearest comes {nearest.solver} at {setting_of(nearest)}, which "
+            line += failing(nearest, *asked)
+        return [
+            line + ". Ask for less, or for a shorter motion (a chaotic one loses every accuracy)."
+        ]
+    lines = [
+        f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "
+        f"{advice.turnover:.4g} J turned over in {advice.duration:g} s"
+        + (
+            ""
+            if math.isinf(asked[1])
+            else f", q and u within {_share(best.motion)} of their ranges{_everywhere(best)}"
+        )
+        + f" (asked for: {advice.tolerance:g}). It takes {_seconds(best.seconds)}"
+        + (f", {best.evaluations} evaluations of the accelerations." if best.evaluations else ".")
+    ]
+    if advice.finer is not None:
+        half = "half the step" if best.knob == "step" else "a tenth of the tolerance"
+        found = "confirms it" if advice.verified else "does not confirm it"
+        lines.append(
+            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of the turnover."
+        )
+    if advice.coarser is not None:
+        lines.append(
+            f"- The next cheaper {best.knob}, {_value(advice.coarser)}, {failing(advice.coarser, *asked)}."
+        )
+    second = advice.runner_up
+    if second is not None:
+        line = (
+            f"- Runner-up: {second.solver} with {second.knob} {_value(second)}, which takes "
+            + _longer(second.seconds / best.seconds)
+        )
+        if second.evaluations and best.evaluations:
+            line += f" ({second.evaluations} evaluations against {best.evaluations})"
+        if not math.isnan(advice.agreement):
+            line += f"; its motion agrees to {_share(advice.agreement)} of the ranges"
+        lines.append(line + ".")
+    return lines
+
+
+def _everywhere(best: Trial) -> str:
+    if not best.verified:
+        return ""
+    return " at every step" if best.knob == "step" else ", the first instants included"
+
+
+def _longer(ratio: float) -> str:
+    return f"{ratio:.2g} times as long" if ratio > SAME_TIME else "as long"
+
+
+def failing(trial: Trial, tolerance: float, motion: float) -> str:
+    """In words, what a trial misses."""
+    if trial.message:
+        return f"breaks down ({trial.message})"
+    if trial.energy > tolerance:
+        return f"leaves |ΔC| at {_share(trial.energy)} of the turnover"
+    return f"leaves q and u {_share(trial.motion)} of their ranges from the converged motion"
+
+
+def setting_of(trial: Trial) -> str:
+    """How a trial's setting is named: "step 0.001 s"."""
+    return f"{trial.knob} {_value(trial)}"
+
+
+def _value(trial: Trial) -> str:
+    return f"{trial.setting:.6g}{' s' if trial.knob == 'step' else ''}"
+
+
+def _share(value: float) -> str:
+    return percent(value) if value >= 1e-4 else f"{value:.1e}"
+
+
+def _seconds(value: float) -> str:
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"

@@ -1,0 +1,3 @@
+"""Equations of motion in rate form: at chosen states, and at the samples of a log."""
+
+from __future__ import annotations

@@ -1,0 +1,387 @@
+"""How fine the numbers of a log are: double or single precision, or so many digits of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.dynamics.forces import channels
+from deltac.dynamics.recursions import rnea
+from deltac.dynamics.spatial import SX
+from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+EPS = float(np.finfo(np.float64).eps)
+SINGLE = float(np.finfo(np.float32).eps)
+PROBES = 400
+
+
+def resolution(values: Array) -> Array:
+    """Half of the last digit of every number (T, n), column by column.
+
+    Columns of single precision, of a fixed number of decimals, or of a fixed number of significant
+    digits are recognised by their values; all others are taken for doubles. Zeros have no error.
+    """
+    half = np.empty_like(values)
+    for k, column in enumerate(values.T):
+        half[:, k] = _of_column(column)
+    return half
+
+
+def _of_column(column: Array) -> Array:
+    size = np.abs(column)
+    probes = np.unique(column[np.linspace(0, len(column) - 1, PROBES).astype(np.intp)])
+    probes = probes[probes != 0.0]
+    if len(probes) < 3:  # a constant says nothing about its digits
+        return EPS * size
+    readings = [
+        half for half in (_significant(size, probes), _decimals(size, probes)) if half is not None
+    ]
+    if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
+        return max(readings, key=lambda half: float(half.sum()))
+    if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
+        return SINGLE * size
+    return EPS * size
+
+
+def _significant(size: Array, probes: Array) -> Array | None:
+    for digits in range(3, 13):
+        if all(float(f"{x:.{digits - 1}e}") == x for x in probes):
+            decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
+            return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
+    return None
+
+
+def _decimals(size: Array, probes: Array) -> Array | None:
+    for decimals in range(1, 13):
+        if all(round(x, decimals) == x for x in probes.tolist()):
+            return np.full_like(size, 0.5 * 10.0**-decimals)
+    return None
+
+
+# --- the equations of motion at the samples of a log ---------------------------------------------
+# Kane's equations say F_r + F*_r = 0 for every free speed. What is left of them at the logged
+# states, accelerations and forces is a mistake in the model, in a force, or a missing channel;
+# not the integrator's, which only moves from one state to the next.
+
+MOST_ROWS = 3000
+"""Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
+
+PERTURBATIONS = 2
+CLEAR = 50.0
+"""A residual this many times above what the log's digits allow is no rounding."""
+
+NEGLIGIBLE = 1e-12
+"""Share of a momentum that rounding may change over a log."""
+
+LEAST = 1e-6
+"""Relative residuals below this are not called a mistake: constraint solvers stop there."""
+
+
+@dataclass(frozen=True, eq=False)
+class EquationTerms:
+    """Terms of F_r + F*_r (T, n) at T samples for the n free speeds, N or N·m.
+
+    Attributes:
+        speeds: the names of the free speeds (n).
+        rows: which samples of the log.
+        forces: F_r of each channel.
+        own: the model's own force of channels that the log replaced.
+        residual: the sum of forces, inertia forces and constraint forces.
+        scale: typical size of the terms that are added up, for each speed (n,).
+        precision: residual (n,) that the log's number of digits, or rounding, explains.
+    """
+
+    speeds: tuple[str, ...]
+    rows: NDArray[np.intp]
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    forces: Mapping[str, Array]
+    own: Mapping[str, Array]
+    residual: Array
+    scale: Array
+    precision: Array
+    evaluator: Evaluator
+
+    @property
+    def size(self) -> Array:
+        """Root mean square of the residual of each speed (n,)."""
+        return np.asarray(np.sqrt(np.mean(self.residual**2, axis=0)))
+
+    @property
+    def relative(self) -> Array:
+        """`size` as a fraction of `scale` (n,); zero where the terms themselves are no more than rounding."""
+        real = self.scale > CLEAR * self.precision
+        return np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=real)
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """Which speeds have a residual that neither rounding nor the log's digits explain (n,)."""
+        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
+
+    @property
+    def share_of_energy(self) -> Array:
+        """What the residual adds to ΔC: −∫ Σ u_r (F_r + F*_r) dt (T,), J, by trapezoids."""
+        power = -np.einsum("ij,ij->i", self.u, self.residual)
+        steps = 0.5 * (power[1:] + power[:-1]) * np.diff(self.t)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def weighted(self, values: Array) -> Array:
+        """Divided by the scale of each speed, so that N and N·m may be added up."""
+        weight = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.scale > 0)
+        return values * weight
+
+
+class Evaluator:
+    """Kane's equations of a mechanism with a log's forces, as functions of arrays of samples."""
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism = mechanism
+        free = mechanism.free
+        self.log = LoggedForces.of(run)
+        start = (float(run.t[0]), run.q[0, free.q])
+        self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+        s = self.symbols.system
+        at = s.free_u
+        given = {part.name for part in self.symbols.parts}
+        self.own_names = [p.name for p in channels(s) if p.name in self.log.places and not p.logged]
+        own = {p.name: p.force for p in channels(s)}
+        zero = ca.SX.zeros(len(at))
+        bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))
+        self._outputs: dict[str, SX] = {
+            "inertia": -(rnea(s, self.symbols.udot) - bias)[at],
+            "bias": -bias[at],
+            "constraint": zero,
+            **{f"force {p.name}": p.force[at] for p in self.symbols.parts},
+            **{f"own {name}": own[name][at] for name in self.own_names},
+        }
+        bound = self.symbols.constrained
+        if bound is not None:
+            G = bound.rows.G
+            self._outputs["constraint"] = ca.mtimes(G.T, self.symbols.reactions.multipliers)
+        self.channels = tuple(given)
+        self._function = self._compiled(self._outputs)
+
+    def _compiled(self, outputs: Mapping[str, SX]) -> ca.Function:
+        s = self.symbols.system
+        columns = [s.t, s.q, s.u, s.udot, self.symbols.logged]
+        return ca.Function("terms", columns, [ca.densify(ca.vec(x)) for x in outputs.values()])
+
+    def __call__(self, samples: Sampled) -> dict[str, Array]:
+        """All terms (T, n) by name."""
+        return dict(zip(self._outputs, self._evaluate(self._function, samples)))
+
+    def evaluate(self, outputs: Mapping[str, SX], samples: Sampled) -> list[Array]:
+        """Expressions in the symbols of the system, at the samples (T, n)."""
+        return self._evaluate(self._compiled(outputs), samples)
+
+    def _evaluate(self, function: ca.Function, samples: Sampled) -> list[Array]:
+        columns = [samples.t[None, :], samples.q.T, samples.u.T, samples.udot.T, samples.logged.T]
+        found = function.map(len(samples.t)).call([ca.DM(c) for c in columns])
+        return [np.array(x).T for x in found]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Columns of a log that the equations need: free q, u, u̇, and the logged forces (T, m)."""
+
+    t: Array
+    q: Array
+    u: Array
+    udot: Array
+    logged: Array
+
+    @staticmethod
+    def of(mechanism: Mechanism, run: Trajectory, log: LoggedForces) -> Sampled:
+        """All samples of a run that has accelerations."""
+        assert run.udot is not None
+        free = mechanism.free
+        forces = [values for values in log.values(run).values()]
+        logged = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
+        return Sampled(run.t, run.q[:, free.q], run.u[:, free.u], run.udot[:, free.u], logged)
+
+    def take(self, rows: NDArray[np.intp]) -> Sampled:
+        """Some of the samples."""
+        return Sampled(self.t[rows], self.q[rows], self.u[rows], self.udot[rows], self.logged[rows])
+
+
+def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
+    """The terms of the equations of motion at (at most `MOST_ROWS`) samples of a run with u̇."""
+    evaluator = Evaluator(mechanism, run)
+    everything = Sampled.of(mechanism, run, evaluator.log)
+    rows = np.unique(np.linspace(0, len(run) - 1, min(len(run), MOST_ROWS)).astype(np.intp))
+    samples = everything.take(rows)
+    found = evaluator(samples)
+    forces = {n.removeprefix("force "): x for n, x in found.items() if n.startswith("force ")}
+    own = {n.removeprefix("own "): x for n, x in found.items() if n.startswith("own ")}
+    residual = total(found)
+    magnitude = np.sum([np.abs(x) for x in _terms(found)], axis=0)
+    scale = np.sqrt(np.mean(magnitude**2, axis=0))
+    units = [mechanism.speeds[int(k)].unit for k in mechanism.free.u]
+    return EquationTerms(
+        speeds=tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u),
+        rows=rows,
+        t=samples.t,
+        q=samples.q,
+        u=samples.u,
+        udot=samples.udot,
+        forces=forces,
+        own=own,
+        residual=residual,
+        scale=_floored(scale, units),
+        precision=_precision(evaluator, everything, rows, residual, scale)
+        + _inertial_rounding(evaluator, samples, units),
+        evaluator=evaluator,
+    )
+
+
+def _inertial_rounding(evaluator: Evaluator, samples: Sampled, units: Sequence[str]) -> Array:
+    """Forces (n,) that would change the momenta by no more than rounding in the time of the log.
+
+    The terms of a body that flies freely cancel, and have no size of their own to tell rounding by.
+    """
+    some = samples.take(np.linspace(0, len(samples.t) - 1, 20).astype(np.intp))
+    momentum = np.abs(evaluator(replace(some, udot=some.u))["inertia"]).max(axis=0)
+    time = max(float(np.ptp(samples.t)), float(np.finfo(np.float64).tiny))
+    return _floored(NEGLIGIBLE * momentum / time, units, 1.0)
+
+
+def total(found: Mapping[str, Array]) -> Array:
+    """F_r + F*_r of an evaluator's terms."""
+    return np.asarray(np.sum(_terms(found), axis=0))
+
+
+def _terms(found: Mapping[str, Array]) -> list[Array]:
+    return [x for name, x in found.items() if not name.startswith("own ")]
+
+
+def _floored(scale: Array, units: Sequence[str], share: float = LEAST) -> Array:
+    """No scale below a `share` of the largest of its unit: what is zero but for rounding has no size."""
+    floored = scale.copy()
+    for unit in set(units):
+        same = np.array([u == unit for u in units])
+        floored[same] = np.maximum(floored[same], share * scale[same].max(initial=0.0))
+    return floored
+
+
+def _precision(
+    evaluator: Evaluator,
+    everything: Sampled,
+    rows: NDArray[np.intp],
+    residual: Array,
+    scale: Array,
+) -> Array:
+    """How much the residual moves when every number of the log moves by half its last digit."""
+    rng = np.random.default_rng(0)
+    digits = {name: resolution(getattr(everything, name))[rows] for name in _COLUMNS}
+    exact = everything.take(rows)
+    squares = np.zeros(residual.shape[1])
+    for _ in range(PERTURBATIONS):
+        moved = {
+            name: getattr(exact, name) + rng.uniform(-1, 1, half.shape) * half
+            for name, half in digits.items()
+        }
+        difference = total(evaluator(replace(exact, **moved))) - residual
+        squares += np.mean(difference**2, axis=0)
+    rounding = 4.0 * np.finfo(np.float64).eps * scale
+    return np.asarray(np.sqrt(squares / PERTURBATIONS) + rounding)
+
+
+_COLUMNS = ("q", "u", "udot", "logged")
+
+
+# --- constraints on acceleration level, ψ̇ = G u̇ + γ = 0, at the samples of a log ---------------
+# Projections after each step mend what wrong equations do across the constraints: states and
+# energies then look right. The accelerations still tell. Kane's equations do not: their
+# multipliers take up every error along Gᵀ.
+
+STIFFEST = 3.0
+"""Largest rate of decay, times the step, that a stabilisation may have: explicit methods stand no more."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintRates:
+    """What accelerations leave of ψ̇ = G u̇ + γ = 0, in m/s² or rad/s²: the n independent rows (n,).
+
+    Attributes:
+        names: the constraint of each row.
+        size: root mean square of ψ̇ over the samples.
+        scale: the same of the sum of its absolute terms.
+        precision: what of it the digits of the log explain.
+        restoring: what a stabilisation may have asked for.
+    """
+
+    names: tuple[str, ...]
+    size: Array
+    scale: Array
+    precision: Array
+    restoring: Array
+
+    @property
+    def relative(self) -> dict[str, float]:
+        """ψ̇ of each constraint as a share of its terms; 0 where digits or a stabilisation explain it."""
+        clear = (self.size > CLEAR * self.precision + self.restoring) & (
+            self.size > LEAST * self.scale
+        )
+        share = np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=clear)
+        return {
+            name: max(float(x) for x, owner in zip(share, self.names) if owner == name)
+            for name in dict.fromkeys(self.names)
+        }
+
+
+def constraint_rates(terms: EquationTerms, run: Trajectory) -> ConstraintRates | None:
+    """ψ̇ at the samples of a run with u̇, of which `terms` are the equations; None without constraints.
+
+    Baumgarte's stabilisation asks for ψ̇ = −2αψ − β²φ in place of zero, and soft constraints likewise. Their
+    α and β are not known, but at a step h they are `STIFFEST`/h at most.
+    """
+    bound = terms.evaluator.symbols.constrained
+    if bound is None or len(run) < 2:
+        return None
+    rows, evaluator = bound.rows, terms.evaluator
+    udot, u = evaluator.symbols.system.udot, evaluator.symbols.system.u
+    outputs = {
+        "rate": rows.gamma + ca.mtimes(rows.G, udot),
+        "terms": ca.fabs(rows.gamma) + ca.mtimes(ca.fabs(rows.G), ca.fabs(udot)),
+        "moved": ca.mtimes(ca.fabs(rows.G), ca.fabs(u)),
+        "psi": rows.psi,
+        "phi": rows.phi,
+    }
+    logged = np.zeros((len(terms.t), evaluator.log.size))
+    samples = Sampled(terms.t, terms.q, terms.u, terms.udot, logged)
+    rate, size, moved, psi, phi = evaluator.evaluate(outputs, samples)
+    scale = _rms(size) + _rms(moved) / float(np.ptp(run.t))
+    # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
+    scale = np.maximum(scale, LEAST * scale.max())
+    rate_of_decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
+    return ConstraintRates(
+        rows.names,
+        _rms(rate),
+        scale,
+        _digits(evaluator, outputs["rate"], samples, rate) + 4.0 * EPS * scale,
+        _rms(2.0 * rate_of_decay * np.abs(psi) + rate_of_decay**2 * np.abs(phi)),
+    )
+
+
+def _digits(evaluator: Evaluator, rate: SX, samples: Sampled, known: Array) -> Array:
+    """How much ψ̇ moves when every number of the log moves by half its last digit."""
+    rng = np.random.default_rng(0)
+    moved = {}
+    for name in ("q", "u", "udot"):
+        values = getattr(samples, name)
+        moved[name] = values + rng.uniform(-1, 1, values.shape) * resolution(values)
+    (other,) = evaluator.evaluate({"rate": rate}, replace(samples, **moved))
+    return _rms(other - known)
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

@@ -1,0 +1,376 @@
+"""Accelerations tested against a mechanism's equations at given states, without any integration.
+
+Kane's equations F_r + F*_r = 0, the testing functions in rate form ε = Ė − P, and the momentum balances
+are all affine in u̇. `EquationTest` evaluates their coefficients once; then a test of accelerations at
+all its states is a handful of small products.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.kane import (
+    Kane,
+    Point,
+    Terms,
+    evaluate,
+    matrices,
+    multiplier_map,
+    times,
+)
+from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
+from deltac.dynamics.independence import independence
+from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.terms import (
+    Constrained,
+    Energies,
+    Reactions,
+    constrained,
+    driving_forces,
+    terms,
+)
+from deltac.dynamics.testing_functions import applicable, testing_functions
+from deltac.errors import InputError
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
+
+TINY = float(np.finfo(np.float64).tiny)
+
+LEAST = 1e-3
+"""A speed's terms count as at least this share of its natural inertia force: rounding has no size."""
+
+MINIMAL = 1e-9
+"""Own speeds that move the constraints less than this (relative) satisfy them of themselves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What is left of the equations at B states, for some accelerations; all zero if these are right.
+
+    Attributes:
+        coordinates: F_r + F*_r of each own speed, less what constraint forces can explain (n, B), N or N·m.
+        scale: sum of the absolute terms of that equation (n, B).
+        relative: |coordinates| by the typical scale of the speed over all states (n, B); infinite where
+            the accelerations are not finite.
+        power: ε = Ė − P of each testing function (B,), W.
+        momentum: rate of each momentum less its forces (B,), N or N·m.
+        violation: ψ̇ = G u̇ + γ of each constraint row (nc, B), m/s² or rad/s².
+        relative_power, relative_momentum, relative_violation: as fractions of their typical terms.
+    """
+
+    coordinates: Array
+    scale: Array
+    relative: Array
+    power: Mapping[str, Array]
+    relative_power: Mapping[str, Array]
+    momentum: Mapping[str, Array]
+    relative_momentum: Mapping[str, Array]
+    violation: Array
+    relative_violation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """A scalar `constant` + `slope`·u̇ at B states: (B,) and (n, B).
+
+    `constant_size`, `slope_size` are the same with all terms taken absolutely.
+    """
+
+    constant: Array
+    slope: Array
+    constant_size: Array
+    slope_size: Array
+
+    def at(self, udot: Array) -> Array:
+        """Its values (B,)."""
+        return np.asarray(self.constant + _dot(self.slope, udot))
+
+    def size(self, udot: Array) -> Array:
+        """The sum of its absolute terms (B,) for accelerations of the size `udot` (n, B)."""
+        return np.asarray(self.constant_size + _dot(self.slope_size, udot))
+
+
+class EquationTest:
+    """The equations of a mechanism at B states; call it with accelerations u̇ (n, B) of own speeds.
+
+    Attributes:
+        states: t, own q and u.
+        kane: the mechanism written out.
+        M: mass matrix of the own speeds (B, n, n).
+        bias: inertia forces where u̇ = 0, with their sign in F* reversed (n, B).
+        forces: generalized force of each channel on the own speeds (n, B).
+        G, gamma: constraints on the own accelerations, G u̇ + γ = 0: (B, nc, n), (nc, B). Empty where the
+            own speeds satisfy the constraints of themselves.
+        speeds: names of the own speeds.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism | Kane,
+        states: States,
+        coordinates: CoordinateMap | None = None,
+        scales: Scales | None = None,
+        *,
+        strict: bool = True,
+    ) -> None:
+        """Evaluate all coefficients at the states (`scales`: natural ones, found if not given).
+
+        Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
+        """
+        kane = mechanism if isinstance(mechanism, Kane) else Kane(mechanism, coordinates)
+        self.kane, self.states, self.speeds = kane, states, kane.speed_names
+        self.scales = natural_scales(kane) if scales is None else scales
+        self.point: Point = kane.point(states.t, states.q, states.u)
+        known: Terms = kane.terms(states.t, self.point.q, self.point.u)
+        self.terms = known
+        if strict:
+            self._check(known)
+        Y, Yt = self.point.Y, self.point.Y.transpose(0, 2, 1)
+        self.M: Array = Yt @ known.M @ Y
+        self.bias: Array = times(Yt, known.bias + times(known.M, self.point.rest))
+        self.forces = {name: times(Yt, force) for name, force in known.forces.items()}
+        self.G: Array = known.G @ Y
+        self.gamma: Array = known.gamma + times(known.G, self.point.rest)
+        size = np.abs(known.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)
+        if np.abs(self.G).max(initial=0.0) <= MINIMAL * size:
+            self.G, self.gamma = self.G[:, :0], self.gamma[:0]
+        self._force = np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
+        self._static = np.abs(self.bias) + sum(map(np.abs, self.forces.values()))
+        self._M_size = np.abs(self.M)
+
+    def _check(self, known: Terms) -> None:
+        finite = np.isfinite(known.bias).all(axis=0) & np.isfinite(known.force).all(axis=0)
+        if not finite.all():
+            k = int(np.argmin(finite))
+            raise InputError(
+                f"the equations of {self.kane.mechanism.name!r} have no finite terms at state "
+                f"{dict(self.states.describe(k))}; leave it out"
+            )
+        speed = np.maximum(1.0, np.abs(self.point.u).max(axis=0, initial=0.0))
+        for level, off, unit in (
+            ("position", np.abs(known.phi), "m or rad"),
+            ("velocity", np.abs(known.psi) / speed, "m/s or rad/s"),
+        ):
+            if off.max(initial=0.0) > 1e3 * ON_CONSTRAINTS:
+                row, k = divmod(int(np.argmax(off)), off.shape[1])
+                raise InputError(
+                    f"constraint {self.kane.rows.names[row]!r} is off by {off[row, k]:.3g} {unit} at "
+                    f"{level} level at state {dict(self.states.describe(k))}; either the state or "
+                    "the coordinate map does not satisfy it"
+                )
+
+    # --- the mechanism's own answer ------------------------------------------------------------
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """The accelerations u̇ (n, B) of the own speeds by the mechanism's own equations."""
+        right = (self._force - self.bias).T[..., None]
+        free: Array = np.asarray(np.linalg.solve(self.M, right)[..., 0].T)
+        if not len(self.gamma):
+            return free
+        response, inverse = multiplier_map(self.M, self.G)
+        return np.asarray(free - times(response, times(inverse, self.gamma + times(self.G, free))))
+
+    @cached_property
+    def rates(self) -> Array:
+        """q̇ (nq, B) of the own coordinates."""
+        return self.kane.own_rates(self.states.t, self.states.q, self.states.u)
+
+    @cached_property
+    def _projector(self) -> Array | None:
+        """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
+        if not len(self.gamma):
+            return None
+        response, inverse = multiplier_map(self.M, self.G)
+        explained = self.G.transpose(0, 2, 1) @ inverse @ response.transpose(0, 2, 1)
+        return np.asarray(np.eye(len(self.speeds)) - explained)
+
+    # --- tests of accelerations ----------------------------------------------------------------
+
+    def residual(self, udot: Array) -> Array:
+        """F_r + F*_r (n, B) of each own speed, N or N·m, less what constraint forces can explain."""
+        left = self._force - self.bias - times(self.M, udot)
+        return left if self._projector is None else times(self._projector, left)
+
+    def scale(self, udot: Array) -> Array:
+        """Sum of the absolute terms of each equation (n, B)."""
+        return np.asarray(self._static + times(self._M_size, np.abs(udot)))
+
+    @cached_property
+    def floor(self) -> Array:
+        """Least typical scale of each equation (n,): a small share of its natural inertia force."""
+        return LEAST * _rms(times(self._M_size, self._natural)) + TINY
+
+    @cached_property
+    def _natural(self) -> Array:
+        """Natural accelerations of the own speeds (n, B)."""
+        natural = np.linalg.norm(self.states.u, axis=0) * self.scales.rate
+        return np.broadcast_to(natural, self.states.u.shape)
+
+    def typical(self, udot: Array) -> Array:
+        """Typical scale of each equation over the states (n,)."""
+        scale = self.scale(udot)
+        finite = np.isfinite(scale).all(axis=0)
+        return np.maximum(_rms(scale[:, finite]), self.floor)
+
+    def relative(self, udot: Array) -> Array:
+        """|`residual`| as a fraction of `typical` (n, B); infinite where u̇ is not finite."""
+        return _relative(self.residual(udot), self.typical(udot)[:, None])
+
+    def powers(self, udot: Array) -> dict[str, Array]:
+        """ε = Ė − P (B,), W, of each testing function that applies."""
+        return {name: known.at(udot) for name, known in self._powers.items()}
+
+    def momenta(self, udot: Array) -> dict[str, Array]:
+        """Rate of each momentum less the forces that change it (B,), N or N·m."""
+        return {name: known.at(udot) for name, known in self._momenta.items()}
+
+    def violation(self, udot: Array) -> Array:
+        """ψ̇ = G u̇ + γ of each constraint row (nc, B)."""
+        return np.asarray(self.gamma + times(self.G, udot))
+
+    def __call__(self, udot: Array) -> Residuals:
+        """All tests of accelerations u̇ (n, B)."""
+        if udot.shape != self.bias.shape:
+            raise InputError(
+                f"accelerations have shape {udot.shape}; expected {self.bias.shape}, one column a state"
+            )
+        coordinates, scale = self.residual(udot), self.scale(udot)
+        power, momentum, violation = self.powers(udot), self.momenta(udot), self.violation(udot)
+        watts = _dot(np.abs(self.states.u), scale)
+        # No floor of a row is zero: a ball's height on a table has no terms at all.
+        pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot) + LEAST * self._natural)
+        typical_watts = _typical(watts)
+        newtons = {
+            n: known.size(np.abs(udot) + self._natural) for n, known in self._momenta.items()
+        }
+        return Residuals(
+            coordinates=coordinates,
+            scale=scale,
+            relative=_relative(coordinates, self.typical(udot)[:, None]),
+            power=power,
+            relative_power={n: _relative(x, typical_watts) for n, x in power.items()},
+            momentum=momentum,
+            relative_momentum={n: _relative(x, _typical(newtons[n])) for n, x in momentum.items()},
+            violation=violation,
+            relative_violation=_relative(
+                violation, np.array([[_typical(row)] for row in pull]).reshape(-1, 1) + 1e-300
+            ),
+        )
+
+    # --- coefficients of the scalar tests ------------------------------------------------------
+
+    @cached_property
+    def _scalars(self) -> tuple[dict[str, Affine], dict[str, Affine]]:
+        s, parts = self.kane.system, self.kane.parts
+        bound = self._bound()
+        multipliers = ca.SX.sym("multipliers", 0 if bound is None else len(bound.rows))
+        udot = ca.SX(s.udot_all)
+        driving = driving_forces(s, udot, parts, bound, multipliers)
+        known = terms(s, udot, parts, None, bound, Reactions(driving, multipliers))
+        along = ca.vertcat(s.q, s.u, s.t)
+        motion = ca.vertcat(s.qdot, s.udot, 1)
+
+        def rate(x: SX) -> SX:
+            return ca.jtimes(x, along, motion)
+
+        # E is linear in the energies, so E of their rates is Ė.
+        energies = ca.vertcat(known.K2, known.K1, known.K0, known.V)
+        rates = Energies(*ca.vertsplit(rate(energies)))
+        names = applicable(constrained=bound is not None)
+        scalars = [f.E(rates) - f.P(known) for f in testing_functions(names)]
+        balances = momentum_balances(s)
+        for balance in balances:
+            force = balance.force(parts)
+            if bound is not None:
+                reaction = ca.mtimes(bound.rows.G_all.T, multipliers)
+                force = force + ca.dot(balance.alpha, reaction)
+            scalars.append(rate(balance.momentum) - force)
+        found = self._affine(scalars, multipliers, bound)
+        powers = dict(zip(names, found))
+        momenta = dict(zip((balance.name for balance in balances), found[len(names) :]))
+        return powers, momenta
+
+    @property
+    def _powers(self) -> dict[str, Affine]:
+        return self._scalars[0]
+
+    @property
+    def _momenta(self) -> dict[str, Affine]:
+        return self._scalars[1]
+
+    def _bound(self) -> Constrained | None:
+        """The constraints; only independent ones where the motion at u = 0 must be found from them."""
+        s, rows = self.kane.system, self.kane.rows
+        if not len(rows):
+            return None
+        still = ca.SX.zeros(len(s.mechanism.speeds))
+        still[s.driven_u] = s.u_all[s.driven_u]
+        moving = ca.sparsify(ca.simplify(rows.b + ca.mtimes(rows.G_all, still)))
+        if moving.nnz():
+            start = (float(self.states.t[0]), self.point.q[:, 0])
+            rows = rows.select(independence(s, rows, *start, np.empty(0)).independent)
+        return constrained(s, rows)
+
+    def _affine(
+        self, scalars: list[SX], multipliers: SX, bound: Constrained | None
+    ) -> list[Affine]:
+        """Coefficients, in own accelerations, of expressions affine in u̇ and the multipliers."""
+        s = self.kane.system
+        unknown = ca.vertcat(s.udot, multipliers)
+        zero = ca.SX.zeros(unknown.shape[0])
+        at_rest = ca.substitute(scalars, [unknown], [zero])
+        slopes = ca.substitute([ca.gradient(x, unknown) for x in scalars], [unknown], [zero])
+        G = ca.SX(0, len(s.free_u)) if bound is None else bound.rows.G
+        function = self.kane.function([*at_rest, *slopes, G])
+        *values, flat = evaluate(function, self.states.t[None, :], self.point.q, self.point.u)
+        n = s.udot.shape[0]
+        # λ = λ0 + Λ u̇ is what constraint forces can explain of −(F + F*).
+        M, force = self.terms.M, self.terms.force - self.terms.bias
+        response, inverse = multiplier_map(M, matrices(flat, multipliers.shape[0], n))
+        explain = -inverse @ response.transpose(0, 2, 1)
+        lambda_0, Lambda = times(explain, force), -explain @ M
+        Yt = self.point.Y.transpose(0, 2, 1)
+        rest, made = self.point.rest, []
+        for constant, slope in zip(values[: len(scalars)], values[len(scalars) :]):
+            by_udot, by_lambda = slope[:n], slope[n:]
+            total = by_udot + times(Lambda.transpose(0, 2, 1), by_lambda)
+            total_size = np.abs(by_udot) + times(
+                np.abs(Lambda).transpose(0, 2, 1), np.abs(by_lambda)
+            )
+            size = np.abs(constant[0]) + _dot(np.abs(by_lambda), np.abs(lambda_0))
+            made.append(
+                Affine(
+                    constant[0] + _dot(by_lambda, lambda_0) + _dot(total, rest),
+                    times(Yt, total),
+                    size + _dot(total_size, np.abs(rest)),
+                    times(np.abs(Yt), total_size),
+                )
+            )
+        return made
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Products of columns (B,)."""
+    return np.asarray(np.einsum("ib,ib->b", a, b))
+
+
+def _rms(x: Array) -> Array:
+    """Root mean square over the states (n,)."""
+    return np.asarray(np.sqrt(np.mean(x**2, axis=1))) if x.shape[1] else np.zeros(len(x))
+
+
+def _typical(x: Array) -> float:
+    finite = x[np.isfinite(x)]
+    return (float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0) + TINY
+
+
+def _relative(x: Array, typical: Array | float) -> Array:
+    return np.where(np.isfinite(x), np.abs(x) / typical, np.inf)

@@ -1,0 +1,217 @@
+"""Calling a function that somebody wrote: batches where it takes them, and clear words where it fails."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import factorial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.states import States
+from deltac.errors import InputError
+
+EPS = float(np.finfo(np.float64).eps)
+
+SAMPLED = 8
+"""States at which a batch is compared with single calls, and a second call with the first."""
+
+SAME = 1e-9
+"""Two calls at one state that differ by more than this (relative) are not of one function."""
+
+NODES, ORDER = 9, 5
+"""Points on a line, and the order of the differences in which only noise is left of a smooth function."""
+
+STEP = 1e-6
+"""Distance of these points, relative: hundreds of roundings even in single precision."""
+
+ROUGH = 2e-13
+"""Noise above this (relative) is no rounding of double precision: differences or float32 are behind it."""
+
+
+@dataclass(eq=False)
+class Caller:
+    """A function u̇ = rhs(t, q, u), called with care.
+
+    `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
+    known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
+    """
+
+    rhs: Callable[..., Any]
+    name: str
+    vectorised: bool | None = None
+    overwrites: str = ""
+
+    def __call__(self, states: States) -> Array:
+        """u̇ (n, B), some of it perhaps not finite.
+
+        Raises InputError, with the state, if the function raises or returns no u̇; and if a second call
+        gives other values than the first.
+        """
+        if self.vectorised is None:
+            self._examine(states)
+        if self.vectorised:
+            found = self._batch(states)
+            if found is not None:
+                return found
+        return self._singly(states)
+
+    def _examine(self, states: States) -> None:
+        """Find out about batches, memory and writing."""
+        some = states.take(np.unique(np.linspace(0, len(states) - 1, SAMPLED).astype(int)))
+        first = self._singly(some)
+        backwards = slice(None, None, -1)
+        second = self._singly(some.take(backwards))[:, backwards]
+        differs = ~_close(first, second).all(axis=0)
+        if differs.any():
+            k = int(np.argmax(differs))
+            raise InputError(
+                f"{self.name} is no function of (t, q, u): asked twice at one state it gave "
+                f"{_numbers(first[:, k])}, then {_numbers(second[:, k])}; it has a memory or a random "
+                f"element. State: {_state(some, k)}"
+            )
+        batch = self._batch(some)
+        self.vectorised = batch is not None and bool(_close(first, batch).all())
+
+    def _batch(self, states: States) -> Array | None:
+        """One call for all states; None if the function does not take batches."""
+        try:
+            with np.errstate(all="ignore"):
+                found = self.rhs(states.t.copy(), states.q.copy(), states.u.copy())
+                value = np.asarray(found, dtype=np.float64)
+        except Exception:  # whatever a function of single states raises on arrays
+            return None
+        return value if value.shape == states.u.shape else None
+
+    def _singly(self, states: States) -> Array:
+        """One call a state."""
+        return np.stack([self._one(states, k) for k in range(len(states))], axis=1)
+
+    def _one(self, states: States, k: int) -> Array:
+        given_q, given_u = states.q[:, k].copy(), states.u[:, k].copy()
+        try:
+            with np.errstate(all="ignore"):
+                found = self.rhs(float(states.t[k]), given_q, given_u)
+        except InputError:
+            raise
+        except Exception as error:
+            where = _line(error, self.rhs)
+            raise InputError(
+                f"{self.name} raised {type(error).__name__}: {error}{where}. State: {_state(states, k)}"
+            ) from error
+        if not self.overwrites:
+            self.overwrites = _written(states, k, given_q, given_u)
+        return self._accelerations(found, states, k)
+
+    def _accelerations(self, found: Any, states: States, k: int) -> Array:
+        n = len(states.u)
+        if found is None:
+            raise InputError(
+                f"{self.name} returned nothing; end it with a return of u̇, {n} numbers"
+            )
+        try:
+            value = np.asarray(found)
+            real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
+        except (TypeError, ValueError):
+            real = None
+        if real is None:
+            raise InputError(
+                f"{self.name} returned {_short(found)}, expected {n} real numbers: u̇ of "
+                f"{', '.join(states.speeds)}. State: {_state(states, k)}"
+            )
+        if real.shape != (n,):
+            hint = ""
+            if real.size == n + len(states.q):
+                hint = "; these look like the rates of the whole state (q̇, u̇): return u̇ alone"
+            elif real.size == n:
+                hint = "; flatten it"
+            raise InputError(
+                f"{self.name} returned an array of shape {real.shape}, expected ({n},): u̇ of "
+                f"{', '.join(states.speeds)}{hint}"
+            )
+        return real
+
+
+def _written(states: States, k: int, q: Array, u: Array) -> str:
+    """The first number that a call changed in its arguments: "q.pivot from 1.2 to 0"; empty for none."""
+    pairs = [(f"q.{n}", a, b) for n, a, b in zip(states.coordinates, states.q[:, k], q)]
+    pairs += [(f"u.{n}", a, b) for n, a, b in zip(states.speeds, states.u[:, k], u)]
+    return next((f"{n} from {a:.4g} to {b:.4g}" for n, a, b in pairs if a != b), "")
+
+
+def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Array:
+    """How rough the residual is in the last digits that can be trusted (n,), N or N·m.
+
+    Along short lines through some states a smooth function's differences of high order vanish; what is
+    left is rounding, of double or single precision, or of derivatives by differences (Hamming;
+    Moré and Wild, "Estimating computational noise", SIAM J. Sci. Comput. 33 (2011) 1292-1314). `scales`
+    (n,) are natural speeds. The median over the states leaves out those with a kink on the line; they
+    are taken from the first `among`, for slow slip bends within a short line.
+    """
+    states, kane = test.states, test.kane
+    some = states.take(np.unique(np.linspace(0, among - 1, SAMPLED).astype(int)))
+    rng = np.random.default_rng(1)
+    count = len(some)
+    shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)
+    towards_q = np.tile(rng.choice([-1.0, 1.0], some.q.shape), NODES)
+    towards_u = np.tile(rng.choice([-1.0, 1.0], some.u.shape) * scales[:, None], NODES)
+    size = np.maximum(np.abs(np.tile(some.q, NODES)), 1e-2)
+    line = States(
+        np.tile(some.t, NODES) + shift,
+        np.tile(some.q, NODES) + shift * size * towards_q,
+        np.tile(some.u, NODES) + shift * towards_u,
+        states.coordinates,
+        states.speeds,
+    )
+    residual = EquationTest(kane, line, scales=test.scales, strict=False).residual(caller(line))
+    values = residual.reshape(len(residual), NODES, count)
+    left = np.diff(values, ORDER, axis=1)
+    gain = factorial(ORDER) ** 2 / factorial(2 * ORDER)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.median(np.sqrt(gain * np.mean(left**2, axis=1)), axis=1))
+
+
+def uncertainty(relative_noise: Array, clear: float) -> Array:
+    """What the roughness of a function says about the error of its values (n,), relative.
+
+    Beside the noise itself: noise η far above rounding comes of derivatives by differences over a step
+    δ ≈ ε/η, whose own error is of the size δ, or ten times it.
+    """
+    worst = float(relative_noise.max(initial=EPS))
+    by_differences = min(10.0 * EPS / worst, 1e-3) if worst > ROUGH else 0.0
+    return clear * relative_noise + by_differences
+
+
+def _close(a: Array, b: Array) -> NDArray[np.bool_]:
+    size = np.maximum(np.nan_to_num(np.abs(a)).max(axis=0, initial=0.0), 1e-300)
+    return np.asarray(np.isclose(a / size, b / size, rtol=0.0, atol=SAME, equal_nan=True))
+
+
+def _state(states: States, k: int) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in states.describe(k).items())
+
+
+def _numbers(values: Array) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in values) + ")"
+
+
+def _short(found: Any) -> str:
+    text = repr(found)
+    return f"{type(found).__name__} {text[:60]}{'…' if len(text) > 60 else ''}"
+
+
+def _line(error: Exception, rhs: Callable[..., Any]) -> str:
+    """Where in the user's file an exception was raised."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
+    code = getattr(rhs, "__code__", None)
+    own = [f for f in frames if code is not None and f.filename == code.co_filename]
+    if not own:
+        return ""
+    return (
+        f" (line {own[-1].lineno}: {own[-1].line})" if own[-1].line else f" (line {own[-1].lineno})"
+    )

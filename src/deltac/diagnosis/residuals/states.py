@@ -1,0 +1,591 @@
+"""Random admissible states of a mechanism, at which every term of its equations counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.kane import (
+    RANK,
+    Kane,
+    Terms,
+    evaluate,
+    matrices,
+    multiplier_map,
+    quaternions,
+    times,
+)
+from deltac.dynamics.contact import rubbing_point
+from deltac.dynamics.gaps import Gap, all_velocities, gaps
+from deltac.dynamics.spatial import SX
+from deltac.errors import InputError
+from deltac.mechanism.contact import Contact
+from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
+from deltac.trajectories import Trajectory
+
+WINDOW = (0.0, 10.0)
+"""Times (s) that are drawn from, for laws that depend on time."""
+
+SPREAD = 3.0
+"""Speeds are this many times slower to this many times faster than the natural ones."""
+
+ROUNDS, HOPELESS = 40, 4
+"""Draws of `count` states, at most; and how many without a single admissible one are enough."""
+
+NEWTON_STEPS = 60
+ON_CONSTRAINTS = 1e-9
+"""A state that meets its constraints to this (m, rad; relative for speeds) is admissible."""
+
+MAP_RANK = 1e-12
+WELL_CONDITIONED = 1e-2
+"""Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
+
+REGULAR = 1e-11
+"""A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
+
+FAR = 1e6
+"""No coordinate or speed of an admissible state is larger than this, in its natural scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """States at which equations are tested, batch last, as a hand-written rhs takes them.
+
+    `t` (B,) in s; `q` (n, B) and `u` (n, B) in the user's own coordinates and speeds, named by
+    `coordinates` and `speeds`, or without a map in the mechanism's free ones.
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def take(self, which: Any) -> States:
+        """Some of the states."""
+        return States(
+            self.t[which], self.q[:, which], self.u[:, which], self.coordinates, self.speeds
+        )
+
+    def describe(self, k: int) -> Mapping[str, float]:
+        """One state by name: ``t``, ``q.<coordinate>``, ``u.<speed>``."""
+        return {
+            "t": float(self.t[k]),
+            **{f"q.{n}": float(x) for n, x in zip(self.coordinates, self.q[:, k])},
+            **{f"u.{n}": float(x) for n, x in zip(self.speeds, self.u[:, k])},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Natural scales: `length` (m) and `rate` (1/s); `lever` (n,) is the length for speeds in m/s, else 1.
+
+    A motion u = lever·rate has inertia forces of the size of the forces that act at rest.
+    """
+
+    length: float
+    rate: float
+    lever: Array
+
+    @property
+    def speed(self) -> Array:
+        """A natural speed for each free speed (n,), m/s or rad/s."""
+        return self.lever * self.rate
+
+
+def random_states(
+    mechanism: Mechanism,
+    coordinates: CoordinateMap | None = None,
+    *,
+    count: int = 64,
+    seed: int = 0,
+    window: tuple[float, float] = WINDOW,
+) -> States:
+    """States of a mechanism, drawn so that gravity, gyroscopic and all other terms are of one size.
+
+    Angles lie anywhere on the circle, slides within the mechanism's own length, quaternions have unit
+    length; speeds are about those at which inertia forces equal the forces at rest (√(g/l) of a
+    pendulum), from a third of it to three times it; times lie in `window` (s). Positions and speeds meet
+    all constraints. The same seed gives the same states.
+
+    Raises InputError for a map that does not fit, or if too few states meet the constraints.
+    """
+    kane = Kane(mechanism, coordinates)
+    return draw(kane, natural_scales(kane), count=count, seed=seed, window=window)
+
+
+def draw(
+    kane: Kane, scales: Scales, *, count: int, seed: int, window: tuple[float, float] = WINDOW
+) -> States:
+    """`random_states` of a mechanism that is written out already."""
+    if count < 1:
+        raise InputError(f"count is {count}; expected one state or more")
+    rng = np.random.default_rng(seed)
+    found: list[States] = []
+    for done in range(ROUNDS):
+        total = sum(map(len, found))
+        if total >= count or (done >= HOPELESS and not total):
+            break
+        found.append(_draw_once(kane, scales, rng, count, window))
+    total = sum(map(len, found))
+    if total < count:
+        raise InputError(
+            f"only {total} of {count} random states of {kane.mechanism.name!r} are admissible: the others "
+            "do not meet the constraints, or the coordinate map is singular there; hand over states="
+        )
+    joined = States(
+        np.concatenate([s.t for s in found]),
+        np.concatenate([s.q for s in found], axis=1),
+        np.concatenate([s.u for s in found], axis=1),
+        kane.coordinate_names,
+        kane.speed_names,
+    )
+    return joined.take(slice(0, count))
+
+
+def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
+    """Rows of a run as states in own coordinates.
+
+    Raises InputError for a run of another mechanism, and for a map whose inverse is not known.
+    """
+    for what, ours, theirs in (
+        ("coordinates", kane.mechanism.coordinates.names, run.coordinates),
+        ("speeds", kane.mechanism.speeds.names, run.speeds),
+    ):
+        if tuple(theirs) != ours:
+            raise InputError(
+                f"the run's {what} are {', '.join(theirs)}; those of {kane.mechanism.name!r} are "
+                f"{', '.join(ours)}"
+            )
+    free = kane.mechanism.free
+    t, q, u = run.t[rows], run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T
+    own_q = kane.own_coordinates(t, q)
+    if own_q is None:
+        raise InputError(
+            "the coordinate map is not linear with as many coordinates, so its inverse is unknown; give it "
+            "inverse="
+        )
+    own_u, _ = own_speeds(kane, t, own_q, u)
+    return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
+
+
+def some_rows(run: Trajectory, most: int) -> NDArray[np.intp]:
+    """At most so many rows, evenly over a run."""
+    return np.unique(np.linspace(0, len(run) - 1, min(len(run), most)).astype(np.intp))
+
+
+def natural_scales(kane: Kane) -> Scales:
+    """The length and the rate at which a mechanism's own forces move it (see `Scales`)."""
+    length = _length(kane.mechanism)
+    units = [kane.mechanism.speeds[int(k)].unit for k in kane.mechanism.free.u]
+    lever = np.array([length if unit == "m/s" else 1.0 for unit in units])
+    rng = np.random.default_rng(0)
+    t = rng.uniform(*WINDOW, 32)
+    q = _any_coordinates(kane.mechanism, length, rng, 32)
+    at_rest = kane.terms(t, q, np.zeros((len(lever), 32)))
+    force = np.abs(at_rest.force - at_rest.bias)
+    inertia = np.einsum("bij,i,j->b", np.abs(at_rest.M), lever, lever)
+    energy = lever @ force
+    usable = np.isfinite(energy) & np.isfinite(inertia) & (inertia > 0.0)
+    ratio = energy[usable] / inertia[usable]
+    rate = float(np.sqrt(np.median(ratio))) if usable.any() else 0.0
+    return Scales(length, rate if rate > 1e-6 else 1.0, lever)
+
+
+def _length(mechanism: Mechanism) -> float:
+    """The largest length (m) among joint placements, mass centres and radii of gyration; 1 if none."""
+    number = mechanism.number
+    found = [0.0]
+    for joint in mechanism.joints:
+        for place in (joint.position, joint.child_position):
+            found.append(float(np.linalg.norm([number(x) for x in place])))
+    for body in mechanism.bodies:
+        found.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
+        if not body.massless:
+            trace = sum(number(body.inertia[k][k]) for k in range(3))
+            found.append(float(np.sqrt(trace / (2.0 * number(body.mass)))))
+    return max(found) or 1.0
+
+
+def _any_coordinates(
+    mechanism: Mechanism, length: float, rng: np.random.Generator, count: int
+) -> Array:
+    """Free coordinates (nq, count) without regard to constraints."""
+    entries = [mechanism.coordinates[int(k)] for k in mechanism.free.q]
+    reach = np.array([length if entry.unit == "m" else np.pi for entry in entries])
+    q = reach[:, None] * rng.uniform(-1.0, 1.0, (len(entries), count))
+    for place in quaternions(mechanism):
+        turn = rng.standard_normal((4, count))
+        q[place] = turn / np.linalg.norm(turn, axis=0)
+    return q
+
+
+def _draw_once(
+    kane: Kane,
+    scales: Scales,
+    rng: np.random.Generator,
+    count: int,
+    window: tuple[float, float],
+) -> States:
+    """Up to `count` admissible states."""
+    t = rng.uniform(*window, count)
+    q = _any_coordinates(kane.mechanism, scales.length, rng, count)
+    pace = SPREAD ** rng.uniform(-1.0, 1.0, count)
+    u = scales.speed[:, None] * pace * rng.standard_normal((len(scales.lever), count))
+    own_q = None if kane.own is not None and kane.own.inverse is None else q
+    with np.errstate(all="ignore"):
+        if own_q is None:  # the map leads from own coordinates only
+            assert kane.own is not None
+            own_q = np.pi * rng.uniform(-1.0, 1.0, (kane.own.own_q.shape[0], count))
+        else:
+            q = onto_positions(kane, t, q)
+            u = onto_speeds(kane, t, q, u)
+            moved = kane.own_coordinates(t, q)
+            assert moved is not None
+            own_q = moved
+        own_u, regular = own_speeds(kane, t, own_q, u)
+        good = regular & admissible(kane, scales, t, own_q, own_u)
+    return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names).take(good)
+
+
+def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Own speeds (p, B) whose motion is nearest to `u`, and where the map is regular."""
+    if kane.own is None:
+        return u, np.ones(u.shape[1], dtype=bool)
+    still = kane.point(t, own_q, np.zeros((len(kane.speed_names), u.shape[1])))
+    finite: NDArray[np.bool_] = np.asarray(
+        np.isfinite(still.u).all(axis=0) & np.isfinite(still.Y).all(axis=(1, 2))
+    )
+    Y = np.where(finite[:, None, None], still.Y, 0.0)
+    own_u = times(np.linalg.pinv(Y, rcond=MAP_RANK), np.where(finite, u - still.u, 0.0))
+    if not Y.shape[2]:
+        return own_u, finite
+    size = np.linalg.norm(Y, axis=1, keepdims=True)
+    values = np.linalg.svd(
+        np.divide(Y, size, out=np.zeros_like(Y), where=size > 0.0), compute_uv=False
+    )
+    return own_u, finite & (values[:, -1] > WELL_CONDITIONED * values[:, 0])
+
+
+def admissible(
+    kane: Kane, scales: Scales, t: Array, own_q: Array, own_u: Array
+) -> NDArray[np.bool_]:
+    """Which states are finite and regular, and meet all constraints (B,)."""
+    point = kane.point(t, own_q, own_u)
+    terms = kane.terms(t, point.q, point.u)
+    everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
+    good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
+    good &= _regular(terms.M)
+    good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)
+    good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ON_CONSTRAINTS
+    speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))
+    good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ON_CONSTRAINTS * speed
+    return np.asarray(good)
+
+
+def _regular(M: Array) -> NDArray[np.bool_]:
+    """Which mass matrices (B, n, n) are positive definite by a margin, whatever the units of the speeds."""
+    diagonal = np.einsum("bii->bi", M)
+    good: NDArray[np.bool_] = np.asarray(
+        np.isfinite(M).all(axis=(1, 2)) & (diagonal > 0.0).all(axis=1)
+    )
+    if good.any():
+        size = np.sqrt(diagonal[good])
+        scaled = M[good] / (size[:, :, None] * size[:, None, :])
+        good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > REGULAR
+    return good
+
+
+def onto_positions(kane: Kane, t: Array, q: Array) -> Array:
+    """Coordinates moved onto φ = 0 by Newton steps, least in the mass metric; some may not arrive."""
+    holonomic = np.array(kane.rows.holonomic, dtype=bool)
+    if not holonomic.any():
+        return q
+    still = np.zeros((len(kane.mechanism.free.u), q.shape[1]))
+    for _ in range(NEWTON_STEPS):
+        terms = kane.terms(t, q, still)
+        phi = np.where(holonomic[:, None], terms.phi, 0.0)
+        if np.nan_to_num(np.abs(phi)).max() < 1e-14:
+            break
+        q = q + times(kane.rates(q), _least(terms, holonomic, -phi))
+        for place in kane.quaternions:
+            q[place] /= np.linalg.norm(q[place], axis=0)
+    return q
+
+
+def onto_speeds(kane: Kane, t: Array, q: Array, u: Array) -> Array:
+    """Speeds moved onto ψ = 0, least in the mass metric."""
+    every = np.ones(len(kane.rows), dtype=bool)
+    if not len(kane.rows):
+        return u
+    for _ in range(2):
+        terms = kane.terms(t, q, u)
+        u = u + _least(terms, every, -terms.psi)
+    return u
+
+
+def _least(terms: Terms, rows: NDArray[np.bool_], target: Array) -> Array:
+    """The change of speeds, least in the mass metric, that G maps to `target` on some rows."""
+    G = np.where(rows[:, None], terms.G, 0.0)
+    usable = np.isfinite(terms.M).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
+    usable &= np.isfinite(target).all(axis=0)
+    step = np.zeros(terms.bias.shape)
+    if usable.any():
+        response, inverse = multiplier_map(terms.M[usable], G[usable])
+        step[:, usable] = times(response, times(inverse, target[:, usable]))
+    return step
+
+
+# --- states at which friction and contact show: slow slip, and shapes that just overlap ----------
+# Random states slide a thousand times faster than the width over which friction passes through
+# zero, and small shapes seldom meet in them. So some states are drawn for each of these elements;
+# where that fails, the check says what it has not seen.
+
+EACH = 6
+"""States that are drawn for each scale of each element."""
+
+CANDIDATES = 4 * EACH
+"""States that are tried for it."""
+
+ABOUT = 3.0
+"""Slip speeds are drawn from a third of a scale to three times it, where tanh differs from a step."""
+
+COVERED = (0.2, 4.0)
+"""A slip speed in this range of a scale counts as about it."""
+
+OTHERS = 30.0
+"""All other motion is slowed to this many times the slip: a small difference of large speeds is rounding."""
+
+ROUNDED = 1e5
+"""A slip this many times smaller than the speeds it is the difference of is not used."""
+
+DEPTH = 0.1
+"""Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
+
+CONTACT_NEWTON_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where something may slide: a joint's speed, a point on a plane, a contact point of two shapes.
+
+    `slip` (k,) is the slip velocity and `gap` the signed gap (None: always closed), in symbols; `scales`
+    are slip speeds (m/s or rad/s) at which friction changes, by name; `depth` (m) is an overlap.
+    """
+
+    kane: Kane
+    element: str
+    slip: SX
+    gap: SX | None
+    scales: dict[str, float]
+    depth: float = 0.0
+
+    @cached_property
+    def _function(self) -> ca.Function:
+        s = self.kane.system
+        gap = ca.SX(-1) if self.gap is None else self.gap
+        approach = ca.jtimes(gap, s.q, ca.jacobian(s.qdot, s.u))
+        return self.kane.function([self.slip, ca.jacobian(self.slip, s.u), gap, approach])
+
+    def at(self, t: Array, q: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+        """Slip (k, B), its slope by the speeds (B, k, n), gap (B,) and its slope (B, 1, n)."""
+        n = len(u)
+        slip, slope, gap, approach = evaluate(self._function, t[None, :], q, u)
+        return slip, matrices(slope, len(slip), n), gap[0], matrices(approach, 1, n)
+
+
+def places(kane: Kane) -> tuple[Place, ...]:
+    """Every place of friction or contact that the free speeds move."""
+    return tuple(_places(kane))
+
+
+def _places(kane: Kane) -> Iterator[Place]:
+    s, mechanism = kane.system, kane.mechanism
+    nothing = ca.SX(0, 1)
+    for element in mechanism.elements:
+        if isinstance(element, JointFriction):
+            where = mechanism.speeds.of(element.joint)
+            for k, law in zip(range(where.start, where.stop), element.laws):
+                if k in s.free_u:
+                    name = f"friction {element.name!r}"
+                    yield Place(kane, name, s.u_all[k], None, _scales(mechanism, law))
+        elif isinstance(element, PointFriction):
+            slip = _slip(kane, rubbing_point(s, element))
+            yield Place(
+                kane, f"friction {element.name!r}", slip, None, _scales(mechanism, element.law)
+            )
+        elif isinstance(element, Contact):
+            rubbing, depth = element.friction, _depth(mechanism, element)
+            scales = {} if rubbing is None else _scales(mechanism, rubbing)
+            for gap in gaps(s, element.first, element.second):
+                slip = nothing if rubbing is None else _slip(kane, gap)
+                yield Place(kane, f"contact {element.name!r}", slip, gap.gap, scales, depth)
+
+
+def _scales(mechanism: Mechanism, law: FrictionLaw) -> dict[str, float]:
+    found = {"width": mechanism.number(law.width)}
+    if law.stribeck is not None:
+        found["Stribeck speed"] = mechanism.number(law.stribeck)
+    return found
+
+
+def _slip(kane: Kane, gap: Gap) -> SX:
+    velocity = gap.relative_velocity(kane.system, all_velocities(kane.system))
+    return velocity - ca.dot(gap.n, velocity) * gap.n
+
+
+def _depth(mechanism: Mechanism, element: Contact) -> float:
+    def thickness(shape: Shape) -> float:
+        if isinstance(shape, Sphere | Capsule):
+            return 2.0 * mechanism.number(shape.radius) or np.inf
+        return min(map(mechanism.number, shape.size)) if isinstance(shape, Box) else np.inf
+
+    least = DEPTH * min(thickness(element.first), thickness(element.second))
+    return float(least) if np.isfinite(least) else 1e-3
+
+
+# --- states ------------------------------------------------------------------------------------------
+
+
+def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int) -> States | None:
+    """Admissible states of slow slip and small overlap, some for each place and scale; None if none."""
+    if not where:
+        return None
+    try:
+        base = draw(kane, scales, count=CANDIDATES, seed=seed)
+    except InputError:
+        return None
+    rng = np.random.default_rng(seed)
+    found: list[States] = []
+    for place in where:
+        among = (
+            sum(other.element == place.element for other in where) if place.gap is not None else 1
+        )
+        wanted = max(1, EACH // among)
+        for speed in place.scales.values() or (None,):
+            states = base if place.gap is None else _overlapping(place, base, rng)
+            if speed is not None and len(states):
+                states = _sliding(place, states, speed * ABOUT ** rng.uniform(-1, 1, len(states)))
+            if len(states):
+                with np.errstate(all="ignore"):
+                    good = admissible(kane, scales, states.t, states.q, states.u)
+                    good &= _about(place, states, speed)
+                found.append(states.take(np.flatnonzero(good)[:wanted]))
+    return joined(found) if any(map(len, found)) else None
+
+
+def joined(states: list[States]) -> States:
+    """Several states of the same coordinates, one after the other."""
+    return States(
+        np.concatenate([s.t for s in states]),
+        np.concatenate([s.q for s in states], axis=1),
+        np.concatenate([s.u for s in states], axis=1),
+        states[0].coordinates,
+        states[0].speeds,
+    )
+
+
+def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States:
+    """States moved by Newton steps, least in the mass metric, until the shapes overlap a little."""
+    kane = place.kane
+    point = kane.point(base.t, base.q, base.u)
+    t, q, u = base.t, point.q, point.u
+    still = np.zeros_like(u)
+    target = -place.depth * rng.uniform(0.1, 1.0, len(base))
+    holonomic = np.array(kane.rows.holonomic, dtype=bool)
+    with np.errstate(all="ignore"):
+        for _ in range(CONTACT_NEWTON_STEPS):
+            terms = kane.terms(t, q, still)
+            _, _, gap, approach = place.at(t, q, still)
+            rows = np.concatenate([terms.G[:, holonomic], approach], axis=1)
+            off = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
+            usable = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
+            usable &= np.isfinite(terms.M).all(axis=(1, 2)) & (np.abs(off).max(axis=0) > 1e-14)
+            if not usable.any():
+                break
+            step = np.zeros_like(u)
+            try:
+                response, inverse = multiplier_map(terms.M[usable], rows[usable])
+            except np.linalg.LinAlgError:
+                break
+            step[:, usable] = -times(response, times(inverse, off[:, usable]))
+            q = q + times(kane.rates(q), step)
+            for quaternion in kane.quaternions:
+                q[quaternion] /= np.linalg.norm(q[quaternion], axis=0)
+        good = np.isfinite(q).all(axis=0)
+        own_q = kane.own_coordinates(t, q)
+        if own_q is None:  # the map leads from own coordinates only: by chance
+            return base.take(_about(place, base, None))
+        t, q, u, own_q = t[good], q[:, good], u[:, good], own_q[:, good]
+        own_u, regular = own_speeds(kane, t, own_q, onto_speeds(kane, t, q, u))
+    return States(t, own_q, own_u, base.coordinates, base.speeds).take(regular)
+
+
+def _sliding(place: Place, states: States, speed: Array) -> States:
+    """States whose slip has these speeds (B,), by the least change of own speeds."""
+    kane = place.kane
+    u = states.u
+    with np.errstate(all="ignore"):
+        for slowed in (True, False):  # slow down, then set the slip
+            point = kane.point(states.t, states.q, u)
+            slip, slope, _, _ = place.at(states.t, point.q, point.u)
+            if slowed:
+                parts = _parts(slope, point.u)
+                u = u * np.minimum(1.0, OTHERS * speed / np.maximum(parts, 1e-300))
+                continue
+            terms = kane.terms(states.t, point.q, point.u)
+            size = np.linalg.norm(slip, axis=0)
+            missing = slip * (speed / np.where(size > 0.0, size, 1.0) - 1.0)
+            rows = np.concatenate([slope, terms.G], axis=1) @ point.Y
+            off = np.concatenate([missing, -terms.psi])
+            good = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
+            u = u.copy()
+            u[:, good] += times(np.linalg.pinv(rows[good], rcond=RANK), off[:, good])
+    return States(states.t, states.q, u, states.coordinates, states.speeds)
+
+
+def _parts(slope: Array, u: Array) -> Array:
+    """The largest component of slip if all its parts had one sign (B,)."""
+    return np.asarray(times(np.abs(slope), np.abs(u)).max(axis=0, initial=0.0))
+
+
+def _about(place: Place, states: States, speed: float | None) -> NDArray[np.bool_]:
+    """Which states touch there, with a slip about a speed (None: any)."""
+    point = place.kane.point(states.t, states.q, states.u)
+    slip, slope, gap, _ = place.at(states.t, point.q, point.u)
+    touching: NDArray[np.bool_] = np.asarray(gap < 0.0)
+    if speed is None:
+        return touching
+    size = np.linalg.norm(slip, axis=0)
+    slow = (COVERED[0] * speed <= size) & (size <= COVERED[1] * speed)
+    return np.asarray(touching & slow & (_parts(slope, point.u) < ROUNDED * size))
+
+
+# --- what was not seen -------------------------------------------------------------------------------
+
+
+def not_sampled(where: tuple[Place, ...], states: States) -> tuple[str, ...]:
+    """What of friction and contact none of the states shows, in words."""
+    seen: dict[str, bool] = {}
+    for place in where:
+        if place.gap is not None:
+            words = f"{place.element}, whose shapes overlap at none of the states"
+            seen[words] = seen.get(words, False) or bool(_about(place, states, None).any())
+        for name, speed in place.scales.items():
+            rubbing = "friction of " if place.gap is not None else ""
+            words = f"{rubbing}{place.element} at slips about its {name} of {speed:.3g}"
+            seen[words] = seen.get(words, False) or bool(_about(place, states, speed).any())
+    return tuple(words for words, found in seen.items() if not found)

@@ -1,0 +1,256 @@
+"""What a study notices besides its verdict: one function a check, each returns its findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.audit.checks import impacts_not_held
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
+from deltac.diagnosis.study.rules import BELOW
+from deltac.diagnosis.study.runs import StudyRun, corrections, without_corrections
+from deltac.diagnosis.verdict import Finding, percent
+from deltac.energy import Ledger
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+SYMPLECTIC = ("semi-implicit-euler",)
+"""Solvers whose energy error stays bounded while no force takes energy out."""
+
+JUMP = 10.0
+"""A change of speed so many times its neighbours' is a jump."""
+
+NOTICEABLE = 0.01
+"""Share of the largest speed of its unit that a jump must reach."""
+
+HALF = 0.5
+"""Where ΔC with and without the work of corrections differ by more than a factor of two, one is blind."""
+
+STAYS = 0.8
+"""A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
+
+STILL = 1e-3
+"""Share of the turnover below which works that are no potential count as none."""
+
+
+def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:
+    """Few common times; runs of different length; a horizon before the end."""
+    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
+    ends = [end for _, end in spans]
+    span = max(end - start for start, end in spans)
+    if max(ends) - min(ends) > 1e-6 * span:
+        yield Finding(
+            "other-times",
+            "the runs do not cover the same time, and are compared where all of them have rows",
+            ", ".join(f"step {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
+            "Let all runs end at the same time",
+        )
+    if len(compared.t) < FEWEST:
+        yield Finding(
+            "few-common-times",
+            f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
+            f"rows that agree within {SAME:g} of the duration",
+            "Let the steps divide each other (0.01, 0.005, 0.0025), or sample all runs at the same times",
+        )
+    elif compared.horizon < compared.t[-1] - SAME * span:
+        fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
+        yield Finding(
+            "horizon",
+            f"the motions at steps {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
+            "converges is judged up to there",
+            "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
+            "chaotic motion, in which every error grows exponentially",
+            "Where smaller steps part hardly later, the motion is chaotic: no step predicts it for longer",
+        )
+
+
+def of_order(
+    state: Convergence, energy: Mapping[str, Convergence], nominal: int | None, solver: str
+) -> Iterator[Finding]:
+    """An observed order that is not the solver's own."""
+    if nominal is None:
+        return
+    if state.order is not None and state.trend == "tends to a limit":
+        error = state.order_error or 0.0
+        if state.order + error < nominal - min(BELOW, 0.4 * nominal):
+            yield Finding(
+                "order-below-nominal",
+                f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
+                f"by differences of the states at steps {_listed(state.steps)}",
+                "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
+                "over the step), or the start violates the constraints, or the solver has a mistake",
+            )
+    for name, found in energy.items():
+        if found.order is None or found.trend != "falls to zero":
+            continue
+        error = found.order_error or 0.0
+        if found.order - error > nominal + 1 + BELOW:
+            yield Finding(
+                "super-convergence",
+                f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than it must",
+                f"at steps {_listed(found.steps)}",
+                "Nothing is to be done; where errors cancel over a period, or forces are symmetric, the "
+                "energy is better than the motion",
+            )
+
+
+def of_growth(
+    run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
+) -> Iterator[Finding]:
+    """How ΔC grows in time; a drift where a symplectic method should have none."""
+    assert run.left_over is not None
+    curve = run.left_over[function]
+    if float(np.abs(curve).max()) <= 10.0 * floor:
+        return
+    how = growth(ledger.t, curve)
+    if not how:
+        return
+    meaning = {
+        "bounded": "longer runs will not be worse in energy; that is no accuracy of the motion",
+        "linear": "a run of twice the length will be twice as wrong in energy",
+        "exponential": "the method is unstable at this step, or the motion is",
+    }[how]
+    remedy = "Take a smaller step" if how == "exponential" else "Nothing is to be done"
+    yield Finding(
+        f"growth-{how}",
+        f"|ΔC| {'stays bounded' if how == 'bounded' else f'grows {how}ly in time'} at the finest step",
+        meaning,
+        remedy,
+    )
+    flowing = sum(
+        float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
+    )
+    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.turnover:
+        yield Finding(
+            "symplectic-drift",
+            f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
+            f"it grows {how}ly" if how != "linear" else "it grows linearly",
+            "Kinetic energies that depend on the coordinates, and large steps, spoil the property: take a "
+            "smaller step, or a method of higher order",
+        )
+
+
+def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Finding]:
+    """A run that was stabilised: one of the two ways to count its corrections is blind."""
+    work = corrections(ledger)
+    if not work:
+        return
+    name, largest = max(work.items(), key=lambda item: float(np.abs(item[1]).max()))
+    done = float(np.abs(largest).max())
+    ways = [
+        float(np.abs(x).max())
+        for x in (ledger.delta_c[function], without_corrections(ledger, function))
+    ]
+    if done <= allowed or min(ways) > HALF * max(ways):
+        return
+    yield Finding(
+        "stabilised",
+        f"the run is corrected as it goes ({name}), so one way of counting ΔC is blind",
+        f"corrections did up to {done:.2g} J of work, {percent(done / ledger.turnover)} of the turnover; "
+        f"|ΔC| is {ways[0]:.2g} J with it and {ways[1]:.2g} J without",
+        "The larger one is taken for the error; a method that needs no corrections shows its own",
+        element=name,
+    )
+
+
+def of_constraints(
+    runs: Sequence[StudyRun], compared: Comparison, tolerance: float, *, trusted: bool
+) -> Iterator[Finding]:
+    """Constraints, driven joints or quaternions that are violated though energy may be kept.
+
+    A violation that stays, however small the step, is none of the integrator: the model's constraint is
+    another than the motion's. Motions that have parted say nothing of that.
+    """
+    finest = runs[-1]
+    assert finest.ledger is not None and finest.run is not None
+    for name, values in finest.ledger.violation.items():
+        what, _, element = name.partition(" ")
+        column = finest.run.u if what in ("velocity", "speed") else finest.run.q
+        span = float(np.ptp(column, axis=0).max(initial=0.0))
+        worst = float(values.max(initial=0.0))
+        if worst <= max(1e-6, tolerance * span):
+            continue
+        sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
+        together = [
+            float(r.ledger.violation[name][rows[: compared.within]].max(initial=0.0))
+            for r, rows in zip(runs, compared.rows)
+            if r.ledger is not None
+        ]
+        stays = (
+            len(together) > 1
+            and compared.within >= FEWEST
+            and together[-1] > max(STAYS * max(together), 1e-6, tolerance * span)
+        )
+        blamed = stays and not trusted and what != "quaternion"
+        yield Finding(
+            "constraint-violation",
+            f"{what} {element!r} is violated, whatever energy says"
+            + (
+                ", at every step alike"
+                if stays
+                else "; less so at smaller steps" * (len(sizes) > 1)
+            ),
+            f"by up to {', '.join(f'{s:.2g}' for s in sizes)}",
+            "Check the geometry or the motion of that constraint in the model, and where the motion starts"
+            if stays
+            else "Use a projection, or a smaller step",
+            "cause" if blamed else "note",
+            element,
+        )
+
+
+def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator[Finding]:
+    """Momentum balances that do not close, however small the step."""
+    for name, found in momentum.items():
+        if found.trend == "tends to a limit":
+            yield Finding(
+                "momentum",
+                f"the balance of {name} does not close: it is off by {found.limit:.3g}, however small "
+                "the step",
+                f"± {found.limit_error:.1g}",
+                "A force or a gyroscopic term is wrong or missing; energy sees it only if it does work",
+                element=name,
+            )
+
+
+def of_impacts(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
+    """Impacts whose work the run does not hold: seen in its speeds, or else to be feared of its model."""
+    seen = list(_jumps(mechanism, run))
+    yield from seen or impacts_not_held(mechanism, run)
+
+
+def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
+    """Speeds that jump between two rows, as in an impact that no channel holds."""
+    if len(run) < 5 or any(n.partition(" ")[0] in ("impact", "contact") for n in run.forces):
+        return
+    change = np.abs(np.diff(run.u, axis=0))
+    top = _by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
+    around = np.maximum(change[:-2], change[2:])
+    # A constant speed that begins to change is no jump: compare with the changes that are usual.
+    usual = np.median(change, axis=0)
+    sudden = (change[1:-1] > JUMP * np.maximum(around, usual)) & (
+        change[1:-1] > NOTICEABLE * np.maximum(top, np.finfo(np.float64).tiny)
+    )
+    if not sudden.any():
+        return
+    row, k = np.argwhere(sudden)[0]
+    yield Finding(
+        "impacts",
+        "speeds jump between rows, as in impacts",
+        f"{int(sudden.any(axis=1).sum())} times, first {run.speeds[k]!r} at t = {run.t[row + 1]:.4g} s",
+        "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
+        element=run.speeds[k],
+    )
+
+
+def _by_unit(sizes: Array, units: Sequence[str]) -> Array:
+    """For each column the largest of its unit: what is zero but for rounding has no size."""
+    same = np.array([[a == b for b in units] for a in units])
+    return np.asarray(np.where(same, sizes, 0.0).max(axis=1))
+
+
+def _listed(steps: Sequence[float]) -> str:
+    return ", ".join(f"{h:g}" for h in steps)

@@ -1,0 +1,3 @@
+"""Motions known at samples: what lies between them, and integrals along them with an error bar."""
+
+from __future__ import annotations

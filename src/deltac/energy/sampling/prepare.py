@@ -1,0 +1,172 @@
+"""A trajectory made ready for interpolation: checked, derived where something is missing."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.constraints import constraint_rows
+from deltac.dynamics.laws import to_casadi
+from deltac.dynamics.system import trace
+from deltac.energy.sampling.samples import Samples, Smooth, row_blocks, spline_rate
+from deltac.energy.sampling.segments import Rows
+from deltac.energy.terms import LoggedForces, columns
+from deltac.errors import InputError, closest
+from deltac.kernels import Kernel
+from deltac.kernels.parallel import spread
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+
+def checked_samples(
+    mechanism: Mechanism, run: Rows, log: LoggedForces
+) -> tuple[Samples, dict[str, str]]:
+    """The free coordinates and speeds with their rates, and the logged forces.
+
+    Where the run has no accelerations they are derived by a spline through the speeds; the second value
+    says so. Raises InputError for a run that does not fit the mechanism.
+    """
+    _check_names(mechanism, run)
+    if len(run) < 2:
+        raise InputError("the run has a single sample; a balance needs at least two")
+    free = mechanism.free
+    q, u = columns(run.q, free.q), columns(run.u, free.u)
+    basis = {"u̇": "measured"}
+    if run.udot is not None:
+        measured = columns(run.udot, free.u)
+        speeds = Smooth(u, lambda: measured)
+    else:
+        basis["u̇"] = "derived"
+        speeds = Smooth(u, lambda: _rates(run, u))
+    held = _held(run)
+    forces = {f"force {name}": values for name, values in log.values(run).items()}
+    return Samples(
+        t=run.t,
+        smooth={
+            "q": Smooth(q, lambda: _coordinate_rates(mechanism, run.t, q, u)),
+            "u": speeds,
+        },
+        plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
+        held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
+        derived=frozenset({"u"} if run.udot is None else ()),
+        inward=run.inward,
+    ), basis
+
+
+def _rates(run: Rows, y: Array) -> Array:
+    """Rates within every smooth piece."""
+    pieces = pairwise((0, *run.starts, len(run)))
+    return np.concatenate([_rate(run.t[a:b], y[a:b]) for a, b in pieces])
+
+
+def _rate(t: Array, y: Array) -> Array:
+    """`spline_rate` of a piece; one that is no longer than an instant has none."""
+    return spline_rate(t, y) if t[-1] > t[0] else np.zeros_like(y)
+
+
+def _held(run: Rows) -> set[str]:
+    """Channels that were constant from each sample to the next: held over a step, and every step is here.
+
+    In a log with fewer rows than steps such a force changed in between, as any other.
+    """
+    step, held = run.provenance.step, run.provenance.notes.get("held", "")
+    if (
+        not held
+        or step is None
+        or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01)
+    ):
+        return set()
+    return set(filter(None, held.split(";")))
+
+
+def _check_names(mechanism: Mechanism, run: Rows) -> None:
+    for what, ours, theirs in (
+        ("coordinate", mechanism.coordinates.names, run.coordinates),
+        ("speed", mechanism.speeds.names, run.speeds),
+    ):
+        for name in theirs:
+            if name not in ours:
+                raise InputError(
+                    f"the run has a {what} {name!r} that mechanism {mechanism.name!r} does not"
+                    f"{closest(name, ours)}"
+                )
+        missing = [name for name in ours if name not in theirs]
+        if missing:
+            raise InputError(f"the run lacks the {what}(s) {', '.join(map(repr, missing))}")
+        if tuple(theirs) != tuple(ours):
+            raise InputError(
+                f"the {what}s of the run are in another order than the mechanism's: {', '.join(theirs)}; "
+                f"expected {', '.join(ours)}"
+            )
+
+
+def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Array:
+    if not q.shape[1]:
+        return q
+    kernel = _rates_kernel(mechanism)
+    rates = np.empty(q.shape)
+
+    def evaluate(rows: slice) -> None:
+        rates[rows] = kernel(t=t[rows], q=q[rows], u=u[rows])["qdot"].reshape(-1, q.shape[1])
+
+    kernel.compile()
+    spread(evaluate, row_blocks(len(t)))
+    return rates
+
+
+@lru_cache(maxsize=16)
+def _rates_kernel(mechanism: Mechanism) -> Kernel:
+    """(t, q, u) -> q̇ of the free coordinates."""
+    system = trace(mechanism)
+    inputs = {"t": system.t, "q": system.q, "u": system.u}
+    return Kernel(inputs, {"qdot": system.qdot}, name="rates")
+
+
+def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+    """How far prescribed joints are from their laws, and quaternions from unit length, (T,)."""
+    found: dict[str, Array] = {}
+    t = ca.SX.sym("t")
+    values = {**{n: ca.SX(v) for n, v in mechanism.parameters.items()}, "t": t}
+    for joint in mechanism.joints:
+        q_place, u_place = mechanism.coordinates.of(joint.name), mechanism.speeds.of(joint.name)
+        if joint.prescribed:
+            law = ca.vertcat(*(to_casadi(entry, values) for entry in joint.motion))
+            f = ca.Function("law", [t], [law, ca.jacobian(law, t)])
+            q, u = (np.array(part).T for part in f.map(len(run))(run.t[None, :]))
+            found[f"coordinate {joint.name}"] = np.abs(run.q[:, q_place] - q).max(axis=1)
+            found[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = q_place.start + offset
+            quaternion = run.q[:, start : start + 4]
+            norm = np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))  # norm(axis=1), but fast
+            found[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
+    found.update(_constraint_violations(mechanism, run))
+    return found
+
+
+def _constraint_violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+    """Largest |φ| and |ψ| of each constraint, (T,)."""
+    if not mechanism.constraints:
+        return {}
+    system = trace(mechanism)
+    rows = constraint_rows(system)
+    inputs = {n: c for n, c in (("t", system.t), ("q", system.q), ("u", system.u)) if c.shape[0]}
+    kernel = Kernel(inputs, {"phi": rows.phi, "psi": rows.psi}, name="violation")
+    free = mechanism.free
+    given = {"t": run.t, "q": run.q[:, free.q], "u": run.u[:, free.u]}
+    values = kernel(**{name: given[name] for name in inputs})
+    phi, psi = (np.abs(values[n].reshape(len(run), -1)) for n in ("phi", "psi"))
+    found: dict[str, Array] = {}
+    for name in dict.fromkeys(rows.names):
+        places = rows.places(name)
+        if any(rows.holonomic[k] for k in places):
+            found[f"position {name}"] = phi[:, places].max(axis=1)
+        found[f"velocity {name}"] = psi[:, places].max(axis=1)
+    return found

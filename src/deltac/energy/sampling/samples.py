@@ -1,0 +1,138 @@
+"""A motion at sample times, and functions of it evaluated there, block by block on all cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.energy.sampling.interpolation import clock
+from deltac.kernels.parallel import spread
+
+Powers: TypeAlias = Callable[[Array, "Between"], Array]
+"""(times, between) -> (rows, m)."""
+
+ROWS_AT_ONCE = 1032
+"""Samples in a block: their columns stay in a core's cache, and are not a power of two apart."""
+
+
+@dataclass(frozen=True)
+class Between:
+    """Quantities at samples, or at one node of every interval: values and rates by name, (rows, n)."""
+
+    values: dict[str, Array]
+    rates: dict[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """Values (T, n) that have rates; these are found when somebody asks for them."""
+
+    values: Array
+    find_rates: Callable[[], Array]
+
+    @cached_property
+    def rates(self) -> Array:
+        """The rates (T, n)."""
+        return self.find_rates()
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What is known at sample times `t` (T,).
+
+    `smooth` maps a name to values and rates; `plain` to values (T, n) alone, interpolated by polynomials
+    through the same window; `held` to values that are constant until the next sample. The rates of what
+    is named in `derived` are those of a spline, since nobody measured them. Samples at events are
+    evaluated `inward` (T,; s) from there, within their smooth piece.
+    """
+
+    t: Array
+    smooth: dict[str, Smooth]
+    plain: dict[str, Array]
+    held: dict[str, Array]
+    derived: frozenset[str] = frozenset()
+    inward: Array | None = None
+
+    def rows(self, rows: slice) -> Samples:
+        """Neighbouring samples of a smooth piece."""
+
+        def cut(column: Smooth) -> Smooth:
+            return Smooth(column.values[rows], lambda: column.rates[rows])
+
+        return Samples(
+            self.t[rows],
+            {name: cut(column) for name, column in self.smooth.items()},
+            {name: y[rows] for name, y in self.plain.items()},
+            {name: y[rows] for name, y in self.held.items()},
+            self.derived,
+        )
+
+    def every(self, n: int) -> Samples:
+        """Every n-th sample; what was derived is derived from these alone."""
+        t = self.t[::n]
+
+        def thinned(name: str, column: Smooth) -> Smooth:
+            values = column.values[::n]
+            if name in self.derived:
+                return Smooth(values, lambda: spline_rate(t, values))
+            return Smooth(values, lambda: column.rates[::n])
+
+        return Samples(
+            t,
+            {name: thinned(name, column) for name, column in self.smooth.items()},
+            {name: y[::n] for name, y in self.plain.items()},
+            {name: y[::n] for name, y in self.held.items()},
+            self.derived,
+        )
+
+    def at(self, rows: slice, held: slice, rated: Collection[str]) -> tuple[Array, Between]:
+        """Times and quantities at `rows`; what is held is that of other rows."""
+        t = self.t[rows]
+        values = {name: column.values[rows] for name, column in self.smooth.items()}
+        if self.inward is not None:
+            aside = self.inward[rows]
+            t = t + aside
+            for name, column in self.smooth.items():
+                values[name] = values[name] + aside[:, None] * column.rates[rows]
+        values |= {name: y[rows] for name, y in self.plain.items()}
+        values |= {name: y[held] for name, y in self.held.items()}
+        rates = {name: self.smooth[name].rates[rows] for name in rated}
+        return t, Between(values, rates)
+
+
+def spline_rate(t: Array, y: Array) -> Array:
+    """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
+    from scipy.interpolate import make_interp_spline
+
+    t = clock(t)
+    degree = min(5, len(t) - 1)
+    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
+    return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))
+
+
+def row_blocks(count: int) -> list[slice]:
+    """Rows in blocks that stay in cache."""
+    starts = range(0, count, ROWS_AT_ONCE)
+    return [slice(start, min(start + ROWS_AT_ONCE, count)) for start in starts]
+
+
+def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None = None) -> Array:
+    """The powers at the samples themselves, (m, T); `rated` names what they need rates of (default: all)."""
+    rated = samples.smooth.keys() if rated is None else rated
+    if samples.inward is not None:  # found before threads ask for them
+        _ = [column.rates for column in samples.smooth.values()]
+    first, *others = row_blocks(len(samples.t))
+    start = powers(*samples.at(first, first, rated)).T
+    found = np.empty((len(start), len(samples.t)))
+    found[:, first] = start
+
+    def evaluate(rows: slice) -> None:
+        found[:, rows] = powers(*samples.at(rows, rows, rated)).T
+
+    spread(evaluate, others)
+    return found

@@ -1,0 +1,261 @@
+"""From a file or an object to a compiled MuJoCo model; MuJoCo's own parser reads MJCF and URDF."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.errors import InputError
+from deltac.importers.equalities import read_equalities
+from deltac.importers.names import (
+    actuator_names,
+    body_names,
+    joint_names,
+    motor_strengths,
+    tendon_names,
+)
+from deltac.importers.passive import Findings, disabled, read_passive, total_armature
+from deltac.importers.report import ImportReport, Remark
+from deltac.importers.tree import read_tree
+from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
+from deltac.mechanism.quantities import vector
+
+_SHAPES = re.compile(r"<(visual|collision)\b[^>]*?(/>|>.*?</\1\s*>)", re.DOTALL)
+
+
+def require_mujoco() -> Any:
+    """The module mujoco; InputError with the remedy where it is not installed."""
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError(
+            'reading MJCF and URDF needs MuJoCo; install it with: pip install "deltac[mujoco]"'
+        ) from None
+    return mujoco
+
+
+def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]]:
+    """The compiled model of a path, `MjModel` or `MjSpec`, what to call it, and what was assumed.
+
+    `base` = "free" puts a free joint under the root link of a URDF file, which else stands still.
+
+    Raises InputError for a file that is missing or of an unknown kind, with MuJoCo's own words for one
+    that it cannot compile, and for any other source.
+    """
+    mujoco = require_mujoco()
+    if base not in ("fixed", "free"):
+        raise InputError(f"base: expected 'fixed' or 'free', found {base!r}")
+    if isinstance(source, mujoco.MjModel):
+        return source, "an MjModel", []
+    if isinstance(source, mujoco.MjSpec):
+        return _compiled(source.copy(), "the MjSpec"), "an MjSpec", []
+    if not isinstance(source, str | Path):
+        raise InputError(
+            f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
+            "a mujoco.MjModel or a mujoco.MjSpec"
+        )
+    path = Path(source)
+    if not path.is_file():
+        raise InputError(f"model file {str(path)!r} does not exist; check the path")
+    if path.suffix.lower() == ".urdf":
+        model, assumed = _urdf(mujoco, path, base)
+        return model, path.name, assumed
+    if path.suffix.lower() not in (".xml", ".mjcf"):
+        raise InputError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path)), path.name, []
+    except ValueError as error:
+        raise InputError(_refused(path.name, error)) from None
+
+
+def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark]]:
+    assumed: list[Remark] = []
+    try:
+        text = path.read_text("utf-8")
+        spec = mujoco.MjSpec.from_file(str(path))
+        if not _meshes_open(spec):
+            # Meshes are often out of reach (package://…); a link's inertia is in the file itself.
+            spec = mujoco.MjSpec.from_string(_SHAPES.sub("", text))
+            assumed.append(
+                Remark(
+                    path.name,
+                    "meshes cannot be opened, so all shapes were left out",
+                    "links without <inertial> have no mass; contact forces must come from the log",
+                )
+            )
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"model file {path.name!r} cannot be read: {error}") from None
+    except ValueError as error:
+        raise InputError(_refused(path.name, error)) from None
+    if base == "free":
+        for root in spec.worldbody.bodies:
+            if not root.joints:
+                root.add_freejoint(name="base")
+        assumed.append(Remark("base", "the root link floats: a free joint was put under it"))
+    else:
+        assumed.append(
+            Remark(
+                "base",
+                "the root link stands on the ground",
+                "for a robot that moves about, read it with base='free'",
+            )
+        )
+    # Links on fixed joints keep their names, unless only the sum of inertias is one that MuJoCo takes.
+    apart = spec.copy()
+    apart.compiler.fusestatic = False
+    try:
+        return apart.compile(), assumed
+    except ValueError:
+        model = _compiled(spec, path.name)
+    assumed.append(Remark(path.name, "links on fixed joints were joined with their parents"))
+    return model, assumed
+
+
+def _meshes_open(spec: Any) -> bool:
+    try:
+        spec.copy().compile()
+    except ValueError as error:
+        return "opening file" not in str(error) and "resource" not in str(error).lower()
+    return True
+
+
+def _compiled(spec: Any, name: str) -> Any:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(_refused(name, error)) from None
+
+
+def _refused(name: str, error: Exception) -> str:
+    return f"MuJoCo cannot compile {name}: {' '.join(str(error).split())}"
+
+
+# --- what a MuJoCo model has that a mechanism has not --------------------------------------------
+
+
+def report_unmodelled(model: Any, found: Findings) -> None:
+    """Everything else in the model that moves energy, into `found`."""
+    for name in actuator_names(model):
+        found.ignored.append(_logged(name, "actuator", f"actuator {name}"))
+    _of_joints_and_tendons(model, found)
+    _contacts(model, found)
+    if model.opt.density or model.opt.viscosity:
+        what = f"fluid of density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
+        found.ignored.append(_logged("option", what, "applied fluid"))
+    for k in range(model.nflex):
+        name = model.flex(k).name or f"flex{k}"
+        found.ignored.append(
+            _logged(name, "deformable; its vertices are read as bodies", f"applied {name}")
+        )
+    if model.nplugin:
+        found.ignored.append(
+            _logged(
+                "plugins", f"{model.nplugin} plugins with forces of their own", "applied plugins"
+            )
+        )
+    for i, name in enumerate(body_names(model)):
+        if model.body_mocapid[i] >= 0:
+            found.assumed.append(
+                Remark(
+                    name,
+                    "mocap body, taken as fixed where the model puts it",
+                    "if it was moved in the run, what it does through constraints shows in their channels",
+                )
+            )
+
+
+def _of_joints_and_tendons(model: Any, found: Findings) -> None:
+    for j, name in enumerate(joint_names(model)):
+        dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
+        if np.asarray(model.dof_frictionloss)[dofs].any():
+            found.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+        if model.jnt_limited[j]:
+            found.ignored.append(_logged(name, "limits", f"limit {name}"))
+    for k, name in enumerate(tendon_names(model)):
+        if model.tendon_frictionloss[k]:
+            found.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+        if model.tendon_limited[k]:
+            found.ignored.append(_logged(name, "limits", f"limit {name}"))
+
+
+def _contacts(model: Any, found: Findings) -> None:
+    off = disabled(model, "CONTACT") or disabled(model, "CONSTRAINT")
+    colliding = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
+    if not off and (colliding.sum() > 1 or model.npair):
+        what = f"contact of {int(colliding.sum())} geoms"
+        found.ignored.append(_logged("geoms", what, "contact <geom1>:<geom2>"))
+
+
+def _logged(element: str, what: str, channel: str) -> Remark:
+    return Remark(element, what, f"its force must come from the log: channel '{channel}'")
+
+
+# --- MJCF, URDF and MuJoCo models as mechanisms: `read_mechanism` --------------------------------
+
+
+def read_mechanism(
+    source: Any, *, equality: str = "log", base: str = "fixed"
+) -> tuple[Mechanism, ImportReport]:
+    """The mechanism of an MJCF or URDF file, a `mujoco.MjModel` or a `mujoco.MjSpec`, and a report.
+
+    Coordinates and speeds are MuJoCo's qpos and qvel, in order and convention; nameless elements are
+    called ``joint<i>``, ``body<i>``, …; the world is ``"ground"``. Inertias are those that MuJoCo compiled,
+    armatures of actuators included. Forces that have no counterpart (contacts, limits, dry friction,
+    actuators, fluid) are named in the report with the channel that a log supplies them in.
+
+    Args:
+        source: path of an ``.xml`` or ``.urdf`` file, or a model or spec in memory.
+        equality: "log": forces of equality constraints come from the log, because they are soft in
+            MuJoCo; "constraints": connect, weld and joint equalities become exact constraints.
+        base: "fixed" or "free", for the root link of a URDF file.
+
+    Raises:
+        InputError: MuJoCo is not installed, the file is missing or does not compile, or an argument
+            is not known.
+    """
+    if equality not in ("log", "constraints"):
+        raise InputError(f"equality: expected 'log' or 'constraints', found {equality!r}")
+    model, name, assumed = load_model(source, base)
+    found = Findings(assumed=assumed)
+    tree = read_tree(model, total_armature(model))
+    found.ignored.extend(tree.remarks)
+    found.read.insert(0, _counts(len(tree.bodies), tree.joints))
+    read_passive(model, found)
+    constraints = read_equalities(model, equality == "constraints", found)
+    report_unmodelled(model, found)
+    weightless = disabled(model, "GRAVITY")
+    if weightless:
+        found.assumed.append(Remark("option", "gravity is switched off"))
+    mechanism = Mechanism(
+        tree.bodies,
+        tree.joints,
+        found.forces,
+        constraints,
+        gravity=NO_GRAVITY if weightless else vector(model.opt.gravity, "gravity"),
+        name=_model_name(model, name),
+    )
+    report = ImportReport(
+        name,
+        tuple(found.read),
+        tuple(found.ignored),
+        tuple(found.assumed),
+        tuple(found.equalities),
+        motor_strengths(model),
+    )
+    return mechanism, report
+
+
+def _counts(bodies: int, joints: Sequence[Any]) -> Remark:
+    moving = sum(bool(joint.speeds) for joint in joints)
+    speeds = sum(len(joint.speeds) for joint in joints)
+    return Remark("tree", f"{bodies} bodies and frames, {moving} moving joints, {speeds} speeds")
+
+
+def _model_name(model: Any, source: str) -> str:
+    """The name the model gives itself, the first of its names."""
+    given = bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+    return given if given and given != "MuJoCo Model" else source

@@ -1,0 +1,281 @@
+"""The mapping file: which columns of another program's log are what, in TOML.
+
+    [log]
+    simulator = "Simscape"
+    time = { column = "t", unit = "ms" }
+    angles = ["elbow"]                     # which one-coordinate joints are angles, without a model
+
+    [units]                                # where a column does not say otherwise
+    angle = "deg"
+    angular_speed = "rpm"
+
+    [coordinates]
+    elbow = "Elbow position"
+    slide = { column = "x", unit = "mm", sign = -1, offset = 2.5 }
+    table = { constant = 0.0 }
+
+    [quaternions]
+    base = { columns = ["a", "b", "c", "d"], order = "xyzw" }
+
+    [speeds]
+    elbow = { column = "Elbow speed", unit = "deg/s" }
+
+    [accelerations]
+
+    [forces."actuator elbow"]              # a channel: the generalized force on each speed
+    elbow = { column = "torque", unit = "N*mm" }
+
+A number x of a column means sign·x + offset, in `unit`. What the mapping does not name keeps its
+name if that is one of the log schema, and is ignored otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.channels import split
+from deltac.trajectories.columns import QUATERNION, MechanismNames
+from deltac.trajectories.formats.units import unit
+
+DIMENSIONS: Mapping[str, str] = {
+    "time": "s",
+    "length": "m",
+    "angle": "rad",
+    "speed": "m/s",
+    "angular_speed": "rad/s",
+    "acceleration": "m/s^2",
+    "angular_acceleration": "rad/s^2",
+    "force": "N",
+    "torque": "N*m",
+    "energy": "J",
+}
+"""Keys of the table ``[units]`` and the SI unit that each replaces."""
+
+_TABLES = {"coordinates": "q", "speeds": "u", "accelerations": "udot", "integrals": "integral"}
+_KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
+_SOURCE_KEYS = ("column", "constant", "unit", "sign", "offset")
+_ORDERS = ("wxyz", "xyzw")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the values of one column of the log schema come from.
+
+    `column` of the file, or a `constant`; `unit` as written, None where the mapping does not say;
+    `where` names the place in the mapping for messages.
+    """
+
+    column: str | None = None
+    constant: float | None = None
+    unit: str | None = None
+    sign: float = 1.0
+    offset: float = 0.0
+    where: str = "the mapping"
+
+
+@dataclass(frozen=True)
+class LogMapping:
+    """A mapping file as read: schema column -> source, default units, which names are angles."""
+
+    sources: Mapping[str, Source]
+    units: Mapping[str, str] = field(default_factory=dict)
+    angles: tuple[str, ...] | None = None
+    simulator: str = "unknown"
+    where: str = "the mapping"
+
+    def names(self, names: MechanismNames | None) -> MechanismNames | None:
+        """The names with units: the mechanism's, or what `angles` says of the mapping's own."""
+        if names is not None or self.angles is None:
+            return names
+        own = [key.removeprefix("q.") for key in self.sources if key.startswith("q.")]
+        plain = [n for n in dict.fromkeys([*own, *self.angles]) if not n.endswith(QUATERNION)]
+        units = {name: "rad" if name in self.angles else "m" for name in plain}
+        return MechanismNames(units, {name: f"{u}/s" for name, u in units.items()})
+
+
+def read_mapping(path: str | Path) -> LogMapping:
+    """Read a mapping file; InputError names the file, the line and the key."""
+    try:
+        text = Path(path).read_text("utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such mapping file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is no TOML: {error}") from error
+    return _Parser(document, text, str(path)).mapping()
+
+
+def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
+    """A mapping from its file, or as it is."""
+    return read_mapping(mapping) if isinstance(mapping, str | Path) else mapping
+
+
+@dataclass(frozen=True)
+class _Parser:
+    document: Mapping[str, Any]
+    text: str
+    path: str
+
+    def mapping(self) -> LogMapping:
+        for key in self.document:
+            if key not in _KNOWN:
+                raise self.error(key, f"unknown table{closest(key, _KNOWN)}")
+        log = self.table("log")
+        for key in log:
+            if key not in (known := ("simulator", "time", "angles")):
+                raise self.error(f"log.{key}", f"unknown key{closest(key, known)}")
+        simulator = log.get("simulator", "unknown")
+        if not isinstance(simulator, str) or not simulator:
+            raise self.error("log.simulator", f"found {simulator!r}, expected a name")
+        angles = log.get("angles")
+        if angles is not None and not _texts(angles):
+            raise self.error("log.angles", f"found {angles!r}, expected a list of names")
+        sources: dict[str, Source] = {}
+        for target, source in self.sources(log):
+            if target in sources:
+                raise InputError(f"{source.where}: {target!r} is given twice; remove one")
+            sources[target] = source
+        return LogMapping(
+            sources,
+            self.units(),
+            None if angles is None else tuple(angles),
+            simulator,
+            self.path,
+        )
+
+    def sources(self, log: Mapping[str, Any]) -> Iterator[tuple[str, Source]]:
+        if "time" in log:
+            yield "time", self.source("log.time", log["time"])
+        for table, prefix in _TABLES.items():
+            for name, value in self.table(table).items():
+                yield f"{prefix}.{name}", self.source(f"{table}.{name}", value)
+        for joint, value in self.table("quaternions").items():
+            yield from self.quaternion(joint, value)
+        for channel, speeds in self.table("forces").items():
+            where = f"forces.{channel}"
+            try:
+                split(channel)
+            except InputError as error:
+                raise self.error(where, str(error)) from None
+            if not isinstance(speeds, dict):
+                raise self.error(where, f"found {speeds!r}, expected a table: speed = column")
+            for speed, value in speeds.items():
+                yield f"force.{channel}.{speed}", self.source(f"{where}.{speed}", value)
+
+    def quaternion(self, joint: str, value: Any) -> Iterator[tuple[str, Source]]:
+        key = f"quaternions.{joint}"
+        if isinstance(value, str):  # the columns have the schema's names, but another order
+            value = {"columns": [f"q.{joint}.{part}" for part in QUATERNION], "order": value}
+        if not isinstance(value, dict) or set(value) != {"columns", "order"}:
+            raise self.error(
+                key, f"found {value!r}, expected {{ columns = [four], order = 'xyzw' }}"
+            )
+        columns, order = value["columns"], value["order"]
+        if order not in _ORDERS:
+            raise self.error(f"{key}.order", f"found {order!r}, expected 'wxyz' or 'xyzw'")
+        if not _texts(columns) or len(columns) != 4:
+            raise self.error(f"{key}.columns", f"found {columns!r}, expected four names of columns")
+        for letter, column in zip(order, columns, strict=True):
+            yield f"q.{joint}.q{letter}", Source(column, unit="1", where=self.where(key))
+
+    def source(self, key: str, value: Any) -> Source:
+        where = self.where(key)
+        if isinstance(value, str):
+            return Source(value, where=where)
+        if not isinstance(value, dict):
+            raise self.error(key, f"found {value!r}, expected a column's name or {{ column = … }}")
+        for name in value:
+            if name not in _SOURCE_KEYS:
+                raise self.error(f"{key}.{name}", f"unknown key{closest(name, _SOURCE_KEYS)}")
+        if ("column" in value) == ("constant" in value):
+            raise self.error(key, "expected either 'column' or 'constant'")
+        if not isinstance(value.get("column", ""), str):
+            raise self.error(f"{key}.column", f"found {value['column']!r}, expected a name")
+        written = value.get("unit")
+        if written is not None:
+            self.check_unit(f"{key}.unit", written)
+        sign = self.number(key, value, "sign", 1.0)
+        if abs(sign) != 1.0:
+            raise self.error(f"{key}.sign", f"found {sign}, expected 1 or -1")
+        constant = self.number(key, value, "constant", 0.0) if "constant" in value else None
+        offset = self.number(key, value, "offset", 0.0)
+        return Source(value.get("column"), constant, written, sign, offset, where)
+
+    def units(self) -> dict[str, str]:
+        units = self.table("units")
+        for key, written in units.items():
+            if key not in DIMENSIONS:
+                raise self.error(f"units.{key}", f"unknown key{closest(key, DIMENSIONS)}")
+            found = self.check_unit(f"units.{key}", written)
+            if found != unit(DIMENSIONS[key]).dimension:
+                raise self.error(
+                    f"units.{key}", f"{written!r} is no unit of {key.replace('_', ' ')}"
+                )
+        return {DIMENSIONS[key]: written for key, written in units.items()}
+
+    def check_unit(self, key: str, written: Any) -> tuple[int, int, int, int]:
+        if not isinstance(written, str):
+            raise self.error(key, f"found {written!r}, expected a unit such as 'deg'")
+        try:
+            return unit(written).dimension
+        except InputError as error:
+            raise self.error(key, str(error)) from None
+
+    def number(self, key: str, value: Mapping[str, Any], name: str, default: float) -> float:
+        found = value.get(name, default)
+        if (
+            isinstance(found, bool)
+            or not isinstance(found, int | float)
+            or not math.isfinite(found)
+        ):
+            raise self.error(f"{key}.{name}", f"found {found!r}, expected a finite number")
+        return float(found)
+
+    def table(self, name: str) -> Mapping[str, Any]:
+        found = self.document.get(name, {})
+        if not isinstance(found, dict):
+            raise self.error(name, f"found {found!r}, expected a table [{name}]")
+        return found
+
+    def error(self, key: str, message: str) -> InputError:
+        return InputError(f"{self.where(key)}: {message}")
+
+    def where(self, key: str) -> str:
+        line = _line(self.text, key)
+        return f"{self.path}{f', line {line}' if line else ''}, {key}"
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
+def _line(text: str, key: str) -> int | None:
+    """The line on which a dotted key most likely stands: the longest part of it that is found."""
+    best: tuple[int, int] | None = None
+    table = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        header = re.match(r"\s*\[([^\[\]]+)\]", line)
+        entry = re.match(r"\s*([^\s=#][^=]*?)\s*=", line)
+        if header:
+            table = found = _unquoted(header[1])
+        elif entry:
+            found = ".".join(filter(None, (table, _unquoted(entry[1]))))
+        else:
+            continue
+        if (key == found or key.startswith(f"{found}.")) and (best is None or len(found) > best[0]):
+            best = (len(found), number)
+    return best[1] if best else None
+
+
+def _unquoted(key: str) -> str:
+    return re.sub(r"\s*\.\s*", ".", key.strip()).replace('"', "").replace("'", "")

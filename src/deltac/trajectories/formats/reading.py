@@ -1,0 +1,312 @@
+"""From the columns of a file to those of the log schema: what each means, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltac.errors import InputError, closest
+from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit
+from deltac.trajectories.formats.mapping import LogMapping, Source
+from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.formats.schema import from_columns, is_schema_name
+from deltac.trajectories.formats.units import named_unit, unit
+from deltac.trajectories.rates import derived_speeds
+from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
+
+_PURPOSES = {
+    "time": "the times of the samples",
+    "q": "without it the place of the bodies, and so the potential energy, is not known",
+    "u": "without it the kinetic energy and the powers are not known",
+    "udot": "the accelerations, which the inertial forms of the test need",
+    "force": "the generalized force of a channel, whose work the balance needs",
+    "integral": "the work that the solver took in the loop",
+}
+
+
+@dataclass(frozen=True)
+class ColumnReading:
+    """How one column of a file is read: value in SI = `factor` × number + `offset`.
+
+    `column` is its name in the file (a constant's is empty), `meaning` its name in the log schema
+    (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
+    from, or why the column is not used.
+    """
+
+    column: str
+    meaning: str
+    unit: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    note: str = ""
+
+
+def interpret(
+    raw: RawLog, mapping: LogMapping | None, names: MechanismNames | None
+) -> list[ColumnReading]:
+    """How each column of the file is read; raises InputError for a mapping that does not fit it."""
+    if raw.header is not None:
+        if mapping is not None:
+            raise InputError(
+                "the log has deltac's own metadata, which say all that a mapping could; leave the "
+                "mapping out"
+            )
+        return [ColumnReading(name, name) for name in raw.columns]
+    sources = _sources(raw, mapping, names)
+    known = mapping.names(names) if mapping is not None else names
+    readings = [_reading(target, source, raw, mapping, known) for target, source in sources.items()]
+    _check_mixed(readings)
+    used = {reading.column for reading in readings}
+    strict = _strict(raw, mapping)
+    for name in raw.columns:
+        if name not in used:
+            why = "not a name of the log schema" if strict else "ignored: nothing says what it is"
+            readings.append(ColumnReading(name, "", note=why))
+    readings += [ColumnReading(n, "", note=why) for n, why in raw.skipped.items() if n not in used]
+    return readings
+
+
+def to_trajectory(
+    raw: RawLog,
+    mapping: LogMapping | None = None,
+    names: MechanismNames | None = None,
+    *,
+    derive: bool = True,
+) -> Trajectory:
+    """The trajectory that a file's columns describe; speeds that are missing are derived."""
+    readings = interpret(raw, mapping, names)
+    if raw.header is not None:
+        for name in raw.skipped:
+            raise InputError(raw.skipped[name])
+        return from_columns(raw.columns, raw.header)
+    columns = values_of(raw, readings)
+    ignored = [r.column for r in readings if not r.meaning]
+    if _strict(raw, mapping):  # from_columns refuses by name what it does not know
+        columns = {name: columns.get(name, values) for name, values in raw.columns.items()}
+        ignored = [name for name in ignored if name not in columns]
+    notes = {"ignored": ";".join(ignored)} if ignored else {}
+    if units := [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]:
+        notes["converted"] = ";".join(units)
+    missing = not any(name.startswith("u.") for name in columns)
+    if derive and missing and "time" in columns and any(n.startswith("q.") for n in columns):
+        derived, error = derived_speeds(columns, names)
+        columns |= derived
+        notes |= {"derived": "u", "derived_error": error}
+    if names is not None:
+        columns = _ordered(columns, names)
+    run = from_columns(columns)
+    simulator = mapping.simulator if mapping is not None else run.provenance.simulator
+    return replace(run, provenance=Provenance(simulator, notes=notes))
+
+
+def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
+    """The columns (T,) of the log schema in SI units; InputError when their lengths differ."""
+    columns: dict[str, FloatArray] = {}
+    time = next((r for r in readings if r.meaning == "time"), None)
+    rows = len(raw.columns[time.column]) if time is not None and time.column else None
+    for reading in readings:
+        if not reading.meaning:
+            continue
+        if not reading.column:
+            columns[reading.meaning] = np.full(rows or 0, reading.offset)
+            continue
+        values = raw.columns[reading.column]
+        if rows is not None and len(values) != rows:
+            raise InputError(
+                f"column {reading.column!r} has {len(values)} values, time has {rows}; expected one "
+                "for each time. Export all signals at the same sample times."
+            )
+        same = reading.factor == 1.0 and reading.offset == 0.0
+        columns[reading.meaning] = values if same else reading.factor * values + reading.offset
+    return columns
+
+
+def _strict(raw: RawLog, mapping: LogMapping | None) -> bool:
+    """Whether nothing but the names of the schema says what the columns are."""
+    return mapping is None and not raw.plain_names
+
+
+def _sources(
+    raw: RawLog, mapping: LogMapping | None, names: MechanismNames | None
+) -> dict[str, Source]:
+    """Schema column -> where it is in this file: the mapping's word, then the names'."""
+    sources: dict[str, Source] = {}
+    if mapping is not None:
+        for target, source in mapping.sources.items():
+            if source.column is not None:
+                _require(source.column, source.where, target, raw)
+            sources[target] = source
+    taken = {source.column for source in sources.values()}
+    for name in [*raw.columns, *raw.skipped]:
+        meaning = raw.meanings.get(name) or _own_meaning(name, raw, names)
+        if meaning is not None and meaning not in sources and name not in taken:
+            if name in raw.skipped:
+                raise InputError(raw.skipped[name])
+            sources[meaning] = Source(name)
+    if names is None and _strict(raw, mapping):
+        return sources  # from_columns says what is missing
+    for target in _needed(names, any(target.startswith("u.") for target in sources)):
+        if target not in sources:
+            raise _missing(target, raw, sources)
+    if not any(target.startswith("q.") for target in sources):
+        raise InputError(
+            "no column is known to be a coordinate; give the model, or say in a mapping file which "
+            f"columns are. Columns: {', '.join(raw.columns)}{_also(raw)}"
+        )
+    return sources
+
+
+def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:
+    if is_schema_name(name):
+        return name
+    if names is not None and name in names.coordinates and raw.plain_names:
+        return f"q.{name}"
+    return None
+
+
+def _needed(names: MechanismNames | None, with_speeds: bool) -> tuple[str, ...]:
+    """What a log of the mechanism must have; where it has no speeds at all, they are derived."""
+    coordinates = names.coordinates if names is not None else ()
+    speeds = names.speeds if names is not None and with_speeds else ()
+    return ("time", *(f"q.{name}" for name in coordinates), *(f"u.{name}" for name in speeds))
+
+
+def _require(column: str, where: str, target: str, raw: RawLog) -> None:
+    if column in raw.columns:
+        return
+    if column in raw.skipped:
+        raise InputError(f"{where}: {raw.skipped[column]}")
+    raise InputError(
+        f"{where}: the file has no column {column!r}{closest(column, raw.columns)} "
+        f"(it is meant as {target!r}: {_purpose(target)}){_also(raw)}"
+    )
+
+
+def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputError:
+    for name in raw.columns:
+        said = re.fullmatch(r"(.*?)\s*[\[(](.*)[\])]", name)
+        if said and said[1] == target:
+            kind, _, element = target.partition(".")
+            key = f'"{element}"' if "." in element else element or kind
+            table = {"q": "[coordinates]", "u": "[speeds]"}.get(kind, "[log]")
+            return InputError(
+                f"no column {target!r}, but {name!r}. A name with its unit in brackets needs a mapping file, "
+                f"which then takes the unit from it: {table} {key} = "
+                f'{{ column = "{name}" }}'
+            )
+    unused = [name for name in raw.columns if name not in {s.column for s in sources.values()}]
+    hint = closest(target, unused)
+    if "did you mean" not in hint and "." in target:
+        hint = closest(target.partition(".")[2], unused)
+    return InputError(
+        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a "
+        f"mapping file which column it is, or that it is constant{_also(raw)}"
+    )
+
+
+def _purpose(target: str) -> str:
+    return _PURPOSES.get(target.partition(".")[0], "")
+
+
+def _also(raw: RawLog) -> str:
+    if not raw.skipped:
+        return ""
+    return ". Not read: " + "; ".join(raw.skipped.values())
+
+
+def _reading(
+    target: str,
+    source: Source,
+    raw: RawLog,
+    mapping: LogMapping | None,
+    names: MechanismNames | None,
+) -> ColumnReading:
+    """The unit of one column: the mapping's, the file's, the mapping's default, else SI."""
+    column, si = source.column or "", si_unit(target, names)
+    written, note = source.unit, "unit from the mapping"
+    if written is None and column in raw.units:
+        written, note = raw.units[column], "unit from the file"
+    if written is None and column != target:
+        written, note = named_unit(column), "unit from the column's name"
+    if written is None and mapping is not None and mapping.units:
+        if si is None:
+            raise _unknown_kind(
+                target, source, "[units] of the mapping speaks of kinds of quantities"
+            )
+        written, note = mapping.units.get(si), "unit from [units] of the mapping"
+    if written is None and raw.in_degrees and target != "time":
+        if si is None:
+            raise _unknown_kind(target, source, "the header says inDegrees=yes")
+        degrees = target.startswith(("q.", "u.", "udot.")) and si.startswith("rad")
+        written, note = (si.replace("rad", "deg") if degrees else None), "inDegrees=yes"
+    if written is None:
+        factor, note = 1.0, f"{si or 'SI units'}, as nothing else is said"
+    else:
+        factor = _factor(target, written, si, source, column)
+    if source.constant is not None:
+        value = factor * (source.sign * source.constant + source.offset)
+        return ColumnReading("", target, written or "", 0.0, value, "constant")
+    offset = factor * source.offset
+    return ColumnReading(column, target, written or "", factor * source.sign, offset, note)
+
+
+def _factor(target: str, written: str, si: str | None, source: Source, column: str) -> float:
+    place = source.where if source.column != column or source.unit else f"column {column!r}"
+    try:
+        found = unit(written)
+    except InputError as error:
+        raise InputError(f"{place}: {error}. Say in a mapping file which unit it has.") from None
+    allowed = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
+    if found.dimension not in allowed:
+        expected = si or " or ".join(_ALLOWED[target.partition(".")[0]])
+        raise InputError(
+            f"{place}: {written!r} is no unit of {target!r}; expected one that converts to {expected}"
+        )
+    return found.factor
+
+
+_ALLOWED = {
+    "time": ("s",),
+    "q": ("rad", "m", "1"),
+    "u": ("rad/s", "m/s"),
+    "udot": ("rad/s^2", "m/s^2"),
+    "force": ("N", "N*m"),
+    "integral": ("J",),
+}
+
+
+def _unknown_kind(target: str, source: Source, why: str) -> InputError:
+    return InputError(
+        f"column {source.column!r}, read as {target!r}: {why}, and whether this is an angle or a "
+        'length is not known. Give the model, or a mapping with [log] angles = ["…"], or with a '
+        "unit for each column"
+    )
+
+
+def _check_mixed(readings: list[ColumnReading]) -> None:
+    """A coordinate in a unit of length whose speed is in one of angles cannot be right."""
+    q = [r for r in readings if r.meaning.startswith("q.")]
+    u = [r for r in readings if r.meaning.startswith("u.")]
+    pairs = Kinematics.of(
+        [r.meaning.removeprefix("q.") for r in q], [r.meaning.removeprefix("u.") for r in u]
+    ).rates
+    for i, j in pairs:
+        if not (q[i].unit and u[j].unit):
+            continue
+        a, b = unit(q[i].unit).dimension, unit(u[j].unit).dimension
+        if (a[0], a[3]) != (b[0], b[3]):
+            raise InputError(
+                f"mixed units: {q[i].meaning!r} is in {q[i].unit!r} (column {q[i].column!r}), but its "
+                f"rate {u[j].meaning!r} in {u[j].unit!r} (column {u[j].column!r}); correct one of them"
+            )
+
+
+def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str, FloatArray]:
+    """The columns in the mechanism's order, for the order of a foreign file means nothing."""
+    order = [f"q.{n}" for n in names.coordinates]
+    order += [f"{prefix}.{n}" for prefix in ("u", "udot") for n in names.speeds]
+    place = {name: index for index, name in enumerate(order)}
+    return dict(sorted(columns.items(), key=lambda item: place.get(item[0], len(place))))

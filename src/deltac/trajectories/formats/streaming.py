@@ -1,0 +1,94 @@
+"""Logs larger than memory: Parquet read in parts that overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deltac.errors import InputError
+from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.delimited import raw_log
+from deltac.trajectories.formats.files import naming
+from deltac.trajectories.formats.mapping import LogMapping, as_mapping
+from deltac.trajectories.formats.parquet import damage_named, parquet_header, parquet_size
+from deltac.trajectories.formats.reading import to_trajectory
+from deltac.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A part of a log.
+
+    run        its rows, with up to `overlap` rows of the neighbours before and after
+    first_row  the row of the log that ``run`` begins with
+    core       the rows of ``run`` that are this chunk's own; the cores of all chunks follow each
+               other and make up the log
+    rows       how many rows the whole log has
+    """
+
+    run: Trajectory
+    first_row: int
+    core: slice
+    rows: int
+
+
+def scan_trajectory(
+    path: str | Path,
+    rows: int = 100_000,
+    overlap: int = 1,
+    mapping: LogMapping | str | Path | None = None,
+    mechanism_names: MechanismNames | Mechanism | None = None,
+) -> Iterator[Chunk]:
+    """Read a Parquet log in chunks of `rows` rows that see `overlap` rows of their neighbours.
+
+    Memory is bounded by the rows of a chunk and of one row group of the file (deltac writes 65 536).
+    Values are those of `read_trajectory`; speeds that are missing are not derived. With an overlap
+    of at least one, times are checked across the borders too.
+
+    Raises InputError as `read_trajectory` does, and for a file that is not Parquet; rows in its
+    messages are counted from the first of the chunk, which the message names.
+    """
+    if Path(path).suffix.lower() != ".parquet":
+        raise InputError(f"{path}: only Parquet is read in parts; store the log as .parquet")
+    if rows < 1 or overlap < 0:
+        raise InputError(f"rows is {rows}, overlap {overlap}; expected 1 or more, 0 or more")
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such file")
+    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
+    return _chunks(Path(path), rows, overlap, as_mapping(mapping), names)
+
+
+def _chunks(
+    path: Path, rows: int, overlap: int, mapping: LogMapping | None, names: MechanismNames | None
+) -> Iterator[Chunk]:
+    import polars
+
+    with naming(path):
+        header = parquet_header(path)
+        total, _ = parquet_size(path)
+        if header is not None and header.get("rows", total) != total:
+            raise InputError(
+                f"found {total} rows, the metadata say {header['rows']}: the log is cut off or was "
+                "edited. Take the complete one."
+            )
+        if not total:
+            raise InputError("the log has no rows")
+        table = polars.scan_parquet(path, glob=False)
+    for start in range(0, total, rows):
+        first = max(0, start - overlap)
+        stop = min(total, start + rows)
+        last = min(total, stop + overlap)
+        with naming(path):
+            with damage_named():
+                frame = table.slice(first, last - first).collect()
+            part = None if header is None else {**header, "rows": last - first}
+            try:
+                run = to_trajectory(raw_log(frame, part), mapping, names, derive=False)
+            except InputError as error:
+                raise InputError(f"in the part that begins at row {first}: {error}") from error
+        yield Chunk(run, first, slice(start - first, stop - first), total)

@@ -1,0 +1,399 @@
+"""Slips of units and conventions that a log betrays, named with their evidence; nothing is changed.
+
+The coordinates of a log must move as its speeds say: Δq over an interval against the mean of u times
+Δt, by least squares, Δq = r ∫u dt. A ratio r of 57.3 is degrees, of 1/1000 in all joints a time in
+milliseconds; a quaternion's increments fit the angular velocity only in the right order of its
+components. A fit counts where the correlation is at least 0.98, so that coarse or noisy samples
+raise no suspicion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from deltac.errors import InputError
+from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.trajectory import FloatArray, Trajectory
+
+if TYPE_CHECKING:
+    from deltac.mechanism.mechanism import Mechanism
+
+_DEGREE = math.pi / 180.0
+_FIT, _CLOSE = 0.98, 0.02
+_SURE = 0.999  # for a ratio that no unit explains
+_GAP = 5.0  # times the wider of the neighbouring intervals
+
+# r -> (kind, which column is wrong, its factor to SI, what it says)
+_ANGLES = {
+    1 / _DEGREE: ("degrees", "q", _DEGREE, "the coordinate is in degrees"),
+    _DEGREE: ("degrees", "u", _DEGREE, "the speed is in degrees per second"),
+    2 * math.pi: ("turns", "u", 2 * math.pi, "the speed is in turns per second"),
+    1 / (2 * math.pi): ("turns", "q", 2 * math.pi, "the coordinate is in turns"),
+    math.pi / 30: ("rpm", "u", math.pi / 30, "the speed is in turns per minute"),
+}
+_LENGTHS = {
+    1e3: ("millimetres", "q", 1e-3, "the coordinate is in millimetres"),
+    1e-3: ("millimetres", "u", 1e-3, "the speed is in millimetres per second"),
+    1e2: ("centimetres", "q", 1e-2, "the coordinate is in centimetres"),
+    1e-2: ("centimetres", "u", 1e-2, "the speed is in centimetres per second"),
+}
+_TIMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something that a log seems to have got wrong, or lacks.
+
+    kind      "degrees", "turns", "rpm", "millimetres", "centimetres", "time", "sign", "rate",
+              "quaternion order", "quaternion conjugate", "angular velocity frame",
+              "velocity frame", "gap"
+    evidence  what was found, with numbers
+    remedy    what to do about it
+    certain   False where an unusual but right log could look the same
+    factors   column -> what to multiply it by; "time", "q.<coordinate>", "u.<speed>" (u̇ likewise)
+    reorder   joints whose quaternion is stored xyzw
+    """
+
+    kind: str
+    evidence: str
+    remedy: str
+    certain: bool = True
+    factors: Mapping[str, float] = field(default_factory=dict)
+    reorder: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Δq = ratio · ∫u dt; `correlation` 1 where that holds exactly, 0 where nothing moves."""
+
+    ratio: float
+    correlation: float
+
+    @property
+    def good(self) -> bool:
+        return abs(self.correlation) >= _FIT
+
+    def near(self, value: float) -> bool:
+        return self.good and abs(self.ratio / value - 1.0) <= _CLOSE
+
+    def beats(self, usual: _Fit) -> bool:
+        """Whether this reading fits where the usual one does not, and by far better."""
+        misfit, usual_misfit = 1.0 - abs(self.correlation), 1.0 - abs(usual.correlation)
+        return self.good and not usual.good and misfit < 0.2 * usual_misfit
+
+
+def suspicions(
+    run: Trajectory, mechanism_names: MechanismNames | Mechanism | None = None
+) -> list[Suspicion]:
+    """What seems wrong with the units, the quaternions and the times of a run; empty when nothing.
+
+    `mechanism_names` tells angles from lengths; without it both are thought of.
+    """
+    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
+    found = list(_gaps(run.t))
+    if len(run) < 4 or "u" in run.provenance.notes.get("derived", "").split(";"):
+        return found  # u was derived from q: they agree by construction
+    kinematics = Kinematics.of(run.coordinates, run.speeds)
+    fits = {(i, j): _fit(*_increments(run, i, j)) for i, j in kinematics.rates}
+    turns = [_turning(run, *place) for place in kinematics.quaternions]
+    ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
+    for value, unit in _TIMES.items():
+        if ratios and all(fit.near(value) for fit in ratios):
+            return [*found, _time(run, names, fits, value, unit, bool(turns))]
+    explained: set[str] = set()
+    for turn in turns:
+        found += turn.suspicions
+        if frame := list(_velocity_frame(run, turn)):
+            found += frame
+            explained |= {f"{turn.joint}.{axis}" for axis in "xyz"}
+    for (i, j), fit in fits.items():
+        if run.coordinates[i] not in explained:
+            found += _of_rate(run, names, i, j, fit)
+    return found + _wide_swings(run, names, kinematics, fits, bool(found))
+
+
+def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
+    """The run with what is suspected put right, for a second look (never done silently).
+
+    Raises InputError for a suspicion that says no factor and no order.
+    """
+    if not suspicion.factors and not suspicion.reorder:
+        raise InputError(f"{suspicion.kind}: cannot be put right by factors; {suspicion.remedy}")
+    q = np.array(run.q)
+    factor = suspicion.factors.get
+    q *= [factor(f"q.{name}", 1.0) for name in run.coordinates]
+    for joint in suspicion.reorder:
+        i = run.coordinates.index(f"{joint}.{QUATERNION[0]}")
+        q[:, i : i + 4] = q[:, [i + 3, i, i + 1, i + 2]]
+    speed = np.array([factor(f"u.{name}", 1.0) for name in run.speeds])
+    udot = None if run.udot is None else run.udot * speed
+    notes = dict(run.provenance.notes)
+    notes["corrected"] = ";".join(filter(None, (notes.get("corrected"), suspicion.kind)))
+    return replace(
+        run,
+        t=run.t * factor("time", 1.0),
+        q=q,
+        u=run.u * speed,
+        udot=udot,
+        provenance=replace(run.provenance, notes=notes),
+    )
+
+
+# -- coordinates and their rates -----------------------------------------------------------------
+
+
+def _increments(run: Trajectory, i: int, j: int) -> tuple[FloatArray, FloatArray]:
+    told = 0.5 * np.diff(run.t) * (run.u[1:, j] + run.u[:-1, j])
+    near = ~_wide(run.t)
+    return np.diff(run.q[:, i])[near], told[near]
+
+
+def _fit(moved: FloatArray, told: FloatArray) -> _Fit:
+    """Least squares of `moved` on `told`, each scaled first, so that no square under- or overflows."""
+    a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (moved, told))
+    if not (a > 0.0 and b > 0.0):
+        return _Fit(0.0, 0.0)
+    x, y = (told / b).ravel(), (moved / a).ravel()
+    xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
+    return _Fit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
+
+
+def _of_rate(
+    run: Trajectory, names: MechanismNames | None, i: int, j: int, fit: _Fit
+) -> Iterator[Suspicion]:
+    if not fit.good or fit.near(1.0):
+        return
+    columns = {"q": f"q.{run.coordinates[i]}", "u": f"u.{run.speeds[j]}"}
+    evidence = f"{columns['q']} changes by {fit.ratio:.4g} times what {columns['u']} says"
+    if fit.near(-1.0):
+        yield Suspicion(
+            "sign",
+            evidence,
+            f"{columns['q']} and {columns['u']} have opposite signs: correct one (sign = -1)",
+        )
+        return
+    unit = si_unit(columns["q"], names)
+    known = (_ANGLES if unit != "m" else {}) | (_LENGTHS if unit != "rad" else {})
+    for ratio, (kind, which, factor, text) in known.items():
+        if fit.near(ratio):
+            remedy = (
+                f"{text}: give its unit in a mapping, or multiply {columns[which]} by {factor:.6g}"
+            )
+            yield Suspicion(kind, evidence, remedy, factors={columns[which]: factor})
+            return
+    if abs(fit.correlation) >= _SURE:
+        yield Suspicion("rate", evidence, "check the units of both, and the gear between them")
+
+
+def _time(
+    run: Trajectory,
+    names: MechanismNames | None,
+    fits: Mapping[tuple[int, int], _Fit],
+    value: float,
+    unit: str,
+    turning: bool,
+) -> Suspicion:
+    lengths = all(si_unit(f"q.{run.coordinates[i]}", names) == "m" for i, _ in fits)
+    other = " (or all speeds are in units that much smaller)" if lengths and not turning else ""
+    return Suspicion(
+        "time",
+        f"all coordinates change by {value:g} times what their speeds say, over {run.duration:g} s",
+        f"the times are in {unit}{other}: give the unit in a mapping, or multiply time by {value:g}",
+        certain=not other,
+        factors={"time": value},
+    )
+
+
+def _wide_swings(
+    run: Trajectory,
+    names: MechanismNames | None,
+    kinematics: Kinematics,
+    fits: Mapping[tuple[int, int], _Fit],
+    other: bool,
+) -> list[Suspicion]:
+    """Coordinates and speeds both in degrees agree with each other; only their size tells."""
+    if names is None or other:
+        return []
+    angles = [i for i, _ in fits if names.coordinates.get(run.coordinates[i]) == "rad"]
+    wide = []
+    for i in angles:
+        q = run.q[:, i]
+        reach = float(np.ptp(q))
+        back_and_forth = abs(float(q[-1] - q[0])) < 0.5 * reach
+        if reach > 4.0 * math.pi and back_and_forth:
+            wide.append((run.coordinates[i], reach / (2.0 * math.pi)))
+    if not wide:
+        return []
+    name, turns = max(wide, key=lambda item: item[1])
+    speeds = [run.speeds[j] for i, j in kinematics.rates if i in angles]
+    factors = {f"q.{run.coordinates[i]}": _DEGREE for i in angles}
+    factors |= {f"u.{speed}": _DEGREE for speed in speeds}
+    return [
+        Suspicion(
+            "degrees",
+            f"q.{name} swings over {turns:.1f} turns and back, taken as radians",
+            "if the angles and their speeds are in degrees, say so in a mapping ([units] angle = "
+            '"deg", angular_speed = "deg/s")',
+            certain=False,
+            factors=factors,
+        )
+    ]
+
+
+# -- quaternions ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """A joint with a quaternion: the reading of it that fits best, and what that means."""
+
+    joint: str
+    fit: _Fit
+    rotation: FloatArray  # (T, 3, 3), by the reading that fits
+    suspicions: tuple[Suspicion, ...]
+
+
+def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
+    near = ~_wide(run.t)
+    told = 0.5 * np.diff(run.t)[:, None] * (run.u[1:, j : j + 3] + run.u[:-1, j : j + 3])
+    stored = run.q[:, i : i + 4]
+    readings = [
+        (_fit(_rotation_vectors(p, frame)[near], told[near]), order, frame, p)
+        for order, p in (("wxyz", stored), ("xyzw", stored[:, [3, 0, 1, 2]]))
+        for frame in ("body", "world")
+    ]
+    better = (reading for reading in readings if reading[0].beats(readings[0][0]))
+    fit, order, frame, p = next(better, readings[0])
+    found = tuple(_of_turning(joint, fit, order, frame)) if fit.good else ()
+    return _Turning(joint, fit, _matrices(p), found)
+
+
+def _of_turning(joint: str, fit: _Fit, order: str, frame: str) -> Iterator[Suspicion]:
+    how = f"{joint!r}: the quaternion turns as the angular velocity says (correlation "
+    how += f"{abs(fit.correlation):.4f}) only "
+    if order == "xyzw":
+        yield Suspicion(
+            "quaternion order",
+            how + "when its components are read as xyzw",
+            f'store it scalar first, or say [quaternions] {joint} = "xyzw" in a mapping',
+            reorder=(joint,),
+        )
+    if frame == "world" and fit.ratio < 0.0:
+        yield Suspicion(
+            "quaternion conjugate",
+            how + "when it is conjugated",
+            "it turns from the parent to the body; store its conjugate, (w, -x, -y, -z)",
+        )
+    elif frame == "world":
+        yield Suspicion(
+            "angular velocity frame",
+            how + "when that is taken in the parent's components",
+            "store the angular velocity in body components",
+        )
+    speeds = [f"u.{joint}.w{axis}" for axis in "xyz"]
+    size = _Fit(abs(fit.ratio), fit.correlation)
+    told = f"{joint!r} turns by {fit.ratio:.4g} times what its angular velocity says"
+    known = [item for ratio, item in _ANGLES.items() if item[1] == "u" and size.near(ratio)]
+    for kind, _, factor, text in known:
+        remedy = f"{text}: give its unit in a mapping, or multiply it by {factor:.6g}"
+        yield Suspicion(kind, told, remedy, factors=dict.fromkeys(speeds, factor))
+    if frame == "body" and fit.near(-1.0):
+        yield Suspicion(
+            "sign", told, "the angular velocity has the wrong sign: correct it (sign = -1)"
+        )
+    elif not known and not size.near(1.0) and abs(fit.correlation) >= _SURE:
+        yield Suspicion("rate", told, "check the unit of the angular velocity")
+
+
+def _velocity_frame(run: Trajectory, turn: _Turning) -> Iterator[Suspicion]:
+    """A free joint's velocity in body components, as some programs log it."""
+    parts = [f"{turn.joint}.{axis}" for axis in "xyz"]
+    speeds = [f"{turn.joint}.v{axis}" for axis in "xyz"]
+    if not set(parts) <= set(run.coordinates) or not set(speeds) <= set(run.speeds):
+        return
+    x = np.column_stack([run.coordinate(name) for name in parts])
+    v = np.column_stack([run.speed(name) for name in speeds])
+    near = ~_wide(run.t)
+    h = np.diff(run.t)[near, None]
+    moved = np.diff(x, axis=0)[near]
+    as_stored = _fit(moved, 0.5 * h * (v[1:] + v[:-1])[near])
+    turned = np.einsum("tij,tj->ti", turn.rotation, v)
+    as_body = _fit(moved, 0.5 * h * (turned[1:] + turned[:-1])[near])
+    if as_body.near(1.0) and as_body.beats(as_stored):
+        yield Suspicion(
+            "velocity frame",
+            f"{turn.joint!r}: the position moves as the velocity says (correlation "
+            f"{as_body.correlation:.4f}, else {as_stored.correlation:.4f}) only when that is taken in "
+            "body components",
+            "store the velocity of the origin in the parent's (world) components",
+        )
+
+
+def _rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
+    """Rotation vectors (T−1, 3) from each sample to the next, body or parent's components."""
+    a, b = p[:-1], p[1:]
+    w = np.sum(a * b, axis=1)
+    sign = -1.0 if frame == "body" else 1.0
+    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] + sign * np.cross(a[:, 1:], b[:, 1:])
+    v, w = v * np.where(w < 0.0, -1.0, 1.0)[:, None], np.abs(w)
+    length = np.linalg.norm(v, axis=1)
+    scale = np.divide(2.0 * np.arctan2(length, w), length, out=np.zeros_like(w), where=length > 0.0)
+    result: FloatArray = v * scale[:, None]
+    return result
+
+
+def _matrices(p: FloatArray) -> FloatArray:
+    """Rotation matrices (T, 3, 3), body to parent; the identity where a quaternion is zero."""
+    length = np.linalg.norm(p, axis=1)
+    usable = np.where((length > 0.0)[:, None], p, [1.0, 0.0, 0.0, 0.0])
+    w, x, y, z = (usable / np.linalg.norm(usable, axis=1)[:, None]).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+# -- times ---------------------------------------------------------------------------------------
+
+
+def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
+    """The rows after which rows are missing: the next is far later than those around are apart."""
+    return np.flatnonzero(_wide(t))
+
+
+def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which of the intervals (T−1,) are far wider than both of their neighbours."""
+    h = np.diff(t)
+    if len(h) < 3:
+        return np.zeros(len(h), dtype=np.bool_)
+    return np.asarray(h > _GAP * _beside(h))
+
+
+def _beside(h: FloatArray) -> FloatArray:
+    """The wider of the neighbours of each interval."""
+    before, after = np.r_[h[1], h[:-1]], np.r_[h[1:], h[-2]]
+    return np.asarray(np.maximum(before, after))
+
+
+def _gaps(t: FloatArray) -> Iterator[Suspicion]:
+    """Rows that are missing."""
+    h, wide = np.diff(t), gap_rows(t)
+    if not wide.size:
+        return
+    worst = int(wide[np.argmax(h[wide])])
+    count = "a gap" if wide.size == 1 else f"{wide.size} gaps, the longest"
+    yield Suspicion(
+        "gap",
+        f"{count} of {h[worst]:.4g} s after row {worst}, t = {t[worst]:.6g} s, where samples are else "
+        f"{_beside(h)[worst]:.4g} s apart",
+        "the motion in it is not known, and its work is interpolated: log without it, or audit the "
+        "parts before and after",
+    )

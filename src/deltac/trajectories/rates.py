@@ -1,0 +1,151 @@
+"""Speeds and accelerations that a log lacks, from splines, with an estimate of the error.
+
+Coordinates are interpolated by splines of degree 5 (Dierckx; de Boor, *A Practical Guide to Splines*),
+so that the derivative at a sample errs by O(h⁵) in smooth motion of spacing h. A quaternion p is
+interpolated in its components, with signs that do not jump; p/|p| turns with the angular velocity
+ω = 2 Im(p* ṗ)/|p|², body components, exactly. The error is estimated by deriving from every second
+sample: far above the error where that falls with h, and of its size where noise makes it grow.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from deltac.errors import InputError
+from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
+from deltac.trajectories.trajectory import FloatArray, Trajectory
+
+_FEWEST = 4
+
+
+def derived_speeds(
+    columns: Mapping[str, FloatArray], names: MechanismNames | None
+) -> tuple[dict[str, FloatArray], str]:
+    """The columns ``u.<speed>`` that belong to the columns ``q.<coordinate>``, and their error (JSON).
+
+    Raises InputError for too few rows, or times that do not increase.
+    """
+    coordinates = [name.removeprefix("q.") for name in columns if name.startswith("q.")]
+    speeds = list(names.speeds) if names is not None else list(speeds_of(coordinates))
+    t = columns["time"]
+    q = np.column_stack([columns[f"q.{name}"] for name in coordinates])
+    _check(t, q, "u.<speed>")
+    kinematics = _complete(coordinates, speeds)
+    u = _speeds(t, q, kinematics, len(speeds))
+    error = _error(t, u, lambda s: _speeds(t[s], q[s], kinematics, len(speeds)))
+    text = json.dumps({"u": dict(zip(speeds, error, strict=True))})
+    return {f"u.{name}": u[:, index] for index, name in enumerate(speeds)}, text
+
+
+def with_accelerations(run: Trajectory) -> Trajectory:
+    """The run with u̇ derived from u, marked in ``provenance.notes``; as it is if it has u̇.
+
+    ``notes["derived"]`` lists what was derived, joined by semicolons, and ``notes["derived_error"]``
+    holds, as JSON, for each an estimate of the largest error of every speed (m/s², rad/s²).
+
+    Raises InputError for fewer than four rows.
+    """
+    if (
+        run.udot is not None or run.events
+    ):  # no spline goes across an event; ledgers derive by pieces
+        return run
+    _check(run.t, run.u, "udot.<speed>")
+    udot = _rate(run.t, run.u)
+    error = _error(run.t, udot, lambda s: _rate(run.t[s], run.u[s]))
+    notes = dict(run.provenance.notes)
+    errors = json.loads(notes.get("derived_error", "{}"))
+    errors["udot"] = dict(zip(run.speeds, error, strict=True))
+    notes["derived"] = ";".join(filter(None, (notes.get("derived"), "udot")))
+    notes["derived_error"] = json.dumps(errors)
+    return replace(run, udot=udot, provenance=replace(run.provenance, notes=notes))
+
+
+def derived_error(run: Trajectory, what: str = "u") -> FloatArray | None:
+    """The estimated largest errors (nu,) of derived "u" or "udot"; None when it was measured."""
+    errors = json.loads(run.provenance.notes.get("derived_error", "{}")).get(what)
+    return None if errors is None else np.array([errors[name] for name in run.speeds], np.float64)
+
+
+def angular_velocity(p: FloatArray, pdot: FloatArray) -> FloatArray:
+    """ω (T, 3), body components, of p/|p| for quaternions p (T, 4), scalar first, of any length."""
+    w, v = p[:, :1], p[:, 1:]
+    imaginary = w * pdot[:, 1:] - pdot[:, :1] * v - np.cross(v, pdot[:, 1:])
+    omega: FloatArray = 2.0 * imaginary / np.sum(p * p, axis=1, keepdims=True)
+    return omega
+
+
+def continuous(p: FloatArray) -> FloatArray:
+    """Quaternions (T, 4) with signs chosen so that neighbours do not jump: p and −p are one turn."""
+    jumps = np.sum(p[1:] * p[:-1], axis=1) < 0.0
+    sign = np.concatenate([[1.0], np.cumprod(np.where(jumps, -1.0, 1.0))])
+    result: FloatArray = p * sign[:, None]
+    return result
+
+
+def _speeds(t: FloatArray, q: FloatArray, kinematics: Kinematics, count: int) -> FloatArray:
+    u = np.zeros((len(t), count))
+    if kinematics.rates:
+        places = np.array(kinematics.rates)
+        u[:, places[:, 1]] = _rate(t, q[:, places[:, 0]])
+    for _, i, j in kinematics.quaternions:
+        p = continuous(q[:, i : i + 4])
+        u[:, j : j + 3] = angular_velocity(p, _rate(t, p))
+    return u
+
+
+def _rate(t: FloatArray, values: FloatArray) -> FloatArray:
+    from scipy.interpolate import make_interp_spline
+
+    if not values.shape[1]:
+        return np.zeros_like(values)
+    degree = min(5, len(t) - 1)
+    degree -= 1 - degree % 2
+    rates: FloatArray = make_interp_spline(t, values, k=degree).derivative()(t)
+    return rates
+
+
+def _error(t: FloatArray, fine: FloatArray, derive: Callable[[slice], FloatArray]) -> list[float]:
+    """The largest difference, in each column, to what every second sample alone gives."""
+    halves = [slice(0, None, 2), slice(1, None, 2)]
+    if len(t[halves[1]]) < 2:
+        return [float("inf")] * fine.shape[1]
+    differences = [np.abs(derive(half) - fine[half]).max(axis=0) for half in halves]
+    return [float(d) for d in np.maximum(*differences)]
+
+
+def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
+    kinematics = Kinematics.of(coordinates, speeds)
+    found = {j for _, j in kinematics.rates}
+    found |= {j + k for _, _, j in kinematics.quaternions for k in range(3)}
+    for index, name in enumerate(speeds):
+        if index not in found:
+            raise InputError(
+                f"no column 'u.{name}', and it cannot be derived: no coordinate is known that it moves. "
+                "Log the speed."
+            )
+    return kinematics
+
+
+def _check(t: FloatArray, values: FloatArray, what: str) -> None:
+    if len(t) < _FEWEST:
+        raise InputError(
+            f"no column '{what}', and {len(t)} rows are too few to derive it (at least {_FEWEST}); "
+            "log it"
+        )
+    # Named by column and row when the trajectory is made from them, all but what a spline needs.
+    if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all() and np.isfinite(values).all()):
+        raise InputError(
+            f"no column '{what}', and it cannot be derived: times must increase, and all values be "
+            f"finite numbers. {_first_bad(t, values)}"
+        )
+
+
+def _first_bad(t: FloatArray, values: FloatArray) -> str:
+    bad = ~np.isfinite(values).all(axis=1) | ~np.isfinite(t)
+    bad[1:] |= ~(np.diff(t) > 0.0)
+    row = int(np.argmax(bad))
+    return f"The first row that does not fit is row {row} (of 0 to {len(t) - 1}), t = {t[row]} s."

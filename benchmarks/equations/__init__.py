@@ -20,7 +20,7 @@ DAMPING = (0.1, 0.08, 0.05)
 def load(case: str) -> tuple[Any, Any]:
     """A case's mechanism and the coordinates of its equations (None: the mechanism's own)."""
     from deltac import problems
-    from deltac.mechanism.absolute import absolute_angles
+    from deltac.mechanism.coordinate_map import absolute_angles
     from deltac.problems import triple_pendulum
 
     if case == "triple_pendulum":

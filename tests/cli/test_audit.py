@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from commands import command
 from deltac import cli
+from tests.support.commands import command
 
 MODEL = "triple-pendulum"
 
@@ -130,7 +130,7 @@ def test_what_the_import_left_to_the_log_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    from mujoco_models import ARM, arm_run
+    from tests.systems.mujoco_models import ARM, arm_run
 
     (tmp_path / "arm.xml").write_text(ARM)
     arm_run().write(tmp_path / "arm.parquet")

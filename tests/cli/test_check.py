@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from commands import command
+from tests.support.commands import command
 
 EOM = '''
 import numpy as np

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from commands import command
-from slow import repeated
+from tests.support.commands import command
+from tests.support.slow import repeated
 
 CHAIN = """
 import casadi as ca

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from commands import command as run
 from deltac import __version__, cli, problems
 from deltac.errors import InputError
+from tests.support.commands import command as run
 
 
 def test_version_and_help_by_typers_runner() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import deltac as dc
-from commands import command
 from deltac import cli
+from tests.support.commands import command
 
 SHORT = ("triple-pendulum", "--duration", "1")
 

@@ -15,8 +15,8 @@ from deltac import Audit, Trajectory, audit
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from audits import causes, the_cause  # noqa: E402
-from mujoco_models import (  # noqa: E402
+from tests.support.audits import causes, the_cause  # noqa: E402
+from tests.systems.mujoco_models import (  # noqa: E402
     ARM,
     BOX,
     HOPPER,

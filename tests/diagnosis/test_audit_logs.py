@@ -13,8 +13,8 @@ from deltac import Trajectory, audit
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from audits import causes, cut, the_cause  # noqa: E402
-from mujoco_models import (  # noqa: E402
+from tests.support.audits import causes, cut, the_cause  # noqa: E402
+from tests.systems.mujoco_models import (  # noqa: E402
     ARM,
     BOX,
     HOPPER,

@@ -12,7 +12,13 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.problems.triple_pendulum_equations import HandEquations
-from hand_equations import CASES, chaplygin_sleigh, free_box, lagrange_top, triple_pendulum
+from tests.systems.hand_equations import (
+    CASES,
+    chaplygin_sleigh,
+    free_box,
+    lagrange_top,
+    triple_pendulum,
+)
 
 PENDULUM = dc.problems.load("triple-pendulum", damping=(0.01, 0.02, 0.03))
 HAND = HandEquations.of(PENDULUM.mechanism.parameters)

@@ -13,7 +13,7 @@ import deltac as dc
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from mujoco_models import ARM, arm_run, model_of, with_changes  # noqa: E402
+from tests.systems.mujoco_models import ARM, arm_run, model_of, with_changes  # noqa: E402
 
 
 @cache

@@ -18,7 +18,7 @@ import deltac as dc
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from mujoco_models import ARM, BOX, arm_run, box_run, model_of, scaled, with_changes  # noqa: E402
+from tests.systems.mujoco_models import ARM, BOX, arm_run, box_run, model_of, scaled, with_changes  # noqa: E402
 
 EXACT = 1e-6
 NOISE = 1e-4

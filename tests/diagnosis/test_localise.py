@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from hand_equations import CASES
+from tests.systems.hand_equations import CASES
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import natural_scales, random_states
 from deltac.dynamics.textbook import Textbook
-from hand_equations import CASES, lagrange_top, spherical_pendulum
-from random_mechanisms import Options, Sample, samples
+from tests.systems.hand_equations import CASES, lagrange_top, spherical_pendulum
+from tests.systems.random_mechanisms import Options, Sample, samples
 
 
 def test_the_same_seed_gives_the_same_states() -> None:

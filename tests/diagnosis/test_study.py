@@ -12,7 +12,7 @@ import deltac as dc
 from deltac import Mechanism, State, Study, Trajectory
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from machines import pendulum, robot
+from tests.systems.machines import pendulum, robot
 
 FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
 COARSEST = {1: 512, 2: 128, 3: 64, 4: 64, 5: 48, 8: 8}

@@ -13,8 +13,8 @@ from deltac import Provenance, Study, Trajectory
 from deltac.diagnosis.residuals.at_samples import constraint_rates, equation_terms
 from deltac.diagnosis.study.convergence import observed_order
 from deltac.diagnosis.study.runs import before_blow_up
-from machines import pendulum
-from slow import repeated
+from tests.support.slow import repeated
+from tests.systems.machines import pendulum
 
 STEPS = (0.01, 0.005, 0.0025)
 

@@ -15,7 +15,7 @@ mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not install
 
 from deltac.recorders import integrator_names  # noqa: E402
 from deltac.recorders.mujoco_recorder import ORDERS  # noqa: E402
-from mujoco_models import ARM, HOPPER, model_of  # noqa: E402
+from tests.systems.mujoco_models import ARM, HOPPER, model_of  # noqa: E402
 
 
 def start(model: Any) -> Any:

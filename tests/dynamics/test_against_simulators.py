@@ -16,7 +16,7 @@ from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.mechanism import Joint, Mechanism
-from random_mechanisms import Options, Sample, assert_close, largest, samples
+from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples
 
 Array = NDArray[Any]
 

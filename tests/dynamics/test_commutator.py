@@ -23,8 +23,8 @@ from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward, terms
 from deltac.dynamics.textbook_kinematics import along, coordinate_rates
 from deltac.mechanism import CoordinateMap, Mechanism, frame, point_mass, prismatic
-from random_mechanisms import Options, Sample, assert_close, samples, scalar
-from rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from tests.support.rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from tests.systems.random_mechanisms import Options, Sample, assert_close, samples, scalar
 
 Array = NDArray[Any]
 

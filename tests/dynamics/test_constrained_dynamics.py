@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from constrained_mechanisms import EXAMPLES, Tied, playing, tied
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, Terms, forward, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
-from random_mechanisms import MAKERS, Options, assert_close, largest, scalar
-from rate_forms import ROUNDING, scale_of
+from tests.support.rate_forms import ROUNDING, scale_of
+from tests.systems.constrained_mechanisms import EXAMPLES, Tied, playing, tied
+from tests.systems.random_mechanisms import MAKERS, Options, assert_close, largest, scalar
 
 NAMES = applicable(constrained=True)
 MOVING = tuple(kind for kind in MAKERS if kind != "fixed")  # constraints need something to hold

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from constrained_mechanisms import EXAMPLES, Tied, four_bar, playground, playing
 from deltac.dynamics.constraints import _POSITIONS, constraint_rows
 from deltac.dynamics.system import trace
 from deltac.dynamics.textbook_constraints import KINDS
 from deltac.dynamics.textbook_kinematics import along
-from random_mechanisms import Sample, assert_close, random_state
+from tests.systems.constrained_mechanisms import EXAMPLES, Tied, four_bar, playground, playing
+from tests.systems.random_mechanisms import Sample, assert_close, random_state
 
 KINDS_OF_LOOP = {"spherical", "revolute", "universal", "prismatic", "weld"}
 

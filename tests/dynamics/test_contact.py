@@ -33,9 +33,9 @@ from deltac.mechanism import (
 )
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import JointFriction, PointFriction
-from random_forces import ELEMENTS, random_contact, random_force
-from random_geometry import random_rotation
-from random_mechanisms import Options, Sample, assert_close, samples
+from tests.systems.random_forces import ELEMENTS, random_contact, random_force
+from tests.systems.random_geometry import random_rotation
+from tests.systems.random_mechanisms import Options, Sample, assert_close, samples
 
 NEW = [what for kind in (JointFriction, PointFriction, Contact) for what in ELEMENTS[kind]]
 

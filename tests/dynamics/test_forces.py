@@ -23,8 +23,8 @@ from deltac.mechanism import (
     spherical,
     spring_damper,
 )
-from random_forces import ELEMENTS, random_force
-from random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
+from tests.systems.random_forces import ELEMENTS, random_force
+from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
 
 
 def rate(system: System, expression: SX) -> SX:

@@ -12,8 +12,8 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import Inertia, Transform, Turn
 from deltac.dynamics.system import trace
 from deltac.dynamics.textbook import Textbook
-from random_geometry import random_rotation
-from random_mechanisms import random_state
+from tests.systems.random_geometry import random_rotation
+from tests.systems.random_mechanisms import random_state
 
 
 def number(x: object) -> np.ndarray:

@@ -235,7 +235,7 @@ def test_shapes_without_sense_are_refused() -> None:
     with pytest.raises(
         InputError, match=r"contact 'c': a shape belongs to the unknown body 'ball'"
     ):
-        shapes.check_shape(MACHINE, shapes.point("ball"), "contact 'c'")
+        shapes.check_shape(MACHINE.scope, shapes.point("ball"), "contact 'c'")
     with pytest.raises(InputError, match=r"a size of the sphere of 'a' in contact 'c': found -0.2"):
         negative = MACHINE.with_parameters(r=-0.2)
-        shapes.check_shape(negative, shapes.sphere("a", "r"), "contact 'c'")
+        shapes.check_shape(negative.scope, shapes.sphere("a", "r"), "contact 'c'")

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import deltac as dc
-from constrained_mechanisms import Tied, four_bar, parallelogram
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.kkt import DEPENDENT, factorise, schur
 from deltac.mechanism import Mechanism
-from random_mechanisms import Sample, assert_close
+from tests.systems.constrained_mechanisms import Tied, four_bar, parallelogram
+from tests.systems.random_mechanisms import Sample, assert_close
 
 Array = NDArray[Any]
 
@@ -141,7 +142,7 @@ def study(mechanism: Mechanism, q: Any) -> Any:
     """The rank study of a mechanism at free coordinates q, at t = 0."""
     tied = Tied(Sample(mechanism, 0.0, np.asarray(q, float), np.zeros(0), np.zeros(0)))
     free = np.asarray(q, float)
-    return tied.all_rows, independence(tied.system, tied.all_rows, 0.0, free, np.empty(0))
+    return tied.all_rows, independence(equations_of(tied.system), 0.0, free)
 
 
 def test_a_four_bar_has_one_freedom() -> None:

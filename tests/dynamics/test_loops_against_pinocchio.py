@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 import deltac as dc
-from constrained_mechanisms import Tied
 from deltac.dynamics.forces import channels
 from deltac.dynamics.terms import forward
 from deltac.mechanism import Mechanism, State
-from linkages import linkage
-from random_mechanisms import Sample, assert_close
+from tests.systems.constrained_mechanisms import Tied
+from tests.systems.linkages import linkage
+from tests.systems.random_mechanisms import Sample, assert_close
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed on this platform")
 

@@ -14,7 +14,7 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
-from random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
+from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
 
 GROUND_JOINTS = (
     "revolute",

@@ -11,8 +11,8 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import Reactions, forward, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-from random_mechanisms import Sample, samples, scalar
-from rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from tests.support.rate_forms import NAMES, ROUNDING, rate_forms, scale_of
+from tests.systems.random_mechanisms import Sample, samples, scalar
 
 
 @given(samples())

@@ -18,7 +18,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.mechanism import Mechanism, body, fixed, prismatic, revolute, rod
-from random_mechanisms import Sample, assert_close, largest, samples, scalar
+from tests.systems.random_mechanisms import Sample, assert_close, largest, samples, scalar
 
 
 @given(samples())

@@ -20,9 +20,9 @@ from deltac.dynamics.textbook import Textbook
 from deltac.dynamics.textbook_kinematics import along, skew, tree
 from deltac.errors import InputError
 from deltac.mechanism import Mechanism, joint_torque, revolute, rod
-from deltac.mechanism.constraining import holonomic
+from deltac.mechanism.constraints import holonomic
 from deltac.mechanism.quantities import ZERO
-from random_mechanisms import Sample, assert_close, largest, samples
+from tests.systems.random_mechanisms import Sample, assert_close, largest, samples
 
 Array = NDArray[Any]
 

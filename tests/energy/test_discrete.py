@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from machines import pendulum
+from tests.systems.machines import pendulum
 
 
 def slider() -> dc.Mechanism:

@@ -11,7 +11,7 @@ import pytest
 import deltac as dc
 from deltac.energy import residuals
 from deltac.errors import InputError
-from machines import pendulum, robot, workshop
+from tests.systems.machines import pendulum, robot, workshop
 
 
 @pytest.fixture(scope="module")

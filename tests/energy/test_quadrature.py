@@ -13,7 +13,7 @@ import deltac as dc
 from deltac.energy.sampling import quadrature
 from deltac.energy.sampling.quadrature import cumulated, integrate, lagrange
 from deltac.energy.sampling.samples import Between, Samples, Smooth, at_samples, spline_rate
-from machines import robot, workshop
+from tests.systems.machines import robot, workshop
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import pytest
 import deltac as dc
 from deltac.energy import TESTING_FUNCTIONS, residuals
 from deltac.simulation.solvers import SOLVERS
-from machines import pendulum, robot, workshop
-from slow import ONE_OF_A_KIND, repeated
+from tests.support.slow import ONE_OF_A_KIND, repeated
+from tests.systems.machines import pendulum, robot, workshop
 
 NAMES = tuple(TESTING_FUNCTIONS)
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]

@@ -15,7 +15,7 @@ from deltac.importers import ImportReport, read_mechanism
 from deltac.importers.names import coordinate_names, speed_names
 from deltac.mechanism import GROUND
 from deltac.simulation.simulate import simulate
-from mujoco_comparison import differences, random_states
+from tests.support.mujoco_comparison import differences, random_states
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'mujoco'")
 

@@ -14,7 +14,7 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.importers import read_mechanism
-from mujoco_comparison import differences
+from tests.support.mujoco_comparison import differences
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'mujoco'")
 

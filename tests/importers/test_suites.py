@@ -15,7 +15,7 @@ import pytest
 
 from deltac.errors import InputError
 from deltac.importers import read_mechanism
-from mujoco_comparison import differences
+from tests.support.mujoco_comparison import differences
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'mujoco'")
 

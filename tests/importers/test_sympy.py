@@ -26,7 +26,7 @@ from deltac.dynamics.terms import forward
 from deltac.errors import InputError
 from deltac.importers import equations_from_sympy, symbolic_equations
 from deltac.mechanism.laws import symbol_of
-from random_mechanisms import random_state
+from tests.systems.random_mechanisms import random_state
 
 M1, M2, L1, L2, G, C = sp.symbols("m1 m2 l1 l2 g c")
 VALUES = {"m1": 1.2, "m2": 0.7, "l1": 0.5, "l2": 0.8, "g": 9.81, "c": 0.05}

@@ -19,7 +19,7 @@ from deltac.kernels import Kernel
 from deltac.simulation.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from random_mechanisms import Sample, samples
+from tests.systems.random_mechanisms import Sample, samples
 
 pytestmark = pytest.mark.heyoka
 

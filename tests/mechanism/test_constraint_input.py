@@ -28,23 +28,26 @@ def mechanism(*constraints: Any) -> dc.Mechanism:
 MADE_WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "itself": (
         lambda: dc.loop_spherical("tie", "upper", "upper"),
-        "loop 'tie' connects body 'upper' with itself",
+        "loop constraint 'tie' connects body 'upper' with itself",
     ),
     "no name": (lambda: dc.distance("", "upper", "lower", 1.0), "needs a name .* found ''"),
     "blank name": (lambda: dc.angle(" a", "upper", "lower", 1.0), "surrounding blanks, found ' a'"),
     "number as name": (lambda: dc.gear(3, "x", "y", 1.0), "needs a name .* found 3"),  # type: ignore[arg-type]
     "no length": (
         lambda: dc.distance("rod", "upper", "lower", 0.0),
-        "length of distance 'rod'.*0",
+        "length of distance constraint 'rod'.*0",
     ),
     "negative length": (
         lambda: dc.distance("rod", "upper", "lower", -1.0),
-        "length of distance 'rod'.*-1",
+        "length of distance constraint 'rod'.*-1",
     ),
-    "negative radius": (lambda: dc.rolling("wheel", "ball", -0.1), "radius of rolling 'wheel'"),
+    "negative radius": (
+        lambda: dc.rolling("wheel", "ball", -0.1),
+        "radius of rolling constraint 'wheel'",
+    ),
     "no radius at all": (
         lambda: dc.rolling("wheel", "ball"),
-        "rolling 'wheel': give a radius .* or a tube radius",
+        "rolling constraint 'wheel': give a radius .* or a tube radius",
     ),
     "rolls on itself": (
         lambda: dc.rolling("wheel", "ball", 0.1, on="ball"),
@@ -52,21 +55,24 @@ MADE_WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "zero axis": (
         lambda: dc.loop_revolute("pin", "upper", "ball", axis1=[0, 0, 0]),
-        "axis1 of loop 'pin'",
+        "axis1 of loop constraint 'pin'",
     ),
     "two components": (
         lambda: dc.loop_spherical("pin", "upper", "ball", point1=[0, 1]),
-        "point1 of loop 'pin'",
+        "point1 of loop constraint 'pin'",
     ),
     "no rotation": (
         lambda: dc.loop_weld("glue", "upper", "ball", rotation=[[1, 0, 0]] * 3),
-        "rotation of loop 'glue'",
+        "rotation of loop constraint 'glue'",
     ),
     "not in the grammar": (
         lambda: dc.holonomic("f", "q.elbow + __import__('os')"),
         "holonomic constraint 'f'",
     ),
-    "nan": (lambda: dc.distance("rod", "upper", "lower", float("nan")), "length of distance 'rod'"),
+    "nan": (
+        lambda: dc.distance("rod", "upper", "lower", float("nan")),
+        "length of distance constraint 'rod'",
+    ),
 }
 """Refused when the constraint is made."""
 
@@ -142,7 +148,7 @@ def test_refused_by_the_mechanism(case: str) -> None:
 
 def test_names_of_constraints_differ() -> None:
     rod = dc.distance("rod", "upper", "ball", 1.0)
-    with pytest.raises(InputError, match="two constraints are called 'rod'; names must differ"):
+    with pytest.raises(InputError, match="both use the channel 'constraint rod'"):
         mechanism(rod, rod)
 
 

@@ -114,9 +114,9 @@ def test_dampers_of_joints_are_no_sources_either() -> None:
 
 def test_names_of_channels_are_told_apart() -> None:
     spring = spring_damper("c", "ball", "hung", stiffness=1.0)
-    with pytest.raises(InputError, match="two springs and contacts are called 'c'"):
+    with pytest.raises(InputError, match="both use the channel 'spring c'"):
         machine(contact("c", BALL, FLOOR, 1.0), spring)
-    with pytest.raises(InputError, match="two frictions and contacts are called 'c'"):
+    with pytest.raises(InputError, match="both use the channel 'friction c'"):
         machine(contact("c", BALL, FLOOR, 1.0), joint_friction("c", "j", 1.0))
 
 

@@ -72,7 +72,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: mechanism(dc.event("e", "t"), dc.event("e", "t")), "two events are called 'e'"),
     (
         lambda: mechanism(*[dc.joint_stop("s", "plane.x", upper=1)] * 2),
-        "two impacts or stops are called 's'",
+        "both use the channel 'impact s'",
     ),
 ]
 

@@ -19,7 +19,7 @@ from deltac.mechanism import (
     spherical,
     tendon,
 )
-from random_mechanisms import Sample, scalar
+from tests.systems.random_mechanisms import Sample, scalar
 
 
 def slider(element: Any) -> Mechanism:
@@ -88,7 +88,7 @@ def test_gravity_compensation_lifts() -> None:
 
 def test_springs_and_tendons_share_names_of_channels() -> None:
     twice = [tendon("t", coordinates={"x": 1}, stiffness=k) for k in (1, 2)]
-    with pytest.raises(InputError, match="two springs and contacts are called 't'"):
+    with pytest.raises(InputError, match="both use the channel 'spring t'"):
         Mechanism([point_mass("bead", 1.0)], [prismatic("x", "ground", "bead")], forces=twice)
 
 

@@ -156,11 +156,11 @@ def test_forces_that_cannot_be(make: Any, words: list[str]) -> None:
 
 def test_two_elements_of_one_kind_need_two_names() -> None:
     refused(
-        ["two dampers", "'d'"],
+        ["both use the channel 'damper d'"],
         forces=[joint_damper("d", "elbow", [1, 1, 1]), joint_damper("d", "shoulder", 1)],
     )
     refused(
-        ["two springs", "'d'"],
+        ["both use the channel 'spring d'"],
         forces=[joint_spring("d", "elbow", 1), spring_damper("d", "upper", "ground")],
     )
     Mechanism(

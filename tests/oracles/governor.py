@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from oracles.common import Values
+from tests.oracles.common import Values
 
 g, k, c, rest = 9.81, 8e5, 4e4, 0.5
 bar, slider, ball, offset = 0.3, 3.0, 5.0, 0.05

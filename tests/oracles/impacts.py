@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mpmath
 
-from oracles.common import Values
+from tests.oracles.common import Values
 
 
 def bouncing_ball(e: float = 0.8) -> Values:

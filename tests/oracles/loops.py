@@ -7,7 +7,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from oracles.common import Values, constrained, integrated
+from tests.oracles.common import Values, constrained, integrated
 
 # --- planar bars as arrows in the complex plane ----------------------------------------------------
 

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import sympy
 
-from oracles.common import Values, integrated, lagrange
+from tests.oracles.common import Values, integrated, lagrange
 
 g = sympy.Rational("9.81")
 t = sympy.Symbol("t")

@@ -10,7 +10,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from oracles.common import Values, integrated
+from tests.oracles.common import Values, integrated
 
 UP = np.array([0.0, 0.0, 1.0])
 Field = Callable[[float, Any, Any], tuple[Any, Any]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from oracles.common import Values, integrated
+from tests.oracles.common import Values, integrated
 
 g = 9.81
 

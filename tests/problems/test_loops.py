@@ -9,8 +9,8 @@ import pytest
 
 from deltac import balance, problems, simulate
 from deltac.problems import bicycle
-from oracles import loops, rolling
-from slow import repeated
+from tests.oracles import loops, rolling
+from tests.support.slow import repeated
 
 ORDER = {"ode3": 3, "ode4": 4}
 STEPS = {"andrews-squeezer": 5e-5, "bricard": 0.02, "n-four-bar": 0.01}

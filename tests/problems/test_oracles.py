@@ -17,8 +17,8 @@ import pytest
 import sympy
 
 from deltac import problems
-from oracles import governor, impacts, loops, pendulums, rolling, rubbing
-from oracles.common import Values, integrated
+from tests.oracles import governor, impacts, loops, pendulums, rolling, rubbing
+from tests.oracles.common import Values, integrated
 
 INTEGRATED = 2e-9  # DOP853 at its tolerance, with the growth of errors over 10 s
 CALM = 1e-10  # the same, where errors hardly grow

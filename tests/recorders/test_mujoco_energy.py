@@ -14,8 +14,8 @@ import deltac as dc
 from deltac.importers import read_mechanism
 from deltac.recorders import integrator_names, run_mujoco
 from deltac.trajectories import Trajectory
-from recorders import models
-from slow import repeated
+from tests.recorders import models
+from tests.support.slow import repeated
 
 pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
 

@@ -11,7 +11,7 @@ import pytest
 
 from deltac.errors import InputError
 from deltac.recorders import integrator_names, record_mujoco, run_mujoco
-from recorders import models
+from tests.recorders import models
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
 INTEGRATORS = [*integrator_names()]

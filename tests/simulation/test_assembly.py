@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import deltac as dc
-from constrained_mechanisms import four_bar, parallelogram
 from deltac.errors import InputError
 from deltac.simulation.assembly import assemble
-from linkages import disc, four_bars, linkage
+from tests.systems.constrained_mechanisms import four_bar, parallelogram
+from tests.systems.linkages import disc, four_bars, linkage
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -10,7 +10,7 @@ import pytest
 import deltac as dc
 from deltac.energy import balance, residuals
 from deltac.errors import InputError
-from linkages import ALL, disc, four_bars, worst
+from tests.systems.linkages import ALL, disc, four_bars, worst
 
 
 def by_hand(sign: float) -> dc.Equations:

@@ -16,8 +16,8 @@ import deltac as dc
 from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from linkages import ALL, disc, four_bars, linkage, worst
-from slow import ONE_OF_A_KIND, repeated
+from tests.support.slow import ONE_OF_A_KIND, repeated
+from tests.systems.linkages import ALL, disc, four_bars, linkage, worst
 
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
 PROJECTABLE = ["RK45", "DOP853", "Radau"]

@@ -36,7 +36,7 @@ from deltac import (
     sphere,
     time_scales,
 )
-from slow import repeated
+from tests.support.slow import repeated
 
 MASS = 0.7
 

@@ -10,7 +10,7 @@ import pytest
 
 import deltac as dc
 from deltac.mechanism import State
-from machines import pendulum
+from tests.systems.machines import pendulum
 
 
 def four_bar() -> dc.Mechanism:

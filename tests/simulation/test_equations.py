@@ -15,7 +15,7 @@ from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.simulation.equations import by_hand
 from deltac.simulation.flow import build_flow
-from machines import pendulum, robot
+from tests.systems.machines import pendulum, robot
 
 G_OVER_L = 9.81 / 0.5
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.caching import LRUCache
 from deltac.kernels import kernel as kernels
-from deltac.kernels.kept import Kept
 from deltac.simulation import fixed
 from deltac.simulation.course import Course
 from deltac.simulation.flow import build_flow
 from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.solvers import find_solver
-from machines import pendulum, robot, workshop
+from tests.systems.machines import pendulum, robot, workshop
 
 
 def same(one: dc.Trajectory, other: dc.Trajectory) -> None:
@@ -262,7 +262,7 @@ def test_a_second_run_compiles_nothing(compilations: list[str]) -> None:
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: list[str]) -> None:
     """Three flows are kept, and the one that was not asked for longest goes first."""
     module = importlib.import_module("deltac.simulation.simulate")
-    monkeypatch.setattr(module, "_KEPT", Kept(3))
+    monkeypatch.setattr(module, "_KEPT", LRUCache(3))
 
     def compiled(length: float) -> bool:
         count = len(compilations)

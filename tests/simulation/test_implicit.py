@@ -12,8 +12,8 @@ import deltac as dc
 from deltac.simulation.flow import build_flow
 from deltac.simulation.implicit.stepper import ImplicitStepper, Run
 from deltac.simulation.solvers import SOLVERS, find_solver
-from linkages import disc, four_bars
-from machines import pendulum, robot, workshop
+from tests.systems.linkages import disc, four_bars
+from tests.systems.machines import pendulum, robot, workshop
 
 IMPLICIT = [s.name for s in SOLVERS.values() if s.family == "implicit"]
 

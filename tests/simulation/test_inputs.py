@@ -10,7 +10,7 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.mechanism import State
-from machines import pendulum, robot
+from tests.systems.machines import pendulum, robot
 
 PENDULUM = pendulum()
 NAN = float("nan")

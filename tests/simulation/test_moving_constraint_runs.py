@@ -6,7 +6,7 @@ import numpy as np
 
 import deltac as dc
 from deltac.energy import balance
-from linkages import ALL, linkage
+from tests.systems.linkages import ALL, linkage
 
 
 def on_table(motion: str, turning: float) -> tuple[dc.Mechanism, dc.State]:

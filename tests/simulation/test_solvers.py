@@ -18,8 +18,8 @@ from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS, find_solver
 from deltac.simulation.solvers.explicit import EXPLICIT, tableau_of
 from deltac.simulation.sundials import SUNDIALS
-from machines import pendulum, robot
-from slow import repeated
+from tests.support.slow import repeated
+from tests.systems.machines import pendulum, robot
 
 FIXED = [s.name for s in SOLVERS.values() if s.family == "fixed"]
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]

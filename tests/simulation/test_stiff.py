@@ -15,8 +15,8 @@ import deltac as dc
 from deltac.errors import InputError
 from deltac.problems import Problem
 from deltac.simulation.solvers import SOLVERS
-from linkages import four_bars
-from machines import pendulum, robot
+from tests.systems.linkages import four_bars
+from tests.systems.machines import pendulum, robot
 
 IMPLICIT = [s.name for s in SOLVERS.values() if s.family == "implicit"]
 SUNDIALS = ["CVODES", "IDAS"]

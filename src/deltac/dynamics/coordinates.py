@@ -11,7 +11,7 @@ from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 
 
 @dataclass(frozen=True)

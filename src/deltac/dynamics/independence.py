@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
+from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
-from deltac.dynamics.recursions import crba
-from deltac.dynamics.system import System
+from deltac.dynamics.equations_of_motion import EquationsOfMotion
+from deltac.dynamics.kkt import least_squares, without_rounding
 
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""
-
-ROUNDING = 1e-12
-"""Entries of G smaller than this (m or 1) are what rounding leaves of zero."""
 
 
 @dataclass(frozen=True)
@@ -33,40 +31,38 @@ class Independence:
     singular: bool
 
 
-def independence(system: System, rows: Rows, t: float, q: Array, p: Array) -> Independence:
+def independence(
+    equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike = ()
+) -> Independence:
     """Find independent rows at the free coordinates `q`, and whether q is a singular configuration.
 
     The rank is taken at q and at two configurations nearby that satisfy the constraints; the larger one
     is the generic rank, on whose rows equations of motion can be built.
     """
-    free = system.free_u
+    rows, n = equations.rows, len(equations.system.free_u)
     if not len(rows):
-        return Independence((), (), len(free), singular=False)
-    point = [system.t, system.q, system.p]
-    M = crba(system)[free, free]
-    W = ca.jacobian(system.qdot, system.u)
-    evaluate = ca.Function("rank", point, [M, rows.G, rows.phi, W])
+        return Independence((), (), n, singular=False)
+    still = np.zeros(n)
 
-    def at(place: Array) -> tuple[Array, Array, Array, Array]:
-        M_, G_, phi_, W_ = (np.array(value) for value in evaluate(t, place, p))
-        return M_, G_, phi_.ravel(), W_
+    def at(place: Array) -> tuple[Array, Array, Array]:
+        M, phi, _, G, _ = equations.ties(t, place, still, p)
+        return M, G, phi
 
-    here = _independent(*at(q)[:2])
-    rng = np.random.default_rng(1)
-    chosen = here
+    M, _, _, G, W = equations.ties(t, q, still, p)
+    here = chosen = _independent(M, G)
+    rng, tied = np.random.default_rng(1), least_squares(M, G)
     for _ in range(2):
-        M_, G_, _, W_ = at(q)
-        kernel = rng.standard_normal(len(free))
-        kernel -= np.linalg.lstsq(G_, G_ @ kernel, rcond=1e-10)[0]
-        near = q + 1e-2 * W_ @ kernel
-        for _ in range(20):
-            _, G_near, phi_near, W_near = at(near)
-            near = near - W_near @ np.linalg.lstsq(G_near, phi_near, rcond=1e-10)[0]
-        if np.isfinite(near).all() and np.abs(at(near)[2]).max(initial=0.0) < 1e-9:
-            there = _independent(*at(near)[:2])
+        # Along a direction that the constraints leave free (to first order), then back onto them.
+        kernel = rng.standard_normal(n)
+        kernel += tied.least(G @ kernel)
+        kernel /= max(1.0, float(np.abs(kernel).max(initial=0.0)))
+        near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
+        M_near, G_near, phi_near = at(near)
+        if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < 1e-9:
+            there = _independent(M_near, G_near)
             chosen = there if len(there) > len(chosen) else chosen
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
-    return Independence(chosen, redundant, len(free) - len(chosen), len(chosen) > len(here))
+    return Independence(chosen, redundant, n - len(chosen), len(chosen) > len(here))
 
 
 def _independent(M: Array, G: Array) -> tuple[int, ...]:
@@ -80,11 +76,6 @@ def _independent(M: Array, G: Array) -> tuple[int, ...]:
     _, R, order = qr(scaled, mode="economic", pivoting=True)
     rank = int((np.abs(np.diag(R)) > RANK_TOLERANCE).sum())
     return tuple(sorted(int(k) for k in order[:rank]))
-
-
-def without_rounding(G: Array) -> Array:
-    """A Jacobian whose entries at rounding level are zero: a row of such entries asks for nothing."""
-    return np.where(np.abs(G) > ROUNDING, G, 0.0)
 
 
 def row_names(rows: Rows, places: Sequence[int]) -> str:

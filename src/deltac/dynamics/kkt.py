@@ -1,8 +1,10 @@
-"""Sparse LDLᵀ without pivoting on CasADi matrices, and the constrained equations of motion by it.
+"""The constrained equations M u̇ − Gᵀλ = r, G u̇ = −γ solved two ways: by sparse LDLᵀ, and by least squares.
 
-M u̇ − Gᵀλ = r, G u̇ = −γ: with M = L D Lᵀ and Y = L⁻¹Gᵀ the multipliers solve S λ = −γ − G M⁻¹r with the
-Schur complement S = Yᵀ D⁻¹ Y. Both matrices are symmetric positive definite when the constraints are
-independent, so no pivoting is needed; structural zeros cost nothing.
+With M = L D Lᵀ and Y = L⁻¹Gᵀ the multipliers solve S λ = −γ − G M⁻¹r with the Schur complement
+S = Yᵀ D⁻¹ Y. Both matrices are symmetric positive definite when the constraints are independent, so LDLᵀ
+needs no pivoting: the order of operations is fixed, straight code can be compiled from it, and structural
+zeros cost nothing (`Schur`). Where constraints are redundant or dependent its pivots vanish, which it
+tells; there numeric least squares by singular values take its place (`LeastSquares`).
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from deltac.arrays import Array
 from deltac.dynamics.spatial import SX
 
 DEPENDENT = 1e-11
@@ -25,6 +29,9 @@ The stages of a step are off the constraints by its local error, and a row near 
 turns with that: far above rounding, it points anywhere. A four-bar passed flat at 150 step sizes near
 1e-3 s keeps its tip to 8e-6 m with this bound, and with 1e-10 in all but a few.
 """
+
+ROUNDING = 1e-12
+"""Entries of G smaller than this (m or 1) are what rounding leaves of zero."""
 
 Entry = Any  # a scalar SX, or None where a structural zero is
 
@@ -191,3 +198,71 @@ def _column(v: SX) -> list[Entry]:
 
 def _vector(entries: Sequence[Entry]) -> SX:
     return ca.vertcat(ca.SX(0, 1), *(ca.SX(0) if e is None else e for e in entries))
+
+
+# --- by least squares ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """The constrained system at one state or at B states, any rows: the numeric twin of `Schur`.
+
+    With M = L Lᵀ and A = D G L⁻ᵀ, whose rows D brings to unit length (vanished ones to zero), all that is
+    wanted follows from the pseudo-inverse A⁺. It is found from A itself: singular values of S = G M⁻¹ Gᵀ
+    are squares, whose small ones drown in rounding twice as early.
+    """
+
+    root: Array
+    G: Array
+    scale: Array
+    inverse: Array
+
+    def least(self, violation: Array) -> Array:
+        """The change of speeds (p,), least in the mass metric, that G maps nearest to −violation (nc,)."""
+        change = self.inverse @ (self.scale * violation)[..., None]
+        return -np.asarray(np.linalg.solve(np.swapaxes(self.root, -1, -2), change))[..., 0]
+
+    @property
+    def schur_inverse(self) -> Array:
+        """S⁺ (nc, nc): the least multipliers of an acceleration of the constraints."""
+        half = self.inverse * self.scale[..., None, :]
+        return np.asarray(np.swapaxes(half, -1, -2) @ half)
+
+    @property
+    def response(self) -> Array:
+        """M⁻¹Gᵀ (p, nc)."""
+        return self._solved(np.swapaxes(self.G, -1, -2))
+
+    def multipliers(self, r: Array, gamma: Array) -> Array:
+        """The least λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ, as far as that can be met."""
+        wanted = -gamma - (self.G @ self.free_response(r)[..., None])[..., 0]
+        return np.asarray((self.schur_inverse @ wanted[..., None])[..., 0])
+
+    def free_response(self, r: Array) -> Array:
+        """M⁻¹ r (p,)."""
+        return self._solved(r[..., None])[..., 0]
+
+    def _solved(self, right: Array) -> Array:
+        half = np.linalg.solve(self.root, right)
+        return np.asarray(np.linalg.solve(np.swapaxes(self.root, -1, -2), half))
+
+
+def least_squares(M: Array, G: Array, dependent: float = 1e-8) -> LeastSquares:
+    """Factorise mass matrices (…, p, p) and constraint Jacobians (…, nc, p).
+
+    Rows of which no more than the share `dependent` is independent of others count as redundant.
+    Raises LinAlgError for a mass matrix that is not positive definite.
+    """
+    root = np.linalg.cholesky(M)
+    G = without_rounding(G)
+    A = np.swapaxes(np.linalg.solve(root, np.swapaxes(G, -1, -2)), -1, -2)
+    length = np.linalg.norm(A, axis=-1)
+    present = length > np.sqrt(VANISHED) * length.max(axis=-1, keepdims=True, initial=1e-300)
+    scale = np.where(present, 1.0 / np.where(present, length, 1.0), 0.0)
+    inverse = np.linalg.pinv(A * scale[..., None], rcond=dependent)
+    return LeastSquares(np.asarray(root), G, scale, np.asarray(inverse))
+
+
+def without_rounding(G: Array) -> Array:
+    """A Jacobian whose entries at rounding level are zero: a row of such entries asks for nothing."""
+    return np.where(np.abs(G) > ROUNDING, G, 0.0)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from deltac.caching import LRUCache, Once
 from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
 from deltac.errors import InputError, closest
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ class Link:
     to_body: Transform
 
 
-@dataclass(frozen=True)
-class System:
+@dataclass(frozen=True, eq=False)
+class System(Once):
     """Symbols and links of a mechanism.
 
     Inputs: time `t`, free coordinates `q` and speeds `u`, free accelerations `udot`, values `inputs`
@@ -144,7 +145,8 @@ class System:
 def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
     """Write a mechanism out in symbols; parameters named in `vary` stay symbols, others are folded in.
 
-    The same mechanism has the same symbols each time.
+    The same description has the same system, with the same symbols, each time; its `mechanism` may differ
+    from the one given in the values of the parameters that vary.
 
     Raises InputError for an unknown parameter.
     """
@@ -153,10 +155,14 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
             raise InputError(
                 f"vary: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
             )
-    return _written_out(mechanism, tuple(vary))
+    names = tuple(vary)
+    key = (mechanism.digest(names), mechanism.name, names)
+    return _SYSTEMS.get(key, lambda: _written_out(mechanism, names))
 
 
-@lru_cache(maxsize=16)
+_SYSTEMS: LRUCache[System] = LRUCache(32)
+
+
 def _written_out(mechanism: Mechanism, vary: tuple[str, ...]) -> System:
     t = ca.SX.sym("t")
     p = ca.SX.sym("p", len(vary))

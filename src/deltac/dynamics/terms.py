@@ -17,8 +17,8 @@ import casadi as ca
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.forces import Channel, channels, total_force
-from deltac.dynamics.kkt import Schur, schur
-from deltac.dynamics.recursions import aba, armature, crba, rates_of, rnea, velocities
+from deltac.dynamics.kkt import Schur
+from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 
@@ -108,14 +108,6 @@ class Constrained:
     def multipliers_from(self, force: SX) -> SX:
         """λ whose Gᵀλ is nearest to a generalized force of the free speeds, in the metric M⁻¹."""
         return self.schur.multipliers(-force, ca.SX.zeros(len(self.rows)))
-
-
-def constrained(system: System, rows: Rows) -> Constrained | None:
-    """Factorise the constraints of a system; None if it has none."""
-    if not len(rows):
-        return None
-    free = system.free_u
-    return Constrained(rows, schur(crba(system)[free, free], rows.G))
 
 
 def driving_forces(

@@ -30,8 +30,8 @@ from deltac.dynamics.textbook_kinematics import (
     skew,
     tree,
 )
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate, rate
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import Quantity
+from deltac.mechanism.scope import GROUND
 
 Array: TypeAlias = NDArray[Any]
 """Real, or complex inside `along`."""

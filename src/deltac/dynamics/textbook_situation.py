@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from deltac.dynamics.textbook_kinematics import Array, Tree, numbers
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -19,7 +20,7 @@ from deltac.dynamics.testing_functions import (
 )
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
-from deltac.energy.sampling.prepare import checked_samples, violations
+from deltac.energy.prepare import checked_samples, violations
 from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
@@ -35,8 +36,7 @@ from deltac.energy.terms import (
 )
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.trajectories import Trajectory
 
@@ -279,7 +279,7 @@ class _Compiled:
     between: Kernel
 
 
-_KEPT: Kept[_Compiled] = Kept(16)
+_KEPT: LRUCache[_Compiled] = LRUCache(16)
 
 
 def _compiled(

@@ -8,21 +8,20 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.coordinates import trace_map
-from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.forces import Channel, total_force
 from deltac.dynamics.independence import independence
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
-from deltac.dynamics.system import System, trace
+from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
     Constrained,
     Energies,
     Reactions,
     Terms,
     channel_powers,
-    constrained,
     prescribed_channels,
     reactions_from,
     terms,
@@ -32,7 +31,7 @@ from deltac.energy.sampling.segments import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -128,15 +127,14 @@ def ledger_symbols(
 
     `start` is the time and the free coordinates at which independent constraints are chosen.
     """
-    system = trace(mechanism)
+    motion = equations_of_motion(mechanism)
+    system = motion.system
     if speeds is not None and mechanism.constraints:
         raise InputError(
             "own generalized speeds (speeds=) and constraints cannot be combined: the constraints already "
             "choose how the motion is divided"
         )
-    rows = constraint_rows(system)
-    chosen = independence(system, rows, *start, np.empty(0)).independent
-    bound = constrained(system, rows.select(chosen))
+    bound = motion.constrained(independence(motion, *start).independent)
     own = trace_map(system, speeds) if speeds is not None else None
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)
@@ -149,7 +147,7 @@ def ledger_symbols(
             force[place] = logged[log.columns[name].start + k]
         forces[name] = force
     parts: list[Channel] = []
-    for part in channels(system):
+    for part in motion.channels:
         if part.name in forces:
             parts.append(Channel(part.name, forces.pop(part.name), part.potential, part.explicit))
         elif part.logged:

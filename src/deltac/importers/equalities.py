@@ -12,8 +12,7 @@ from deltac.importers.names import body_names, equality_names, joint_names
 from deltac.importers.passive import Findings
 from deltac.importers.report import Remark
 from deltac.importers.tree import turned
-from deltac.mechanism.constraining import holonomic, loop_spherical, loop_weld
-from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.constraints import Constraint, holonomic, loop_spherical, loop_weld
 from deltac.mechanism.laws import q
 
 

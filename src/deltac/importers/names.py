@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.joints import KINDS
+from deltac.mechanism.scope import GROUND
 
 JOINT_KINDS = ("free", "spherical", "prismatic", "revolute")
 """Our kind of joint for each value of `mjtJoint`: free, ball, slide, hinge."""

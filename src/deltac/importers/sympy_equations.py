@@ -9,14 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.dynamics.constraints import constraint_rows
-from deltac.dynamics.forces import channels, total_force
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.recursions import crba, rnea
-from deltac.dynamics.system import trace
 from deltac.errors import InputError, closest
 from deltac.kernels.lowering import to_sympy
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
 from deltac.mechanism.mechanism import Mechanism
@@ -251,13 +248,11 @@ def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> Symbol
             f"symbolic equations: {mechanism.name} has {len(free.u)} free speeds, expected {LARGEST} "
             "at most; equations of larger systems fill pages"
         )
-    system = trace(mechanism, vary=tuple(mechanism.parameters))
-    udot = ca.SX(system.udot_all)
-    udot[system.free_u] = 0
-    rows = constraint_rows(system)
+    motion = equations_of_motion(mechanism, vary=tuple(mechanism.parameters))
+    system, rows = motion.system, motion.rows
     outputs = {
-        "M": crba(system)[system.free_u, system.free_u],
-        "h": (rnea(system, udot) - total_force(system, channels(system)))[system.free_u],
+        "M": motion.M,
+        "h": (motion.bias - motion.force)[system.free_u],
         "G": rows.G,
         "gamma": rows.gamma,
     }

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from deltac.mechanism import shapes
-from deltac.mechanism.absolute import absolute_angles
 from deltac.mechanism.bodies import (
-    GROUND,
     Body,
     body,
     box,
@@ -15,7 +13,7 @@ from deltac.mechanism.bodies import (
     rod,
     sphere,
 )
-from deltac.mechanism.constraining import (
+from deltac.mechanism.constraints import (
     angle,
     distance,
     gear,
@@ -33,7 +31,7 @@ from deltac.mechanism.constraining import (
     skate,
 )
 from deltac.mechanism.contact import contact
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.events import event, impact, joint_stop
 from deltac.mechanism.forces import (
     gravity_compensation,
@@ -59,6 +57,7 @@ from deltac.mechanism.joints import (
 )
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import rotation
+from deltac.mechanism.scope import GROUND
 from deltac.mechanism.state import State
 
 __all__ = [

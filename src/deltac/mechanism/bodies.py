@@ -15,22 +15,17 @@ from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
-    Number,
     Quantity,
     Vector,
-    part_name,
     positive,
-    require_positive,
     unit_vector,
     vector,
 )
-
-GROUND = "ground"
-"""The name of the inertial frame, to which joints and forces attach like to a body."""
+from deltac.mechanism.scope import GROUND, Part, Scope
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(Part):
     """A rigid body; make it by `body`, `rod`, `box`, `disc`, `sphere`, `point_mass` or `frame`.
 
     `mass` (kg), `mass_centre` (m) from the body frame's origin, `inertia` about the mass centre
@@ -43,12 +38,16 @@ class Body:
     inertia: Matrix = (ZERO, ZERO, ZERO)
     massless: bool = False
 
-    def check(self, number: Number) -> None:
+    noun = "body"
+
+    def check(self, scope: Scope) -> None:
         """InputError if mass or inertia cannot belong to a rigid body, by the parameters' values."""
-        if self.massless:
-            return
-        require_positive(number(self.mass), f"mass of body {self.name!r}")
-        _check_inertia([[number(entry) for entry in row] for row in self.inertia], self.name)
+        entries = [entry for row in self.inertia for entry in row]
+        quantities = (self.mass, *self.mass_centre, *entries)
+        scope.laws(quantities, scope.constants, f"a quantity of {self.where}")
+        if not self.massless:
+            scope.positive(self.mass, f"mass of {self.where}")
+            _check_inertia([[scope.number(e) for e in row] for row in self.inertia], self.name)
 
 
 def body(
@@ -153,7 +152,8 @@ def frame(name: str) -> Body:
 def _name(name: Any) -> str:
     if name == GROUND:
         raise InputError("no body may be called 'ground': that is the inertial frame's name")
-    return part_name(name, "a body")
+    Body.called(name)
+    return str(name)
 
 
 def _about_axis(across: Quantity, along: Quantity, n: tuple[float, float, float]) -> Matrix:

@@ -8,20 +8,29 @@ work. Points and axes are components in the body frame, or world components for 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from deltac.errors import InputError
+from deltac.mechanism.laws import as_law, symbol_names, symbol_of
 from deltac.mechanism.quantities import (
+    IDENTITY,
+    ZERO,
     Matrix,
     Vector,
+    positive,
+    rotation_matrix,
     unit_vector,
+    vector,
 )
+from deltac.mechanism.scope import GROUND, Part, Scope
 
 Axis: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Loop:
+class Loop(Part):
     """A joint that closes a loop: `kind` "spherical", "revolute", "universal", "prismatic" or "weld".
 
     The points coincide (for "prismatic": the second lies on the line through the first along `axis1`);
@@ -39,9 +48,111 @@ class Loop:
     axis2: Axis
     rotation: Matrix
 
+    noun = "loop constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        _bodies(scope, self.where, self.body1, self.body2)
+        scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
+
+
+def _loop(
+    kind: str,
+    name: str,
+    body1: str,
+    body2: str,
+    point1: Sequence[Any],
+    point2: Sequence[Any],
+    axis1: str | Sequence[float] = "z",
+    axis2: str | Sequence[float] | None = None,
+    rotation: Any = None,
+) -> Loop:
+    where = Loop.called(name)
+    if body1 == body2:
+        raise InputError(f"{where} connects body {body1!r} with itself")
+    return Loop(
+        name,
+        kind,
+        body1,
+        body2,
+        vector(point1, f"point1 of {where}"),
+        vector(point2, f"point2 of {where}"),
+        unit_vector(axis1, f"axis1 of {where}"),
+        unit_vector(axis1 if axis2 is None else axis2, f"axis2 of {where}"),
+        IDENTITY if rotation is None else rotation_matrix(rotation, f"rotation of {where}"),
+    )
+
+
+def loop_spherical(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+) -> Loop:
+    """Two points coincide (three rows)."""
+    return _loop("spherical", name, body1, body2, point1, point2)
+
+
+def loop_revolute(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+    axis1: str | Sequence[float] = "z",
+    axis2: str | Sequence[float] | None = None,
+) -> Loop:
+    """A hinge: the points coincide and the axes are parallel (five rows)."""
+    return _loop("revolute", name, body1, body2, point1, point2, axis1, axis2)
+
+
+def loop_universal(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+    axis1: str | Sequence[float] = "x",
+    axis2: str | Sequence[float] = "y",
+) -> Loop:
+    """A universal joint: the points coincide and the axes are perpendicular (four rows)."""
+    return _loop("universal", name, body1, body2, point1, point2, axis1, axis2)
+
+
+def loop_prismatic(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+    axis1: str | Sequence[float] = "x",
+    rotation: Any = None,
+) -> Loop:
+    """A slide along `axis1` of the first body; the second keeps its `rotation` in it (five rows)."""
+    return _loop("prismatic", name, body1, body2, point1, point2, axis1, rotation=rotation)
+
+
+def loop_weld(
+    name: str,
+    body1: str,
+    body2: str,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+    rotation: Any = None,
+) -> Loop:
+    """A rigid connection: points coincide, `rotation` of the second body in the first (six rows)."""
+    return _loop("weld", name, body1, body2, point1, point2, rotation=rotation)
+
 
 @dataclass(frozen=True)
-class Distance:
+class Distance(Part):
     """A massless rod: the distance of two points is `length` (m), a positive law of t."""
 
     name: str
@@ -51,9 +162,39 @@ class Distance:
     point2: Vector
     length: Any
 
+    noun = "distance constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        _bodies(scope, self.where, self.body1, self.body2)
+        scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
+        scope.laws([self.length], scope.in_time, f"length of {self.where}")
+
+
+def distance(
+    name: str,
+    body1: str,
+    body2: str,
+    length: Any,
+    *,
+    point1: Sequence[Any] = ZERO,
+    point2: Sequence[Any] = ZERO,
+) -> Distance:
+    """Keep the distance of two points at `length`, a law of t (one row); see `Distance`."""
+    where = Distance.called(name)
+    return Distance(
+        name,
+        body1,
+        body2,
+        vector(point1, f"point1 of {where}"),
+        vector(point2, f"point2 of {where}"),
+        positive(length, f"length of {where}"),
+    )
+
 
 @dataclass(frozen=True)
-class PointOn:
+class PointOn(Part):
     """A point of `body` lies on a surface or curve of the body `on`.
 
     `equations` are laws of x, y, z, the point's coordinates in the frame of `on`, and t; each is kept at
@@ -66,9 +207,82 @@ class PointOn:
     on: str
     equations: tuple[Any, ...]
 
+    noun = "point-on constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols, and an equation without x, y, z."""
+        _bodies(scope, self.where, self.body, self.on)
+        scope.laws(self.point, scope.in_time, f"point of {self.where}")
+        scope.laws(self.equations, (*"xyz", *scope.in_time), f"equation of {self.where}")
+        for law in self.equations:
+            if not symbol_names(law) & {"x", "y", "z"}:
+                raise InputError(f"equation of {self.where}: {law} holds none of x, y, z")
+
+
+def point_on(
+    name: str,
+    body: str,
+    equations: Any,
+    *,
+    point: Sequence[Any] = ZERO,
+    on: str = GROUND,
+) -> PointOn:
+    """Keep a point on a surface (one equation) or curve (two) of another body; see `PointOn`.
+
+    For example ``point_on("pin", "slider", ["y - 0.1*sin(x)", "z"])``.
+    """
+    where = PointOn.called(name)
+    given = equations if isinstance(equations, list | tuple) else (equations,)
+    return PointOn(
+        name,
+        body,
+        vector(point, f"point of {where}"),
+        on,
+        tuple(as_law(entry, f"equation of {where}") for entry in given),
+    )
+
+
+def point_in_plane(
+    name: str,
+    body: str,
+    *,
+    point: Sequence[Any] = ZERO,
+    on: str = GROUND,
+    normal: str | Sequence[float] = "z",
+    offset: Any = 0.0,
+) -> PointOn:
+    """Keep a point in the plane normal·(x, y, z) = `offset`, a law of t (one row)."""
+    where = PointOn.called(name)
+    return PointOn(
+        name,
+        body,
+        vector(point, f"point of {where}"),
+        on,
+        (_along(unit_vector(normal, where)) - as_law(offset, f"offset of {where}"),),
+    )
+
+
+def point_on_line(
+    name: str,
+    body: str,
+    *,
+    point: Sequence[Any] = ZERO,
+    on: str = GROUND,
+    through: Sequence[Any] = ZERO,
+    along: str | Sequence[float] = "x",
+) -> PointOn:
+    """Keep a point on the line through a point (laws of t) along a direction (two rows)."""
+    where = PointOn.called(name)
+    start = vector(through, f"through of {where}")
+    equations = []
+    for n in perpendiculars(unit_vector(along, where)):
+        equations.append(_along(n) - sum((c * s for c, s in zip(n, start)), start=0.0))
+    return PointOn(name, body, vector(point, f"point of {where}"), on, (equations[0], equations[1]))
+
 
 @dataclass(frozen=True)
-class Angle:
+class Angle(Part):
     """The angle between an axis of each of two bodies is `angle` (rad), a law of t, not 0 or π."""
 
     name: str
@@ -78,25 +292,101 @@ class Angle:
     axis2: Axis
     angle: Any
 
+    noun = "angle constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        _bodies(scope, self.where, self.body1, self.body2)
+        scope.laws([self.angle], scope.in_time, f"angle of {self.where}")
+
+
+def angle(
+    name: str,
+    body1: str,
+    body2: str,
+    angle: Any,
+    *,
+    axis1: str | Sequence[float] = "x",
+    axis2: str | Sequence[float] = "x",
+) -> Angle:
+    """Keep the angle between two axes, a law of t other than 0 and π (one row); see `Angle`."""
+    where = Angle.called(name)
+    return Angle(
+        name,
+        body1,
+        body2,
+        unit_vector(axis1, f"axis1 of {where}"),
+        unit_vector(axis2, f"axis2 of {where}"),
+        as_law(angle, f"angle of {where}"),
+    )
+
 
 @dataclass(frozen=True)
-class Holonomic:
+class Holonomic(Part):
     """Any f(q, t) = 0: a law of t and the coordinates ``q.<coordinate>``."""
 
     name: str
     law: Any
 
+    noun = "holonomic constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown symbols, and a law without coordinates."""
+        scope.laws([self.law], scope.in_place, f"law of {self.where}")
+        if not any(name.startswith("q.") for name in symbol_names(self.law)):
+            raise InputError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
+
+
+def holonomic(name: str, law: Any) -> Holonomic:
+    """Keep any law of t and coordinates at zero (one row); see `Holonomic`."""
+    return Holonomic(name, as_law(law, Holonomic.called(name)))
+
+
+def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any = 0.0) -> Holonomic:
+    """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
+    where = Holonomic.called(name)
+    law = symbol_of(f"q.{coordinate1}") - as_law(ratio, f"ratio of {where}") * symbol_of(
+        f"q.{coordinate2}"
+    )
+    return Holonomic(name, law - as_law(phase, f"phase of {where}"))
+
 
 @dataclass(frozen=True)
-class MotionConstraint:
+class MotionConstraint(Part):
     """Any A(q, t) v + b(q, t) = 0: a law of t, q, u that is linear in the speeds ``u.<speed>``."""
 
     name: str
     law: Any
 
+    noun = "motion constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown symbols, and a law that is not linear in the speeds."""
+        import sympy
+
+        scope.laws([self.law], scope.in_motion, f"law of {self.where}")
+        speeds = [s for s in getattr(self.law, "free_symbols", ()) if s.name.startswith("u.")]
+        if not speeds:
+            raise InputError(f"law of {self.where}: {self.law} holds no speed u.<name>")
+        for a in speeds:
+            for b in speeds:
+                if sympy.simplify(sympy.diff(self.law, a, b)) != 0:
+                    raise InputError(
+                        f"law of {self.where}: {self.law} is not linear in {a}; only "
+                        "A(q, t) v + b(q, t) = 0 is a simple nonholonomic constraint"
+                    )
+
+
+def motion_constraint(name: str, law: Any) -> MotionConstraint:
+    """Keep any law linear in the speeds at zero (one row); see `MotionConstraint`."""
+    return MotionConstraint(name, as_law(law, MotionConstraint.called(name)))
+
 
 @dataclass(frozen=True)
-class Rolling:
+class Rolling(Part):
     """A wheel, disc or sphere rolls without slip on a plane of the body `on`.
 
     The wheel turns about `axis` through its `centre`; its edge is a torus with circle radius `radius`
@@ -117,9 +407,61 @@ class Rolling:
     normal: Axis
     surface_velocity: tuple[Any, Any, Any]
 
+    noun = "rolling constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        _bodies(scope, self.where, self.body, self.on)
+        scope.laws(self.centre, scope.constants, f"centre of {self.where}")
+        scope.laws((self.radius, self.tube), scope.constants, f"radius of {self.where}")
+        scope.laws(self.point, scope.in_time, f"point of {self.where}")
+        velocity = (*"xyz", *scope.in_time)
+        scope.laws(self.surface_velocity, velocity, f"surface velocity of {self.where}")
+
+
+def rolling(
+    name: str,
+    body: str,
+    radius: Any = 0.0,
+    *,
+    tube: Any = 0.0,
+    centre: Sequence[Any] = ZERO,
+    axis: str | Sequence[float] = "y",
+    on: str = GROUND,
+    point: Sequence[Any] = ZERO,
+    normal: str | Sequence[float] = "z",
+    surface_velocity: Sequence[Any] = ZERO,
+) -> Rolling:
+    """Roll without slip on a plane (three rows); see `Rolling`.
+
+    A disc has a `radius`, a torus-edged wheel `radius` and `tube`, a sphere `tube` alone.
+    """
+    where = Rolling.called(name)
+    if body == on:
+        raise InputError(f"{where}: body {body!r} cannot roll on itself")
+    circle = positive(radius, f"radius of {where}", allow_zero=True)
+    edge = positive(tube, f"tube of {where}", allow_zero=True)
+    if circle == 0.0 and edge == 0.0:
+        raise InputError(
+            f"{where}: give a radius (disc, wheel) or a tube radius (sphere) above zero"
+        )
+    return Rolling(
+        name,
+        body,
+        vector(centre, f"centre of {where}"),
+        unit_vector(axis, f"axis of {where}"),
+        circle,
+        edge,
+        on,
+        vector(point, f"point of {where}"),
+        unit_vector(normal, f"normal of {where}"),
+        vector(surface_velocity, f"surface velocity of {where}"),
+    )
+
 
 @dataclass(frozen=True)
-class Skate:
+class Skate(Part):
     """A blade: the velocity of a point of `body` relative to `on` has no component along `lateral`.
 
     `lateral` is a direction fixed in `body`, perpendicular to the blade; `drift` (m/s) is the lateral
@@ -133,10 +475,52 @@ class Skate:
     on: str
     drift: Any
 
+    noun = "skate constraint"
+    channel_kinds = ("constraint",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        _bodies(scope, self.where, self.body, self.on)
+        scope.laws(self.point, scope.constants, f"point of {self.where}")
+        scope.laws([self.drift], scope.in_time, f"drift of {self.where}")
+
+
+def skate(
+    name: str,
+    body: str,
+    *,
+    point: Sequence[Any] = ZERO,
+    lateral: str | Sequence[float] = "y",
+    on: str = GROUND,
+    drift: Any = 0.0,
+) -> Skate:
+    """A blade or knife edge: no velocity of the point along `lateral` (one row); see `Skate`."""
+    where = Skate.called(name)
+    return Skate(
+        name,
+        body,
+        vector(point, f"point of {where}"),
+        unit_vector(lateral, f"lateral of {where}"),
+        on,
+        as_law(drift, f"drift of {where}"),
+    )
+
 
 Constraint: TypeAlias = (
     Loop | Distance | PointOn | Angle | Holonomic | MotionConstraint | Rolling | Skate
 )
+
+
+def _bodies(scope: Scope, where: str, *names: str) -> None:
+    for name in names:
+        scope.body(name, where)
+    if all(name == GROUND for name in names):
+        raise InputError(f"{where} connects the ground with itself")
+
+
+def _along(n: Axis) -> Any:
+    """n·(x, y, z) as a law."""
+    return sum((c * symbol_of(x) for c, x in zip(n, "xyz") if c != 0.0), start=0.0)
 
 
 def perpendiculars(n: Axis) -> tuple[Axis, Axis]:

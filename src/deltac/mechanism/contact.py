@@ -8,15 +8,16 @@ from typing import Any, Literal, get_args
 from deltac.errors import InputError
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import Quantity, part_name, positive
-from deltac.mechanism.shapes import Shape, check_pair
+from deltac.mechanism.quantities import Quantity, positive
+from deltac.mechanism.scope import Part, Scope
+from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
 """Models of the dissipation in compliant contact."""
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(Part):
     """Compliant contact. Channels ``spring <name>`` (potential), ``contact``, ``friction <name>``.
 
     At every contact point of the two shapes (`dynamics.gaps` lists them) with overlap x = −g > 0:
@@ -43,6 +44,29 @@ class Contact:
     friction: FrictionLaw | None
     deepest: Quantity | None
     allow_energy_source: bool = field(default=False, repr=False)
+
+    noun = "contact"
+    channel_kinds = ("spring", "contact", "friction")
+
+    def check(self, scope: Scope) -> None:
+        """InputError for shapes and numbers that do not fit, and for energy from nowhere."""
+        check_pair(self.first, self.second, self.where)
+        for shape in (self.first, self.second):
+            check_shape(scope, shape, self.where)
+        quantities = (self.stiffness, self.exponent, self.dissipation, self.deepest)
+        scope.laws(quantities, scope.constants, self.where)
+        scope.positive(self.stiffness, f"stiffness of {self.where}")
+        exponent = scope.number(self.exponent)
+        if exponent < 1.0:
+            raise InputError(
+                f"exponent of {self.where}: found {exponent:g}, expected 1 or more; below 1 the stiffness "
+                "is without bound as the shapes meet"
+            )
+        if not self.allow_energy_source:
+            scope.takes_energy(self.dissipation, f"dissipation of {self.where}")
+        if self.friction is not None:
+            source = self.allow_energy_source
+            self.friction.check(scope, self.where, scope.constants, source=source)
 
 
 def contact(
@@ -77,7 +101,7 @@ def contact(
         InputError: shapes of one body or without a contact, an unknown model, a stiffness that is not
             positive, an exponent below 1, negative dissipation or friction.
     """
-    where = f"contact {part_name(name, 'a force element')!r}"
+    where = Contact.called(name)
     check_pair(first, second, where)
     if model not in get_args(Model):
         raise InputError(

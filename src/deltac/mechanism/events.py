@@ -7,24 +7,20 @@ work in place of the speed, where there is friction) and Coulomb's friction in t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from deltac.errors import InputError, closest
-from deltac.mechanism.joints import KINDS
-from deltac.mechanism.laws import as_law, check_symbols
-from deltac.mechanism.quantities import Quantity, part_name, positive, require_positive
+from deltac.mechanism.laws import as_law
+from deltac.mechanism.quantities import Quantity, positive
+from deltac.mechanism.scope import Part, Scope
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
-
-if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
 
 Direction: TypeAlias = Literal["both", "rising", "falling"]
 
 
 @dataclass(frozen=True)
-class JointStop:
+class JointStop(Part):
     """Hard limits of a coordinate: lower <= q <= upper (rad or m). Channel ``impact <name>``.
 
     A limit is a number or a law of t (a stop that moves), None where there is none. On reaching one the
@@ -38,11 +34,19 @@ class JointStop:
     restitution: Quantity
     allow_energy_source: bool = False
 
+    noun = "joint stop"
+    channel_kinds = ("impact",)
     impulsive = True
+
+    def check(self, scope: Scope) -> None:
+        """InputError for a coordinate that cannot be stopped, unknown symbols, a wrong restitution."""
+        _check_coordinate(scope, self.coordinate, self.where)
+        scope.laws((self.lower, self.upper), scope.in_time, f"a limit of {self.where}")
+        _check_restitution(scope, self)
 
 
 @dataclass(frozen=True)
-class Impact:
+class Impact(Part):
     """Two shapes that collide. Channel ``impact <name>``.
 
     `restitution` e is the square root of the part of the normal work of compression that comes back
@@ -56,11 +60,21 @@ class Impact:
     friction: Quantity
     allow_energy_source: bool = False
 
+    noun = "impact"
+    channel_kinds = ("impact",)
     impulsive = True
+
+    def check(self, scope: Scope) -> None:
+        """InputError for shapes that do not fit, unknown symbols, a wrong restitution or friction."""
+        for shape in (self.first, self.second):
+            check_shape(scope, shape, self.where)
+        scope.laws([self.friction], scope.constants, f"friction of {self.where}")
+        scope.positive(self.friction, f"friction of {self.where}", allow_zero=True)
+        _check_restitution(scope, self)
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(Part):
     """An instant of interest: `expression`, a law of t, q and u, passes zero.
 
     `direction` "rising", "falling" or "both"; a `terminal` event ends the run.
@@ -71,7 +85,12 @@ class Event:
     direction: Direction
     terminal: bool
 
+    noun = "event"
     impulsive = False
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown symbols."""
+        scope.laws([self.expression], scope.in_motion, f"expression of {self.where}")
 
 
 Happening: TypeAlias = JointStop | Impact | Event
@@ -100,7 +119,7 @@ def joint_stop(
     Raises:
         InputError: no limit at all, limits in the wrong order, a restitution outside 0 … 1.
     """
-    where = f"joint stop {part_name(name, 'a joint stop')!r}"
+    where = JointStop.called(name)
     if lower is None and upper is None:
         raise InputError(f"{where} has no limit; give lower=, upper= or both")
     low = None if lower is None else as_law(lower, f"lower of {where}")
@@ -133,7 +152,7 @@ def impact(
     Raises:
         InputError: a pair without a gap function, a restitution outside 0 … 1, a negative friction.
     """
-    where = f"impact {part_name(name, 'an impact')!r}"
+    where = Impact.called(name)
     check_pair(first, second, where)
     e = _restitution(restitution, where, allow_energy_source)
     mu = positive(friction, f"friction of {where}", allow_zero=True)
@@ -148,7 +167,7 @@ def event(
     >>> apex = event("apex", "u.height", direction="falling")
     >>> enough = event("ten turns", "q.wheel - 20 * pi", terminal=True)
     """
-    where = f"event {part_name(name, 'an event')!r}"
+    where = Event.called(name)
     if direction not in get_args(Direction):
         raise InputError(
             f"direction of {where} is {direction!r}; expected {', '.join(get_args(Direction))}"
@@ -159,65 +178,18 @@ def event(
     return Event(name, law, direction, bool(terminal))
 
 
-def check_events(mechanism: Mechanism, events: Sequence[Happening]) -> None:
-    """InputError for an event that does not fit its mechanism."""
-    seen: set[tuple[bool, str]] = set()
-    for happening in events:
-        if not isinstance(happening, Happening):
-            raise InputError(
-                f"events of the mechanism: found {happening!r}, expected what deltac.joint_stop(...), "
-                "deltac.impact(...) or deltac.event(...) returns"
-            )
-        key = (isinstance(happening, Event), happening.name)
-        if key in seen:
-            what = "events" if key[0] else "impacts or stops"
-            raise InputError(f"two {what} are called {happening.name!r}; names must differ")
-        seen.add(key)
-        _check(mechanism, happening)
-
-
-def _check(mechanism: Mechanism, happening: Happening) -> None:
-    parameters = tuple(mechanism.parameters)
-    match happening:
-        case JointStop(name=name):
-            where = f"joint stop {name!r}"
-            _check_coordinate(mechanism, happening.coordinate, where)
-            for limit in (happening.lower, happening.upper):
-                if limit is not None:
-                    check_symbols(limit, ["t", *parameters], f"a limit of {where}")
-        case Impact(name=name):
-            where = f"impact {name!r}"
-            for shape in (happening.first, happening.second):
-                check_shape(mechanism, shape, where)
-            check_symbols(happening.friction, parameters, f"friction of {where}")
-            mu = mechanism.number(happening.friction)
-            require_positive(mu, f"friction of {where}", allow_zero=True)
-        case Event(name=name):
-            allowed = [
-                "t",
-                *parameters,
-                *(f"q.{entry.name}" for entry in mechanism.coordinates),
-                *(f"u.{entry.name}" for entry in mechanism.speeds),
-            ]
-            check_symbols(happening.expression, allowed, f"expression of event {name!r}")
-            return
-    check_symbols(happening.restitution, parameters, f"restitution of {where}")
-    e = mechanism.number(happening.restitution)
-    _require_restitution(e, where, happening.allow_energy_source)
-
-
-def _check_coordinate(mechanism: Mechanism, name: str, where: str) -> None:
-    names = mechanism.coordinates.names
+def _check_coordinate(scope: Scope, name: str, where: str) -> None:
+    names = scope.coordinates.names
     if name not in names:
-        several = [c for c in names if mechanism.coordinates[c].joint == name]
+        several = names[scope.coordinates.of(name)]
         if several:
             raise InputError(
                 f"{where}: joint {name!r} has the coordinates {', '.join(map(repr, several))}; "
                 "name one of them"
             )
         raise InputError(f"{where}: unknown joint or coordinate {name!r}{closest(name, names)}")
-    entry = mechanism.coordinates[name]
-    if not KINDS[mechanism.joint(entry.joint).kind].rates:
+    entry = scope.coordinates[name]
+    if not scope.rate_is_speed(name):
         raise InputError(
             f"{where}: the rate of {name!r} is no speed of joint {entry.joint!r}, which has a quaternion; "
             "a stop limits a coordinate of a joint without one"
@@ -226,6 +198,11 @@ def _check_coordinate(mechanism: Mechanism, name: str, where: str) -> None:
         raise InputError(
             f"{where}: joint {entry.joint!r} follows its motion and cannot be stopped; free the joint"
         )
+
+
+def _check_restitution(scope: Scope, part: JointStop | Impact) -> None:
+    scope.laws([part.restitution], scope.constants, f"restitution of {part.where}")
+    _require_restitution(scope.number(part.restitution), part.where, part.allow_energy_source)
 
 
 def _restitution(value: Any, where: str, allowed: bool) -> Quantity:

@@ -11,22 +11,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, closest
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import JointFriction, PointFriction
-from deltac.mechanism.laws import as_law
+from deltac.mechanism.laws import as_law, symbol_names
 from deltac.mechanism.quantities import (
     ZERO,
     Quantity,
     Vector,
-    part_name,
     positive,
     vector,
 )
+from deltac.mechanism.scope import Part, Scope, require_count
 
 
 @dataclass(frozen=True)
-class JointSpring:
+class JointSpring(Part):
     """Elastic force of a joint. Channel ``spring <name>`` (potential).
 
     Linear: V = ½ k (q − q0)² for each coordinate (J), generalized force −k (q − q0) (N·m or N); for a
@@ -41,9 +41,30 @@ class JointSpring:
     rest: tuple[Any, ...] = ()
     potential: Any = None
 
+    noun = "joint spring"
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """``spring``; ``prescribed`` too if it depends on time."""
+        return _spring_kinds(*self.stiffness, *self.rest, self.potential)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for an unknown joint, unknown symbols, too few or too many laws."""
+        coordinates, _ = scope.joint(self.joint, self.where)
+        if self.potential is not None:
+            allowed = (*scope.in_time, *(f"q.{entry.name}" for entry in coordinates))
+            scope.laws([self.potential], allowed, f"potential of {self.where}")
+            return
+        # A quaternion turns as one: one spring for its four components.
+        plain = [entry for entry in coordinates if not entry.quaternion]
+        springs = len(plain) + (len(plain) < len(coordinates))
+        require_count(self.stiffness, springs, f"stiffness of {self.where}")
+        require_count(self.rest, springs, f"rest of {self.where}")
+        scope.laws((*self.stiffness, *self.rest), scope.in_time, self.where)
+
 
 @dataclass(frozen=True)
-class JointDamper:
+class JointDamper(Part):
     """Viscous force of a joint: −c u for each speed (N·m or N). Channel ``damper <name>``.
 
     `damping` c (N·m·s/rad or N·s/m) is a law, one for each speed; c >= 0 takes energy out. A number below
@@ -55,9 +76,21 @@ class JointDamper:
     damping: tuple[Any, ...]
     allow_energy_source: bool = field(default=False, repr=False)
 
+    noun = "joint damper"
+    channel_kinds = ("damper",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for an unknown joint, unknown symbols, a damping that would create energy."""
+        _, speeds = scope.joint(self.joint, self.where)
+        require_count(self.damping, len(speeds), f"damping of {self.where}")
+        scope.laws(self.damping, scope.in_motion, self.where)
+        for law in self.damping:
+            if not self.allow_energy_source and scope.is_constant(law):
+                scope.takes_energy(law, f"damping of {self.where}")
+
 
 @dataclass(frozen=True)
-class JointTorque:
+class JointTorque(Part):
     """Generalized force of a motor on a joint's speeds (N·m or N). Channel ``actuator <name>``.
 
     `torque` holds a law of t, q, u for each speed, positive in the direction of the speed, acting on
@@ -68,9 +101,19 @@ class JointTorque:
     joint: str
     torque: tuple[Any, ...] | None
 
+    noun = "joint torque"
+    channel_kinds = ("actuator",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for an unknown joint, unknown symbols, too few or too many laws."""
+        _, speeds = scope.joint(self.joint, self.where)
+        if self.torque is not None:
+            require_count(self.torque, len(speeds), f"law of {self.where}")
+            scope.laws(self.torque, scope.in_motion, f"law of {self.where}")
+
 
 @dataclass(frozen=True)
-class PointForce:
+class PointForce(Part):
     """A force at a point of a body and a moment on it. Channel ``applied <name>``.
 
     `force` (N) and `moment` (N·m) are three laws of t, q, u each; components in the world frame, or
@@ -84,9 +127,18 @@ class PointForce:
     moment: tuple[Any, Any, Any]
     frame: str
 
+    noun = "point force"
+    channel_kinds = ("applied",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for an unknown body and unknown symbols."""
+        scope.body(self.body, self.where, ground=False)
+        scope.laws(self.point, scope.constants, f"point of {self.where}")
+        scope.laws((*self.force, *self.moment), scope.in_motion, f"law of {self.where}")
+
 
 @dataclass(frozen=True)
-class SpringDamper:
+class SpringDamper(Part):
     """Spring and damper between two points. Channels ``spring <name>`` (potential), ``damper <name>``.
 
     With the distance d of the points, V = ½ k (d − d0)² (J) and the tension is k (d − d0) + c ḋ (N),
@@ -103,6 +155,22 @@ class SpringDamper:
     damping: Any
     length: Any
 
+    noun = "spring-damper"
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """``spring`` and ``damper``; ``prescribed`` too if the spring depends on time."""
+        return ("damper", *_spring_kinds(self.stiffness, self.length))
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        for body in (self.body1, self.body2):
+            scope.body(body, self.where)
+        points = (*self.point1, *self.point2)
+        scope.laws(points, scope.constants, f"a point of {self.where}")
+        scope.laws((self.stiffness, self.length), scope.in_time, self.where)
+        scope.laws([self.damping], scope.constants, f"damping of {self.where}")
+
 
 @dataclass(frozen=True)
 class Branch:
@@ -116,7 +184,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Tendon:
+class Tendon(Part):
     """A cord with spring and damper. Channels ``spring <name>`` (potential), ``damper <name>``.
 
     Its length is l = Σ c_i q_i over `coordinates` (of joints whose speeds are their rates) plus the
@@ -134,9 +202,41 @@ class Tendon:
     damping: tuple[Quantity, ...]
     length: tuple[Quantity, Quantity]
 
+    noun = "tendon"
+    channel_kinds = ("spring", "damper")
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown names, coordinates whose rates are no speeds, an empty band."""
+        for name, factor in self.coordinates:
+            self._check_coordinate(scope, name)
+            scope.laws([factor], scope.constants, f"coefficient of {name!r} in {self.where}")
+        for branch in self.branches:
+            scope.laws([branch.factor], scope.constants, f"factor of a branch of {self.where}")
+            for body, point in branch.points:
+                scope.body(body, self.where)
+                scope.laws(point, scope.constants, f"a point of {self.where}")
+        quantities = (*self.stiffness, *self.damping, *self.length)
+        scope.laws(quantities, scope.constants, self.where)
+        low, high = (scope.number(end) for end in self.length)
+        if low > high:
+            raise InputError(
+                f"length of {self.where}: the band from {low:g} to {high:g} is empty; swap them"
+            )
+
+    def _check_coordinate(self, scope: Scope, name: str) -> None:
+        known = scope.coordinates.names
+        if name not in known:
+            raise InputError(f"{self.where}: unknown coordinate {name!r}{closest(name, known)}")
+        if not scope.rate_is_speed(name):
+            raise InputError(
+                f"{self.where}: the rate of {name!r} is no speed of joint "
+                f"{scope.coordinates[name].joint!r}; a tendon takes coordinates of joints without "
+                "quaternions"
+            )
+
 
 @dataclass(frozen=True)
-class GravityCompensation:
+class GravityCompensation(Part):
     """Upward forces that carry a fraction of bodies' weights. Channel ``applied <name>``.
 
     `fractions` are (body, c): the force −c m g acts at the body's mass centre (N; c = 1 carries all of it).
@@ -145,6 +245,21 @@ class GravityCompensation:
 
     name: str
     fractions: tuple[tuple[str, Quantity], ...]
+
+    noun = "gravity compensation"
+    channel_kinds = ("applied",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        for name, fraction in self.fractions:
+            scope.body(name, self.where, ground=False)
+            scope.laws([fraction], scope.constants, f"fraction of {name!r} in {self.where}")
+
+
+def _spring_kinds(*laws: Any) -> tuple[str, ...]:
+    """Kinds of a spring's channels: ∂V/∂t of laws of time flows through ``prescribed``."""
+    in_time = any("t" in symbol_names(law) for law in laws if law is not None)
+    return ("spring", "prescribed") if in_time else ("spring",)
 
 
 Element: TypeAlias = (
@@ -176,7 +291,7 @@ def joint_spring(
     `torque`, a stiffness curve: the moment as a law of the joint's single coordinate, whose
     potential −∫ torque dq is found in closed form (InputError if it has none).
     """
-    where = f"joint spring {part_name(name, 'a force element')!r}"
+    where = JointSpring.called(name)
     given = [stiffness is not None, torque is not None, potential is not None]
     if sum(given) != 1:
         raise InputError(f"{where}: give exactly one of stiffness, torque and potential")
@@ -193,18 +308,14 @@ def joint_damper(
     name: str, joint: str, damping: Any, *, allow_energy_source: bool = False
 ) -> JointDamper:
     """A viscous damper on a joint's speeds; see `JointDamper`."""
-    return JointDamper(
-        part_name(name, "a force element"),
-        joint,
-        _each(damping, f"damping of joint damper {name!r}"),
-        allow_energy_source,
-    )
+    where = JointDamper.called(name)
+    return JointDamper(name, joint, _each(damping, f"damping of {where}"), allow_energy_source)
 
 
 def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
     """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
-    laws = None if torque is None else _each(torque, f"law of joint torque {name!r}")
-    return JointTorque(part_name(name, "a force element"), joint, laws)
+    where = JointTorque.called(name)
+    return JointTorque(name, joint, None if torque is None else _each(torque, f"law of {where}"))
 
 
 def point_force(
@@ -217,7 +328,7 @@ def point_force(
     frame: str = "world",
 ) -> PointForce:
     """A force at a point of a body, and a moment on it; see `PointForce`."""
-    where = f"point force {part_name(name, 'a force element')!r}"
+    where = PointForce.called(name)
     if frame not in ("world", "body"):
         raise InputError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
     return PointForce(
@@ -242,7 +353,7 @@ def spring_damper(
     length: Any = 0.0,
 ) -> SpringDamper:
     """A spring and damper between points of two bodies (or "ground"); see `SpringDamper`."""
-    where = f"spring-damper {part_name(name, 'a force element')!r}"
+    where = SpringDamper.called(name)
     if body1 == body2:
         raise InputError(f"{where} connects body {body1!r} with itself, so it does nothing")
     return SpringDamper(
@@ -278,7 +389,7 @@ def tendon(
     ... )
     >>> coupling = tendon("coupling", coordinates={"hip": 1.0, "knee": -0.5}, damping=0.1)
     """
-    where = f"tendon {part_name(name, 'a force element')!r}"
+    where = Tendon.called(name)
     given = [*([(path, 1.0)] if len(path) else []), *branches]
     ends = length if isinstance(length, list | tuple) else (length, length)
     if len(ends) != 2:
@@ -317,7 +428,7 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
 
 def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
     """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
-    where = f"gravity compensation {part_name(name, 'a force element')!r}"
+    where = GravityCompensation.called(name)
     return GravityCompensation(
         name,
         tuple(

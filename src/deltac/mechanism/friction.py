@@ -12,17 +12,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from deltac.errors import InputError
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
     Quantity,
     Vector,
-    part_name,
     positive,
     unit_vector,
     vector,
 )
+from deltac.mechanism.scope import GROUND, Part, Scope, require_count
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
@@ -52,9 +51,34 @@ class FrictionLaw:
         """What must not be negative, or friction would drive: c, s, b."""
         return (self.coulomb, self.static, self.viscous)
 
+    def check(self, scope: Scope, where: str, allowed: Sequence[str], *, source: bool) -> None:
+        """InputError for unknown symbols, and for friction that would drive unless `source` allows it.
+
+        `allowed` are the symbols of the strengths. A strength that depends on t, q or u is not checked
+        for its sign.
+        """
+        scope.laws((self.coulomb, self.static), allowed, f"friction of {where}")
+        scope.laws([self.viscous], scope.constants, f"viscous of {where}")
+        for quantity, what in ((self.width, "width"), (self.stribeck, "stribeck")):
+            if quantity is not None:
+                scope.laws([quantity], scope.constants, f"{what} of {where}")
+                scope.positive(quantity, f"{what} of {where}")
+        if source:
+            return
+        for strength in self.strengths:
+            if scope.is_constant(strength):
+                scope.takes_energy(strength, f"friction of {where}")
+        if scope.is_constant(self.coulomb) and scope.is_constant(self.static):
+            c, s = scope.number(self.coulomb), scope.number(self.static)
+            if s < c:
+                raise InputError(
+                    f"friction of {where}: static {s:g} is below coulomb {c:g}; friction about rest is at "
+                    "least that in slip"
+                )
+
 
 @dataclass(frozen=True)
-class JointFriction:
+class JointFriction(Part):
     """Friction of a joint, one law for each speed: −f(|u|) sign u (N·m or N). Channel ``friction <name>``.
 
     `laws` act on the speeds one by one, in the joint's own directions; they do not depend on the joint's
@@ -66,9 +90,19 @@ class JointFriction:
     laws: tuple[FrictionLaw, ...]
     allow_energy_source: bool = field(default=False, repr=False)
 
+    noun = "joint friction"
+    channel_kinds = ("friction",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for an unknown joint, and laws that do not fit; see `FrictionLaw.check`."""
+        _, speeds = scope.joint(self.joint, self.where)
+        require_count(self.laws, len(speeds), f"laws of {self.where}")
+        for law in self.laws:
+            law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
+
 
 @dataclass(frozen=True)
-class PointFriction:
+class PointFriction(Part):
     """Friction at a point of a body that slides along a plane. Channel ``friction <name>``.
 
     With the velocity v of the body's point relative to the material of `on` in the same place, and its
@@ -86,6 +120,17 @@ class PointFriction:
     normal_force: Any
     law: FrictionLaw
     allow_energy_source: bool = field(default=False, repr=False)
+
+    noun = "point friction"
+    channel_kinds = ("friction",)
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols, and a law that does not fit."""
+        for body in (self.body, self.on):
+            scope.body(body, self.where)
+        scope.laws(self.point, scope.constants, f"point of {self.where}")
+        scope.laws([self.normal_force], scope.in_motion, f"normal force of {self.where}")
+        self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
 
 
 def friction_law(
@@ -139,7 +184,7 @@ def joint_friction(
     A negative strength would drive the joint: InputError unless `allow_energy_source`, in which case
     what it gives is booked in the channel.
     """
-    where = f"joint friction {part_name(name, 'a force element')!r}"
+    where = JointFriction.called(name)
     columns = [coulomb, static, stribeck, viscous, width]
     count = max((len(c) for c in columns if isinstance(c, list | tuple)), default=1)
     for c in columns:
@@ -169,7 +214,7 @@ def point_friction(
 
     >>> block = point_friction("rub", "block", "m*9.81*cos(0.3)", 0.2, normal="y")
     """
-    where = f"point friction {part_name(name, 'a force element')!r}"
+    where = PointFriction.called(name)
     if body == on:
         raise InputError(f"{where}: body {body!r} does not slide on itself")
     return PointFriction(

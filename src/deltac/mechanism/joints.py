@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltac.errors import InputError
-from deltac.mechanism.bodies import GROUND
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     IDENTITY,
@@ -21,12 +20,12 @@ from deltac.mechanism.quantities import (
     Matrix,
     Quantity,
     Vector,
-    part_name,
     positive,
     rotation_matrix,
     unit_vector,
     vector,
 )
+from deltac.mechanism.scope import GROUND, Part, Scope
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ KINDS: dict[str, JointKind] = {
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Part):
     """A joint between `parent` (a body or "ground") and `child`; make it by `revolute`, `free`, ….
 
     `stiffness` and `rest` hold one law per coordinate (one for a quaternion), `damping` and
@@ -97,6 +96,21 @@ class Joint:
     damping: tuple[Any, ...] = ()
     armature: tuple[Quantity, ...] = ()
     motion: tuple[Any, ...] = ()
+
+    noun = "joint"
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown symbols, and a rotor inertia that is negative."""
+        quantities = (*self.position, *self.child_position, self.pitch, *self.armature)
+        scope.laws(quantities, scope.constants, f"a quantity of {self.where}")
+        scope.laws(self.motion, scope.in_time, f"motion of {self.where}")
+        for a in self.armature:
+            scope.positive(a, f"armature of {self.where}", allow_zero=True)
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """What drives a prescribed joint."""
+        return ("prescribed",) if self.motion else ()
 
     @property
     def prescribed(self) -> bool:
@@ -135,7 +149,7 @@ def _joint(
     armature: Any = None,
     motion: Any = None,
 ) -> Joint:
-    where = f"of joint {part_name(name, 'a joint')!r}"
+    where = f"of {Joint.called(name)}"
     if parent == child:
         raise InputError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:

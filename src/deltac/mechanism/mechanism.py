@@ -7,19 +7,19 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.errors import InputError, closest
-from deltac.mechanism import validation
-from deltac.mechanism.bodies import GROUND, Body
+from deltac.mechanism.bodies import Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
-from deltac.mechanism.events import Happening, check_events
+from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
-from deltac.mechanism.laws import evaluate, rate
+from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.state import State
+from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.state import State, make_state
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,15 +55,46 @@ class Mechanism:
         def store(attribute: str, value: Any) -> None:
             object.__setattr__(self, attribute, value)
 
-        store("bodies", tuple(self.bodies))
-        store("joints", validation.tree_order(self.bodies, self.joints))
-        store("forces", tuple(self.forces))
-        store("constraints", tuple(self.constraints))
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"name of the mechanism: expected a text, found {self.name!r}")
+        for attribute, kind, example in (
+            ("bodies", Body, "deltac.body(...)"),
+            ("joints", Joint, "deltac.revolute(...)"),
+            ("forces", Element, "deltac.joint_torque(...)"),
+            ("constraints", Constraint, "deltac.distance(...)"),
+            (
+                "events",
+                Happening,
+                "deltac.joint_stop(...), deltac.impact(...) or deltac.event(...)",
+            ),
+        ):
+            store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
+        store("joints", _tree_order(self.bodies, self.joints))
         store("gravity", vector(self.gravity, "gravity"))
-        store("parameters", validation.parameters(self.parameters))
-        store("events", tuple(self.events))
-        validation.check(self)
-        check_events(self, self.events)
+        store("parameters", _parameters(self.parameters))
+        _distinct((e for e in self.events if isinstance(e, Event)), "events")
+        _check_names_of_coordinates(self)
+        self.scope.laws(self.gravity, self.scope.constants, "gravity")
+        for part in self.parts:
+            part.check(self.scope)
+        _check_channels(self.parts)
+        _check_mass_carried(self)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All that it is made of."""
+        return (*self.bodies, *self.joints, *self.elements, *self.constraints, *self.events)
+
+    @cached_property
+    def scope(self) -> Scope:
+        """The names that its parts may refer to, and the values of its parameters."""
+        return Scope(
+            tuple(body.name for body in self.bodies),
+            tuple(joint.name for joint in self.joints),
+            self.coordinates,
+            self.speeds,
+            self.parameters,
+        )
 
     # --- coordinates ---------------------------------------------------------------------------
 
@@ -166,26 +197,7 @@ class Mechanism:
         Raises InputError for unknown names, wrong sizes, values that are not finite, a quaternion
         far from unit length, and a value of a prescribed joint that departs from its law.
         """
-        t = _scalar(t, "t", "time")
-        if not math.isfinite(t):
-            raise InputError(f"time of the state is {t}; expected a finite number of seconds")
-        q, named_q = _fill(self.coordinates, coordinates, "coordinate")
-        u, named_u = _fill(self.speeds, speeds, "speed")
-        for joint in self.joints:
-            place = self.coordinates.of(joint.name)
-            quaternion = KINDS[joint.kind].quaternion
-            if quaternion is not None:
-                start = place.start + quaternion
-                q[start : start + 4] = _unit(q[start : start + 4], joint.name, named_q)
-            for k, law in enumerate(joint.motion):
-                known = {**self.parameters, "t": t}
-                value, derivative = evaluate(law, known), evaluate(rate(law), known)
-                _settle(q, place.start + k, value, joint.coordinates[k], named_q, t)
-                _settle(
-                    u, self.speeds.of(joint.name).start + k, derivative, joint.speeds[k], named_u, t
-                )
-        q.flags.writeable = u.flags.writeable = False
-        return State(t, q, u)
+        return make_state(self.joints, self.scope, coordinates, speeds, t)
 
     def __repr__(self) -> str:
         return (
@@ -207,13 +219,13 @@ def require_mechanism(given: object) -> None:
     raise InputError(f"mechanism: expected a Mechanism, found {found}{remedy}")
 
 
-def _entries(joints: Sequence[Joint], what: str) -> Entries:
+def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
     made: list[Entry] = []
     for joint in joints:
-        slots = KINDS[joint.kind].coordinates if what == "coordinates" else KINDS[joint.kind].speeds
-        names = joint.coordinates if what == "coordinates" else joint.speeds
-        for name, (_, unit) in zip(names, slots):
-            made.append(Entry(name, joint.name, unit, len(made), joint.prescribed))
+        slots = getattr(KINDS[joint.kind], what)
+        for name, (suffix, unit) in zip(getattr(joint, what), slots):
+            turns = suffix in ("qw", "qx", "qy", "qz")
+            made.append(Entry(name, joint.name, unit, len(made), joint.prescribed, turns))
     return Entries(tuple(made))
 
 
@@ -224,95 +236,132 @@ def _named(parts: Sequence[Any], name: str, what: str) -> Any:
     raise InputError(f"unknown {what} {name!r}{closest(name, [part.name for part in parts])}")
 
 
-def _fill(
-    entries: Entries, given: Mapping[str, Any] | Iterable[float] | None, what: str
-) -> tuple[NDArray[np.float64], set[str]]:
-    """The full vector, zero where nothing is given, and the names of what was given."""
-    import numpy as np
-
-    values = np.zeros(len(entries))
-    if given is None:
-        return _checked_finite(values, entries, what), set()
-    if not isinstance(given, Mapping):
-        entire = list(given) if isinstance(given, Iterable) else given
-        array = _array(entire, f"{what}s of the state")
-        if array.shape != values.shape:
-            raise InputError(
-                f"{what}s of the state: expected {len(entries)} values "
-                f"({', '.join(entries.names)}), found an array of shape {array.shape}"
-            )
-        return _checked_finite(array, entries, what), set(entries.names)
-    named: set[str] = set()
-    joints = {entry.joint for entry in entries}
-    for name, value in given.items():
-        if name in entries.names:
-            values[entries[name].index] = _scalar(value, name, what)
-            named.add(name)
-        elif name in joints:
-            place = entries.of(name)
-            array = _array(value, f"{what}s of joint {name!r}")
-            if array.shape != (place.stop - place.start,):
-                raise InputError(
-                    f"{what}s of joint {name!r}: expected {place.stop - place.start} values "
-                    f"({', '.join(entries.names[place])}), found {value!r}"
-                )
-            values[place] = array
-            named.update(entries.names[place])
-        else:
-            options = list(dict.fromkeys([*entries.names, *sorted(joints)]))
-            raise InputError(f"unknown {what} {name!r} of the state{closest(name, options)}")
-    return _checked_finite(values, entries, what), named
-
-
-def _array(value: Any, where: str) -> NDArray[np.float64]:
-    import numpy as np
-
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: expected numbers, found {value!r}") from None
-
-
-def _scalar(value: Any, name: str, what: str) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
+def _of_kind(given: Any, what: str, kind: Any, example: str) -> tuple[Any, ...]:
+    """The parts as a tuple; InputError unless each is of its kind."""
+    if not isinstance(given, Iterable) or isinstance(given, str):
         raise InputError(
-            f"{what} {name!r} of the state: expected a number, found {value!r}"
-        ) from None
-
-
-def _checked_finite(
-    values: NDArray[np.float64], entries: Entries, what: str
-) -> NDArray[np.float64]:
-    for entry, value in zip(entries, values):
-        if not math.isfinite(value):
+            f"{what} of the mechanism: found {given!r}, expected a sequence of what {example} returns"
+        )
+    parts = tuple(given)
+    for part in parts:
+        if not isinstance(part, kind):
             raise InputError(
-                f"{what} {entry.name!r} of the state is {value}; expected a finite number"
+                f"{what} of the mechanism: found {part!r}, expected what {example} returns"
             )
+    return parts
+
+
+def _parameters(given: Mapping[str, float]) -> dict[str, float]:
+    """The parameters as floats; their names must be usable in laws."""
+    values: dict[str, float] = {}
+    for name, value in given.items():
+        if not isinstance(name, str) or not name.isidentifier() or name in ("t", "q", "u", "pi"):
+            raise InputError(
+                f"parameter {name!r}: a name of letters, digits and underscores is expected, "
+                "other than t, q, u and pi"
+            )
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise InputError(f"parameter {name!r} is {value!r}; expected a finite number")
+        values[name] = number
     return values
 
 
-def _unit(q: NDArray[np.float64], joint: str, named: set[str]) -> NDArray[np.float64]:
-    norm = math.hypot(*q)
-    if norm == 0.0 and not any(f"{joint}.q{c}" in named for c in "wxyz"):
-        q[0] = 1.0
-        return q
-    if abs(norm - 1.0) > 1e-3:
-        raise InputError(
-            f"the quaternion of joint {joint!r}, {tuple(map(float, q))}, has length {norm:.6g}; "
-            "expected a unit quaternion, scalar first. Divide it by its length"
-        )
-    return q / norm
+def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    """The joints with parents before children; InputError unless they make a tree on the ground."""
+    _distinct(bodies, "bodies")
+    _distinct(joints, "joints")
+    names = [body.name for body in bodies]
+    carrier: dict[str, Joint] = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end != GROUND and end not in names:
+                raise InputError(
+                    f"joint {joint.name!r}: unknown body {end!r}{closest(end, [*names, GROUND])}"
+                )
+        if joint.child in carrier:
+            raise InputError(
+                f"body {joint.child!r} is the child of two joints, "
+                f"{carrier[joint.child].name!r} and {joint.name!r}; in a tree each body is carried by "
+                "one joint. Close a loop by a constraint instead"
+            )
+        carrier[joint.child] = joint
+    for name in names:
+        if name not in carrier:
+            raise InputError(
+                f"body {name!r} is carried by no joint; connect it, for example by "
+                f"deltac.free('base', {name!r})"
+            )
+    ordered: list[Joint] = []
+    reached = {GROUND}
+    waiting = list(joints)
+    while waiting:
+        ready = [joint for joint in waiting if joint.parent in reached]
+        if not ready:
+            cycle = ", ".join(
+                f"{joint.name!r} ({joint.parent} → {joint.child})" for joint in waiting
+            )
+            raise InputError(
+                f"the joints {cycle} form a cycle that is not connected to the ground; the joints of a "
+                "mechanism must form a tree rooted at 'ground'"
+            )
+        # The first in the order given: an order that already has parents first is kept as it is.
+        first = ready[0]
+        ordered.append(first)
+        reached.add(first.child)
+        waiting.remove(first)
+    return tuple(ordered)
 
 
-def _settle(
-    vector: NDArray[np.float64], index: int, value: float, name: str, named: set[str], t: float
-) -> None:
-    """Put the law's value in place; a given value must agree with it."""
-    if name in named and abs(vector[index] - value) > 1e-6 * max(1.0, abs(value)):
-        raise InputError(
-            f"{name!r} is prescribed: its law gives {value:.9g} at t = {t:g}, the state says "
-            f"{vector[index]:.9g}. Leave it out of the state"
+def _distinct(parts: Iterable[Part], what: str) -> None:
+    """InputError if two parts of one kind share a name."""
+    seen: set[str] = set()
+    for part in parts:
+        if part.name in seen:
+            raise InputError(f"two {what} are called {part.name!r}; names must differ")
+        seen.add(part.name)
+
+
+def _check_names_of_coordinates(mechanism: Mechanism) -> None:
+    """A joint 'hip.x' beside a planar joint 'hip' would name two coordinates alike."""
+    for entries in (mechanism.coordinates, mechanism.speeds):
+        owner: dict[str, str] = {}
+        for entry in entries:
+            if entry.name in owner:
+                raise InputError(
+                    f"joints {owner[entry.name]!r} and {entry.joint!r} both have a coordinate or speed "
+                    f"{entry.name!r}; rename one of the joints"
+                )
+            owner[entry.name] = entry.joint
+
+
+def _check_channels(parts: Iterable[Part]) -> None:
+    """Every channel has one owner: a log could not tell the energies of two apart."""
+    owners: dict[tuple[str, str], Part] = {}
+    for part in parts:
+        for kind in part.channel_kinds:
+            if owner := owners.get((kind, part.name)):
+                raise InputError(
+                    f"{owner.where} and {part.where} would both use the channel '{kind} {part.name}'; "
+                    "give one of them another name"
+                )
+            owners[kind, part.name] = part
+
+
+def _check_mass_carried(mechanism: Mechanism) -> None:
+    """A joint that moves nothing with mass has no equation of motion."""
+    carried: dict[str, bool] = {}
+    for joint in reversed(mechanism.joints):
+        heavy = not mechanism.body(joint.child).massless or any(
+            carried[below.name] for below in mechanism.children[joint.child]
         )
-    vector[index] = value
+        carried[joint.name] = heavy
+        moves = bool(joint.speeds) and not joint.prescribed
+        if moves and not heavy and not any(mechanism.number(a) > 0.0 for a in joint.armature):
+            raise InputError(
+                f"joint {joint.name!r} moves the massless frame {joint.child!r} and nothing else, so "
+                "its motion is undetermined; give a body on it a mass, or the joint an armature"
+            )

@@ -7,7 +7,7 @@ names are resolved by the mechanism that holds the part. Vectors are tuples of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from deltac.errors import InputError
@@ -133,7 +133,3 @@ def require_positive(value: float, where: str, *, allow_zero: bool = False) -> N
         return
     expected = "zero or a positive number" if allow_zero else "a positive number"
     raise InputError(f"{where}: found {value:g}, expected {expected}")
-
-
-Number: TypeAlias = Callable[[Quantity], float]
-"""Turns a quantity into a float by the parameters' values."""

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from deltac.errors import InputError, closest
-from deltac.mechanism.bodies import GROUND
-from deltac.mechanism.laws import check_symbols
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
@@ -21,14 +19,11 @@ from deltac.mechanism.quantities import (
     Vector,
     part_name,
     positive,
-    require_positive,
     rotation_matrix,
     unit_vector,
     vector,
 )
-
-if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND, Scope
 
 
 @dataclass(frozen=True)
@@ -175,18 +170,17 @@ def check_pair(first: Shape, second: Shape, where: str) -> None:
         raise InputError(f"{where}: two points never touch; give one of them a radius")
 
 
-def check_shape(mechanism: Mechanism, shape: Shape, where: str) -> None:
+def check_shape(scope: Scope, shape: Shape, where: str) -> None:
     """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
-    names = [GROUND, *(body.name for body in mechanism.bodies)]
+    names = [GROUND, *scope.bodies]
     if shape.body not in names:
         raise InputError(
             f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
         )
     of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"
-    for quantity in (*shape.position, *shape.sizes):
-        check_symbols(quantity, tuple(mechanism.parameters), of)
+    scope.laws((*shape.position, *shape.sizes), scope.constants, of)
     for size in shape.sizes:
-        require_positive(mechanism.number(size), f"a size of {of}", allow_zero=_is_point(shape))
+        scope.positive(size, f"a size of {of}", allow_zero=_is_point(shape))
 
 
 def _is_point(shape: Shape) -> bool:

@@ -1,9 +1,17 @@
-"""The state of a mechanism: (t, q, u) at an instant."""
+"""The state of a mechanism: (t, q, u) at an instant, and how names make one."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.coordinates import Entries
+from deltac.mechanism.joints import Joint
+from deltac.mechanism.laws import evaluate, rate
+from deltac.mechanism.scope import Scope
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,3 +28,125 @@ class State:
     t: float
     q: NDArray[np.float64]
     u: NDArray[np.float64]
+
+
+def make_state(
+    joints: Sequence[Joint],
+    scope: Scope,
+    coordinates: Mapping[str, Any] | Iterable[float] | None,
+    speeds: Mapping[str, Any] | Iterable[float] | None,
+    t: float,
+) -> State:
+    """The state of a mechanism's joints; see `Mechanism.state`."""
+    t = _scalar(t, "t", "time")
+    if not math.isfinite(t):
+        raise InputError(f"time of the state is {t}; expected a finite number of seconds")
+    q, named_q = _fill(scope.coordinates, coordinates, "coordinate")
+    u, named_u = _fill(scope.speeds, speeds, "speed")
+    for joint in joints:
+        place = scope.coordinates.of(joint.name)
+        quaternion = [e.index for e in scope.coordinates[place] if e.quaternion]
+        if quaternion:
+            q[quaternion] = _unit(q[quaternion], joint.name, named_q)
+        for k, law in enumerate(joint.motion):
+            known = {**scope.parameters, "t": t}
+            value, derivative = evaluate(law, known), evaluate(rate(law), known)
+            _settle(q, place.start + k, value, joint.coordinates[k], named_q, t)
+            start = scope.speeds.of(joint.name).start
+            _settle(u, start + k, derivative, joint.speeds[k], named_u, t)
+    q.flags.writeable = u.flags.writeable = False
+    return State(t, q, u)
+
+
+def _fill(
+    entries: Entries, given: Mapping[str, Any] | Iterable[float] | None, what: str
+) -> tuple[NDArray[np.float64], set[str]]:
+    """The full vector, zero where nothing is given, and the names of what was given."""
+    import numpy as np
+
+    values = np.zeros(len(entries))
+    if given is None:
+        return _checked_finite(values, entries, what), set()
+    if not isinstance(given, Mapping):
+        entire = list(given) if isinstance(given, Iterable) else given
+        array = _array(entire, f"{what}s of the state")
+        if array.shape != values.shape:
+            raise InputError(
+                f"{what}s of the state: expected {len(entries)} values "
+                f"({', '.join(entries.names)}), found an array of shape {array.shape}"
+            )
+        return _checked_finite(array, entries, what), set(entries.names)
+    named: set[str] = set()
+    joints = {entry.joint for entry in entries}
+    for name, value in given.items():
+        if name in entries.names:
+            values[entries[name].index] = _scalar(value, name, what)
+            named.add(name)
+        elif name in joints:
+            place = entries.of(name)
+            array = _array(value, f"{what}s of joint {name!r}")
+            if array.shape != (place.stop - place.start,):
+                raise InputError(
+                    f"{what}s of joint {name!r}: expected {place.stop - place.start} values "
+                    f"({', '.join(entries.names[place])}), found {value!r}"
+                )
+            values[place] = array
+            named.update(entries.names[place])
+        else:
+            options = list(dict.fromkeys([*entries.names, *sorted(joints)]))
+            raise InputError(f"unknown {what} {name!r} of the state{closest(name, options)}")
+    return _checked_finite(values, entries, what), named
+
+
+def _array(value: Any, where: str) -> NDArray[np.float64]:
+    import numpy as np
+
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: expected numbers, found {value!r}") from None
+
+
+def _scalar(value: Any, name: str, what: str) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{what} {name!r} of the state: expected a number, found {value!r}"
+        ) from None
+
+
+def _checked_finite(
+    values: NDArray[np.float64], entries: Entries, what: str
+) -> NDArray[np.float64]:
+    for entry, value in zip(entries, values):
+        if not math.isfinite(value):
+            raise InputError(
+                f"{what} {entry.name!r} of the state is {value}; expected a finite number"
+            )
+    return values
+
+
+def _unit(q: NDArray[np.float64], joint: str, named: set[str]) -> NDArray[np.float64]:
+    norm = math.hypot(*q)
+    if norm == 0.0 and not any(f"{joint}.q{c}" in named for c in "wxyz"):
+        q[0] = 1.0
+        return q
+    if abs(norm - 1.0) > 1e-3:
+        raise InputError(
+            f"the quaternion of joint {joint!r}, {tuple(map(float, q))}, has length {norm:.6g}; "
+            "expected a unit quaternion, scalar first. Divide it by its length"
+        )
+    return q / norm
+
+
+def _settle(
+    vector: NDArray[np.float64], index: int, value: float, name: str, named: set[str], t: float
+) -> None:
+    """Put the law's value in place; a given value must agree with it."""
+    if name in named and abs(vector[index] - value) > 1e-6 * max(1.0, abs(value)):
+        raise InputError(
+            f"{name!r} is prescribed: its law gives {value:.9g} at t = {t:g}, the state says "
+            f"{vector[index]:.9g}. Leave it out of the state"
+        )
+    vector[index] = value

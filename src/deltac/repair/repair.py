@@ -15,7 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import chosen_map
 from deltac.diagnosis.inputs.models import load_model
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs

@@ -11,12 +11,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.course import Motion, Progress
 from deltac.simulation.equations import Controller
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle, StageRate
 

@@ -5,26 +5,21 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Rows, constraint_rows
-from deltac.dynamics.independence import independence, row_names, without_rounding
-from deltac.dynamics.recursions import crba
-from deltac.dynamics.system import System, trace
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.independence import independence, row_names
 from deltac.errors import InputError, closest
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.feasibility import violation
-from deltac.simulation.flow import quaternions
 
-TOLERANCE = 1e-15
-"""Newton's steps go on until the violation is below this, or falls no more."""
-
-MOST_ITERATIONS = 200
+MET = 1e-9
+"""Largest violation (m or rad, and per s at unit speeds) of an assembled state."""
 
 
 @dataclass(frozen=True)
@@ -68,21 +63,27 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
             raise InputError(
                 f"pinned: unknown coordinate {name!r}{closest(name, [*q_free, *u_free])}"
             )
-    system = trace(mechanism)
-    rows = constraint_rows(system)
+    equations = equations_of_motion(mechanism)
+    rows = equations.rows
     t, q, u = guess.t, guess.q[mechanism.free.q].copy(), guess.u[mechanism.free.u].copy()
     if len(rows):
-        solver = _Newton(system, rows, t)
         # A pinned coordinate of a joint holds the speed that moves it; joints in quaternions as a whole.
         held_q = _held(mechanism, [n for n in pinned if n in q_free])
         held_u = np.array([name in pinned for name in u_free], dtype=bool)
-        q = solver.coordinates(q, ~held_q)
-        u = solver.speeds(q, u, ~held_u)
-    found = independence(system, rows, t, q, np.empty(0))
+        q = onto_positions(equations, t, q, movable=~held_q)
+        phi, _ = equations.violation(t, q, u)
+        if not float(np.abs(phi).max(initial=0.0)) <= MET:
+            raise _unmet(rows, phi, "position", "m or rad")
+        u = onto_speeds(equations, t, q, u, movable=~held_u)
+        _, psi = equations.violation(t, q, u)
+        fastest = max(1.0, float(np.abs(u).max(initial=0.0)))
+        if not float(np.abs(psi).max(initial=0.0)) <= MET * fastest:
+            raise _unmet(rows, psi, "velocity", "m/s or rad/s")
+    found = independence(equations, t, q)
     full_q, full_u = guess.q.copy(), guess.u.copy()
     moved = float(np.abs(full_q[mechanism.free.q] - q).max(initial=0.0))
     full_q[mechanism.free.q], full_u[mechanism.free.u] = q, u
-    phi, psi = violation(system, rows, t, q, u)
+    phi, psi = equations.violation(t, q, u)
     return Assembly(
         state=mechanism.state(full_q, full_u, t),
         residual=float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)),
@@ -91,68 +92,6 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
         singular=found.singular,
         moved=moved,
     )
-
-
-class _Newton:
-    """Damped least-squares Newton steps on φ, then one linear step on ψ."""
-
-    def __init__(self, system: System, rows: Rows, t: float) -> None:
-        self.rows, self.t = rows, t
-        free = system.free_u
-        W = ca.jacobian(system.qdot, system.u)
-        M = crba(system)[free, free]
-        self.at = ca.Function("at", [system.t, system.q], [rows.phi, rows.G, W, M])
-        self.psi = ca.Function("psi", [system.t, system.q, system.u], [rows.psi])
-        self.system = system
-
-    def coordinates(self, q: Array, movable: NDArray[np.bool_]) -> Array:
-        """Q with φ = 0, moving only some speeds' directions."""
-        position = np.array(self.rows.holonomic)
-        phi, G, W, M = self._at(q)
-        size = float(np.abs(phi).max(initial=0.0))
-        for _ in range(MOST_ITERATIONS):
-            if size <= TOLERANCE:
-                break
-            delta = _least(M, G[position], -phi[position], movable)
-            scale = 1.0
-            while True:
-                trial = _unit(self.system, q + scale * (W @ delta))
-                values = self._at(trial)
-                found = float(np.abs(values[0]).max(initial=0.0))
-                if found < (1.0 - 0.1 * scale) * size or scale < 1e-3:
-                    break
-                scale *= 0.5
-            if not found < size:
-                break
-            q, (phi, G, W, M), size = trial, values, found
-        if size > 1e-9:
-            raise _unmet(self.rows, phi, "position", "m or rad")
-        return q
-
-    def speeds(self, q: Array, u: Array, movable: NDArray[np.bool_]) -> Array:
-        """U with ψ = 0 at q, changed as little as possible."""
-        _, G, _, M = self._at(q)
-        for _ in range(3):
-            psi = np.array(self.psi(self.t, q, u)).ravel()
-            u = u + _least(M, G, -psi, movable)
-        psi = np.array(self.psi(self.t, q, u)).ravel()
-        if float(np.abs(psi).max(initial=0.0)) > 1e-9 * max(1.0, float(np.abs(u).max(initial=0.0))):
-            raise _unmet(self.rows, psi, "velocity", "m/s or rad/s")
-        return u
-
-    def _at(self, q: Array) -> tuple[Array, Array, Array, Array]:
-        phi, G, W, M = (np.array(value) for value in self.at(self.t, q))
-        return phi.ravel(), G, W, M
-
-
-def _least(M: Array, G: Array, target: Array, movable: NDArray[np.bool_]) -> Array:
-    """The least change of the movable speeds, in the mass metric, that G maps nearest to `target`."""
-    step = np.zeros(G.shape[1])
-    if movable.any() and len(target):
-        root = np.linalg.cholesky(M[np.ix_(movable, movable)])
-        scaled = np.linalg.solve(root, without_rounding(G[:, movable]).T).T
-        step[movable] = np.linalg.solve(root.T, np.linalg.lstsq(scaled, target, rcond=1e-10)[0])
-    return step
 
 
 def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
@@ -173,13 +112,6 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
         for index in moving:
             held[place[index]] = True
     return held
-
-
-def _unit(system: System, q: Array) -> Array:
-    q = q.copy()
-    for where in quaternions(system.mechanism):
-        q[where] /= np.linalg.norm(q[where])
-    return q
 
 
 def _unmet(rows: Rows, values: Array, level: str, unit: str) -> InputError:

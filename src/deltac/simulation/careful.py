@@ -13,36 +13,35 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.forces import channels, total_force
-from deltac.dynamics.kkt import VANISHED
-from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.equations_of_motion import equations_of, quaternions
+from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.simulation.flow import Flow, constraint_forces, quaternions
+from deltac.simulation.flow import Flow, constraint_forces
 from deltac.simulation.solvers.solver import Parts, Solver
 
-CUT_OFF = 1e-8
-"""Singular values of G M⁻¹ Gᵀ (of unit diagonal) below this fraction of the largest count as zero."""
+DEPENDENT = 1e-4
+"""Share of a row of the constraints that must be independent of the others.
+
+Far above rounding: the stages of a step are off the constraints by its local error, and near a singular
+configuration what is left of a dependent row is that error, which points anywhere.
+"""
 
 
-class LeastSquares:
+class SingularMotion:
     """The motion of a constrained mechanism with multipliers by numeric least squares."""
 
     def __init__(self, flow: Flow, p: Array) -> None:
         """Prepare the pieces of the equations of motion; they are evaluated by CasADi."""
         bound = flow.bound
         assert bound is not None and flow.equations is None
-        system = flow.system
-        self._flow, self._p = flow, p
-        free = system.free_u
-        forces = channels(system)
-        udot = ca.SX(system.udot_all)
-        udot[free] = 0
-        r = (total_force(system, forces) - rnea(system, udot))[free]
-        rows = bound.rows
-        outputs = [crba(system)[free, free], rows.G, r, rows.gamma, rows.phi, rows.psi]
-        outputs += [system.qdot, ca.jacobian(system.qdot, system.u)]
+        system, equations = flow.system, equations_of(flow.system)
+        self._flow, self._p, self._equations = flow, p, equations
+        forces, rows = equations.channels, bound.rows
+        r = (equations.force - equations.bias)[system.free_u]
+        outputs = [equations.M, rows.G, r, rows.gamma, system.qdot]
         self._pieces = ca.Function("pieces", [flow.t, flow.x, flow.p], outputs)
         self._energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
         lam = ca.SX.sym("lambda", len(rows))
@@ -59,8 +58,8 @@ class LeastSquares:
     def rate(self, t: float, x: Array) -> Array:
         """ẋ; raises LinAlgError where it is not finite."""
         qdot, udot, lam = self._motion(t, x)
-        P = np.array(self._powers(t, x, self._p, udot, lam))
-        return np.concatenate([qdot, udot, P]).ravel()
+        P = np.array(self._powers(t, x, self._p, udot, lam)).ravel()
+        return np.concatenate([qdot, udot, P])
 
     def observed(self, t: float, x: Array) -> dict[str, Array]:
         """What a trajectory records of a state: u̇, driving and constraint forces, full vectors."""
@@ -72,27 +71,23 @@ class LeastSquares:
         """The state back on the constraints, the change of the energies booked."""
         q_part, u_part, z_part = self._flow.parts
         before = np.array(self._energies(t, x, self._p)).ravel()
-        x = x.copy()
-        for _ in range(3):
-            M, G, _, _, phi, psi, _, W = self._evaluated(t, x)
-            x[q_part] += (W @ _least(M, G, phi)).ravel()
-        M, G, _, _, _, psi, _, _ = self._evaluated(t, x)
-        x[u_part] += _least(M, G, psi).ravel()
-        x[z_part][: len(before)] += np.array(self._energies(t, x, self._p)).ravel() - before
+        x, p = x.copy(), self._p
+        motion = self._equations
+        q = onto_positions(motion, t, x[q_part], p, dependent=DEPENDENT, most=3)
+        x[q_part] = q
+        x[u_part] = onto_speeds(motion, t, q, x[u_part], p, dependent=DEPENDENT, passes=1)
+        x[z_part][: len(before)] += np.array(self._energies(t, x, p)).ravel() - before
         return x
 
     def _motion(self, t: float, x: Array) -> tuple[Array, Array, Array]:
-        """q̇, u̇ and λ as columns."""
-        M, G, r, gamma, _, _, qdot, _ = self._evaluated(t, x)
-        response = np.linalg.solve(M, np.hstack([r, G.T]))
-        lam = _solved(G @ response[:, 1:], -gamma - G @ response[:, :1])
-        return qdot, response[:, :1] + response[:, 1:] @ lam, lam
-
-    def _evaluated(self, t: float, x: Array) -> list[Array]:
+        """q̇, u̇ and λ."""
         values = [np.array(value) for value in self._pieces(t, x, self._p)]
         if not all(np.isfinite(value).all() for value in values):
             raise np.linalg.LinAlgError("the equations of motion are not finite")
-        return values
+        M, G, r, gamma, qdot = values
+        tied = least_squares(M, G, DEPENDENT)
+        lam = tied.multipliers(r.ravel(), gamma.ravel())
+        return qdot.ravel(), tied.free_response(r.ravel() + G.T @ lam), lam
 
 
 class CarefulStep:
@@ -104,9 +99,9 @@ class CarefulStep:
         self._flow, self._step, self._parts, self._p = flow, solver.step, parts, p
 
     @cached_property
-    def _motion(self) -> LeastSquares:
+    def _motion(self) -> SingularMotion:
         """Written out when a run first needs it, which most never do."""
-        return LeastSquares(self._flow, self._p)
+        return SingularMotion(self._flow, self._p)
 
     def __call__(self, t: float, x: Array, h: float) -> Array:
         """The state one step later, on the constraints if the run is projected; NaN if it blows up."""
@@ -118,18 +113,3 @@ class CarefulStep:
                 return self._motion.projected(t + h, after) if self._flow.projecting else after
         except np.linalg.LinAlgError:
             return np.full_like(x, np.nan)
-
-
-def _least(M: Array, G: Array, violation: Array) -> Array:
-    """The change of speeds, least in the mass metric, that removes a violation as far as G can."""
-    response = np.linalg.solve(M, G.T)
-    return -response @ _solved(G @ response, violation)
-
-
-def _solved(S: Array, b: Array) -> Array:
-    """The least λ of S λ = b as far as it can be met, every row scaled to unit size, vanished ones out."""
-    size = np.diag(S)
-    present = size > VANISHED * size.max()
-    scale = np.where(present, 1.0 / np.sqrt(np.where(present, size, 1.0)), 0.0)[:, None]
-    solved: Array = scale * np.linalg.lstsq(scale * S * scale.T, scale * b, rcond=CUT_OFF)[0]
-    return solved

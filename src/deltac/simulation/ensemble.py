@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
 from deltac.kernels.parallel import check_cancelled, spread
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
@@ -229,7 +229,7 @@ class _Telling:
                 self._progress(self._done / self._total)
 
 
-_FLOWS: Kept[Flow] = Kept(16)
+_FLOWS: LRUCache[Flow] = LRUCache(16)
 
 
 def _flow(

@@ -17,7 +17,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 
 
 @dataclass(frozen=True, eq=False)

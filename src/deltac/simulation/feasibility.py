@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence
-from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -53,14 +52,13 @@ def constraint_start(
             f"solver {solver.name!r} remembers earlier steps, so its states cannot be projected; use "
             "'Radau' or 'DOP853', or stabilisation=(α, β) after Baumgarte"
         )
-    system = trace(mechanism, vary)
-    rows = constraint_rows(system)
+    motion = equations_of_motion(mechanism, vary)
     q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
-    if told := violated(rows, *violation(system, rows, state.t, q, u, p)):
+    if told := violated(motion.rows, *motion.violation(state.t, q, u, p)):
         raise InputError(
             f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
-    found = independence(system, rows, state.t, q, p)
+    found = independence(motion, state.t, q, p)
     if found.freedom == 0 and equations is None:
         raise InputError(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
@@ -82,16 +80,6 @@ def violated(rows: Rows, phi: Array, psi: Array) -> str:
     return ""
 
 
-def violation(
-    system: System, rows: Rows, t: float, q: Array, u: Array, p: Array = NONE
-) -> tuple[Array, Array]:
-    """φ and ψ (nc,) of free coordinates and speeds; (nc, N) of N columns of them and of parameters."""
-    given = [system.t, system.q, system.u, system.p]
-    f = ca.Function("violation", given, [rows.phi, rows.psi])
-    phi, psi = (np.array(value) for value in f(t, q, u, p))
-    return (phi, psi) if q.ndim == 2 else (phi.ravel(), psi.ravel())
-
-
 def check_members(
     mechanism: Mechanism, t: float, Q: Array, U: Array, names: Sequence[str], p: Array
 ) -> None:
@@ -101,17 +89,16 @@ def check_members(
     """
     if not mechanism.constraints:
         return
-    system = trace(mechanism, names)
-    rows = constraint_rows(system)
+    motion = equations_of_motion(mechanism, names)
     q, u = Q[:, mechanism.free.q].T, U[:, mechanism.free.u].T
-    phi, psi = violation(system, rows, t, q, u, p)
+    phi, psi = motion.violation(t, q, u, p)
     bad = np.flatnonzero(~(np.abs(np.vstack([phi, psi])) <= START_TOLERANCE).all(axis=0))
     if len(bad):
         k = int(bad[0])
         own = ", ".join(f"{name}={value:g}" for name, value in zip(names, p[:, k]))
         its = f"mechanism.with_parameters({own})" if own else "mechanism"
         raise InputError(
-            f"states: member {k} violates {violated(rows, phi[:, k], psi[:, k])} at its start; "
+            f"states: member {k} violates {violated(motion.rows, phi[:, k], psi[:, k])} at its start; "
             f"deltac.assemble({its}, state) finds a consistent state nearby"
         )
 

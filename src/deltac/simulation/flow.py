@@ -15,22 +15,20 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.dynamics.constraints import constraint_rows
+from deltac.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
-from deltac.dynamics.forces import channels
+from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.dynamics.spatial import SX
-from deltac.dynamics.system import System, trace
+from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
     Constrained,
     Reactions,
-    constrained,
     forward,
     reactions_from,
     terms,
 )
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
@@ -40,7 +38,7 @@ Stabilisation: TypeAlias = str | tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Flow:
+class Flow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
@@ -115,18 +113,6 @@ class Flow:
         return x
 
 
-def quaternions(mechanism: Mechanism) -> list[slice]:
-    """Places of unit quaternions in the free coordinates."""
-    places = []
-    free = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = free[mechanism.coordinates.of(joint.name).start + offset]
-            places.append(slice(start, start + 4))
-    return places
-
-
 CORRECTIONS = ("correction kinetic", "correction potential")
 """Integrals of a projected or corrected run: what that did to K and to V, J."""
 
@@ -158,11 +144,12 @@ def build_flow(
     constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β); `correcting` tells that
     each step ends with a correction of the energy.
     """
-    system = trace(mechanism, vary)
+    mechanics = equations_of_motion(mechanism, vary)
+    system = mechanics.system
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
-    parts = channels(system)
+    parts = mechanics.channels
     split_own = trace_map(system, split) if split is not None else None
-    bound = constrained(system, constraint_rows(system).select(rows))
+    bound = mechanics.constrained(rows)
     own: OwnCoordinates | None = None
     damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
     given = ca.SX(0, 1)

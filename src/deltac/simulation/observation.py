@@ -10,7 +10,7 @@ from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.kernels import Kernel
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.careful import LeastSquares
+from deltac.simulation.careful import SingularMotion
 from deltac.simulation.course import Motion
 from deltac.simulation.flow import Flow
 from deltac.simulation.projection import SMALLEST_PIVOT, smallest_pivot
@@ -125,7 +125,7 @@ def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:
         return motion
     rows = flow.bound.rows
     inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    kernel = Kernel(inputs, {"phi": rows.phi}, name="violation")
+    kernel = flow.once("violation", lambda: Kernel(inputs, {"phi": rows.phi}, name="violation"))
     given = {"p": p} if flow.p.shape[0] else {}
     phi = np.abs(kernel(t=motion.t, x=motion.x, **given)["phi"].reshape(len(motion.t), -1))
     lost = ~(phi <= LOST).all(axis=1)
@@ -151,7 +151,7 @@ def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> A
         return np.empty(0)
     flagged = np.flatnonzero(~(seen["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1))
     if flagged.size and not flow.inputs.shape[0]:
-        again = LeastSquares(flow, p)
+        again = SingularMotion(flow, p)
         for k in flagged:
             for name, value in again.observed(float(motion.t[k]), motion.x[k]).items():
                 seen[name][k] = value

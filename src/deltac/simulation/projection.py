@@ -7,21 +7,25 @@ energies is booked: each testing function's integral takes the change of its E, 
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 
+from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 
 SMALLEST_PIVOT = DEPENDENT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
 
-@lru_cache(maxsize=64)
 def projection(flow: Flow) -> Any:
+    """The projection of a flow, written out once."""
+    return flow.once("projection", lambda: _projection(flow))
+
+
+def _projection(flow: Flow) -> Any:
     """(t, x; p) -> x on the constraints, and the smallest pivot met, as a CasADi function.
 
     One Newton step on the coordinates; then, with the factorisation there, a second one and the speeds:
@@ -31,7 +35,7 @@ def projection(flow: Flow) -> Any:
     assert bound is not None
     system, rows = flow.system, bound.rows
     q_part, u_part, z_part = flow.parts
-    W = ca.jacobian(system.qdot, system.u)
+    W = equations_of(system).W
     place = [flow.t, system.q, system.p]
     first = ca.Function(
         "first", place, [ca.mtimes(W, bound.schur.least(rows.phi)), smallest_pivot(flow)]
@@ -56,10 +60,10 @@ def projection(flow: Flow) -> Any:
     return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
 
 
-@lru_cache(maxsize=64)
 def pivot(flow: Flow) -> Any:
     """(t, x; p) -> the smallest pivot of the constraints there, as a CasADi function."""
-    return ca.Function("pivot", [flow.t, flow.x, flow.p], [smallest_pivot(flow)])
+    given = [flow.t, flow.x, flow.p]
+    return flow.once("pivot", lambda: ca.Function("pivot", given, [smallest_pivot(flow)]))
 
 
 def smallest_pivot(flow: Flow) -> SX:

@@ -8,11 +8,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from deltac.caching import LRUCache
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.kernels.kept import Kept
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism, require_mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.adaptive import run_scipy, run_taylor
@@ -195,7 +195,7 @@ def simulate(
 
 Stepper: TypeAlias = FixedStepper | ImplicitStepper | None
 
-_KEPT: Kept[tuple[Flow, Stepper, Kernel]] = Kept(32)
+_KEPT: LRUCache[tuple[Flow, Stepper, Kernel]] = LRUCache(32)
 
 
 def _compiled(

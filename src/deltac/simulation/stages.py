@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.correction import energy_correction
 from deltac.simulation.course import Course, Motion
 from deltac.simulation.equations import Controller
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.projection import pivot, projection
 from deltac.simulation.solvers.solver import Parts
 

@@ -11,13 +11,14 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
 from deltac.errors import InputError
 from deltac.simulation.course import Motion, Progress
 from deltac.simulation.equations import Controller
-from deltac.simulation.flow import Flow, quaternions
+from deltac.simulation.flow import Flow
 from deltac.simulation.implicit.form import Form, Point, Settings
 from deltac.simulation.solvers.solver import Solver
 from deltac.simulation.stages import Settle

@@ -18,12 +18,12 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
-from deltac.kernels.kept import Kept
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
@@ -112,7 +112,7 @@ class _Touch:
         return _inverse(float(np.linalg.eigvalsh(across @ self.W @ across)[-1]))
 
 
-_KEPT: Kept[tuple[dict[str, tuple[str, ...]], Any]] = Kept(16)
+_KEPT: LRUCache[tuple[dict[str, tuple[str, ...]], Any]] = LRUCache(16)
 
 
 def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]], Array]:

@@ -20,8 +20,7 @@ from deltac.diagnosis.residuals.at_samples import (
     total,
 )
 from deltac.diagnosis.verdict import Finding, Weight, percent
-from deltac.dynamics.constraints import constraint_rows
-from deltac.dynamics.system import trace
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.constraints import Constraint
@@ -427,10 +426,11 @@ def _jacobians(
 ) -> Array | None:
     """G (T, rows, n) at the samples; None where the model cannot have these constraints."""
     try:
-        system = trace(replace(mechanism, constraints=(*mechanism.constraints, *constraints)))
+        tied = replace(mechanism, constraints=(*mechanism.constraints, *constraints))
     except InputError:
         return None
-    rows = constraint_rows(system)
+    motion = equations_of_motion(tied)
+    system, rows = motion.system, motion.rows
     names = {c.name for c in constraints}
     G = rows.G[[k for k, name in enumerate(rows.names) if name in names], :]
     function = ca.Function("G", [system.t, system.q], [ca.densify(ca.vec(G.T))])

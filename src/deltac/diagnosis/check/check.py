@@ -32,8 +32,7 @@ from deltac.diagnosis.residuals.states import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict
 from deltac.errors import InputError
-from deltac.mechanism.absolute import absolute_angles
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 

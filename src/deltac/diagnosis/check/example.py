@@ -12,7 +12,8 @@ from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
-from deltac.diagnosis.residuals.states import States, admissible, onto_positions, onto_speeds
+from deltac.diagnosis.residuals.states import States, admissible
+from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.errors import InputError
 from deltac.mechanism.joints import KINDS
 
@@ -138,8 +139,8 @@ def _onto_constraints(test: EquationTest, state: States) -> States:
     kane = test.kane
     if not len(test.gamma) or kane.own is not None:
         return state
-    q = _without_rounding(onto_positions(kane, state.t, state.q))
-    return replace(state, q=q, u=_without_rounding(onto_speeds(kane, state.t, q, state.u)))
+    q = _without_rounding(onto_positions(kane.motion, state.t, state.q))
+    return replace(state, q=q, u=_without_rounding(onto_speeds(kane.motion, state.t, q, state.u)))
 
 
 def _without_rounding(x: Array) -> Array:

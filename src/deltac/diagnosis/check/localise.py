@@ -13,13 +13,14 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.check.terms import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane, evaluate, times
+from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import percent
+from deltac.dynamics.equations_of_motion import evaluate
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

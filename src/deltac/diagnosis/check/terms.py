@@ -12,9 +12,10 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane, evaluate, matrices, times
+from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.equations_of_motion import evaluate, matrices
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import crba, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, cross

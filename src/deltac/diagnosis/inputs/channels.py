@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.diagnosis.verdict import Finding, percent
-from deltac.dynamics.forces import channels
-from deltac.dynamics.system import trace
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -38,7 +37,7 @@ def foreign_channels(
     ]
     if not asked:
         return {}
-    ours = {channel.name for channel in channels(trace(mechanism))}
+    ours = {channel.name for channel in equations_of_motion(mechanism).channels}
     return {
         n: float(np.trapezoid(np.einsum("ij,ij->i", run.u, run.forces[n]), run.t))
         for n in asked

@@ -11,7 +11,7 @@ from typing import Any
 
 from deltac.diagnosis.inputs.models import from_file
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.simulation.equations import Equations
 
 

@@ -7,7 +7,7 @@ all its states is a handful of small products.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,30 +15,23 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.kane import (
-    Kane,
-    Point,
-    Terms,
-    evaluate,
-    matrices,
-    multiplier_map,
-    times,
-)
+from deltac.diagnosis.residuals.kane import Kane, Point, times
 from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
+from deltac.dynamics.equations_of_motion import MotionTerms, evaluate, matrices
 from deltac.dynamics.independence import independence
+from deltac.dynamics.kkt import LeastSquares, least_squares
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import (
     Constrained,
     Energies,
     Reactions,
-    constrained,
     driving_forces,
     terms,
 )
 from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
 TINY = float(np.finfo(np.float64).tiny)
@@ -128,7 +121,7 @@ class EquationTest:
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.scales = natural_scales(kane) if scales is None else scales
         self.point: Point = kane.point(states.t, states.q, states.u)
-        known: Terms = kane.terms(states.t, self.point.q, self.point.u)
+        known: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u)
         self.terms = known
         if strict:
             self._check(known)
@@ -145,7 +138,7 @@ class EquationTest:
         self._static = np.abs(self.bias) + sum(map(np.abs, self.forces.values()))
         self._M_size = np.abs(self.M)
 
-    def _check(self, known: Terms) -> None:
+    def _check(self, known: MotionTerms) -> None:
         finite = np.isfinite(known.bias).all(axis=0) & np.isfinite(known.force).all(axis=0)
         if not finite.all():
             k = int(np.argmin(finite))
@@ -175,8 +168,12 @@ class EquationTest:
         free: Array = np.asarray(np.linalg.solve(self.M, right)[..., 0].T)
         if not len(self.gamma):
             return free
-        response, inverse = multiplier_map(self.M, self.G)
-        return np.asarray(free - times(response, times(inverse, self.gamma + times(self.G, free))))
+        off = self.gamma + times(self.G, free)
+        return np.asarray(free + self._tied.least(off.T).T)
+
+    @cached_property
+    def _tied(self) -> LeastSquares:
+        return least_squares(self.M, self.G)
 
     @cached_property
     def rates(self) -> Array:
@@ -188,8 +185,10 @@ class EquationTest:
         """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
         if not len(self.gamma):
             return None
-        response, inverse = multiplier_map(self.M, self.G)
-        explained = self.G.transpose(0, 2, 1) @ inverse @ response.transpose(0, 2, 1)
+        tied = self._tied
+        explained = (
+            self.G.transpose(0, 2, 1) @ tied.schur_inverse @ tied.response.transpose(0, 2, 1)
+        )
         return np.asarray(np.eye(len(self.speeds)) - explained)
 
     # --- tests of accelerations ----------------------------------------------------------------
@@ -309,6 +308,7 @@ class EquationTest:
     def _bound(self) -> Constrained | None:
         """The constraints; only independent ones where the motion at u = 0 must be found from them."""
         s, rows = self.kane.system, self.kane.rows
+        places: Sequence[int] = range(len(rows))
         if not len(rows):
             return None
         still = ca.SX.zeros(len(s.mechanism.speeds))
@@ -316,8 +316,8 @@ class EquationTest:
         moving = ca.sparsify(ca.simplify(rows.b + ca.mtimes(rows.G_all, still)))
         if moving.nnz():
             start = (float(self.states.t[0]), self.point.q[:, 0])
-            rows = rows.select(independence(s, rows, *start, np.empty(0)).independent)
-        return constrained(s, rows)
+            places = independence(self.kane.motion, *start).independent
+        return self.kane.motion.constrained(places)
 
     def _affine(
         self, scalars: list[SX], multipliers: SX, bound: Constrained | None
@@ -334,8 +334,8 @@ class EquationTest:
         n = s.udot.shape[0]
         # λ = λ0 + Λ u̇ is what constraint forces can explain of −(F + F*).
         M, force = self.terms.M, self.terms.force - self.terms.bias
-        response, inverse = multiplier_map(M, matrices(flat, multipliers.shape[0], n))
-        explain = -inverse @ response.transpose(0, 2, 1)
+        tied = least_squares(M, matrices(flat, multipliers.shape[0], n))
+        explain = -tied.schur_inverse @ tied.response.transpose(0, 2, 1)
         lambda_0, Lambda = times(explain, force), -explain @ M
         Yt = self.point.Y.transpose(0, 2, 1)
         rest, made = self.point.rest, []

@@ -15,18 +15,19 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
-from deltac.dynamics.forces import Channel, channels
-from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.equations_of_motion import (
+    EquationsOfMotion,
+    equations_of_motion,
+    evaluate,
+    matrices,
+)
+from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
-from deltac.dynamics.system import System, trace
-from deltac.mechanism.coordinates import CoordinateMap
-from deltac.mechanism.joints import KINDS
+from deltac.dynamics.system import System
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-
-RANK = 1e-10
-"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,28 +44,6 @@ class Point:
     rest: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """Terms of Kane's equations of the free speeds at B states: −M u̇ − bias + Σ forces + Gᵀλ = 0.
-
-    `M` (B, n, n), `bias` (n, B), `forces` one (n, B) for each channel; `phi`, `psi`, `gamma` (nc, B) and
-    `G` (B, nc, n) of all constraints, with ψ̇ = G u̇ + γ.
-    """
-
-    M: Array
-    bias: Array
-    forces: dict[str, Array]
-    phi: Array
-    psi: Array
-    gamma: Array
-    G: Array
-
-    @property
-    def force(self) -> Array:
-        """The sum of all forces (n, B)."""
-        return np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
-
-
 class Kane:
     """A mechanism written out, and functions of arrays of its states (batch last)."""
 
@@ -72,9 +51,10 @@ class Kane:
         """Trace the mechanism and the map; InputError where the map does not fit it."""
         self.mechanism = mechanism
         self.coordinates = coordinates
-        self.system: System = trace(mechanism)
-        self.parts: tuple[Channel, ...] = channels(self.system)
-        self.rows: Rows = constraint_rows(self.system)
+        self.motion: EquationsOfMotion = equations_of_motion(mechanism)
+        self.system: System = self.motion.system
+        self.parts: tuple[Channel, ...] = self.motion.channels
+        self.rows: Rows = self.motion.rows
         self.own: OwnCoordinates | None = (
             None if coordinates is None else trace_map(self.system, coordinates)
         )
@@ -93,11 +73,6 @@ class Kane:
             return self.coordinates.speeds
         return tuple(self.mechanism.speeds[int(k)].name for k in self.mechanism.free.u)
 
-    @cached_property
-    def quaternions(self) -> list[slice]:
-        """Places of unit quaternions among the free coordinates."""
-        return quaternions(self.mechanism)
-
     # --- functions of states -------------------------------------------------------------------
 
     def function(self, outputs: Sequence[SX], *more: SX) -> Any:
@@ -107,32 +82,6 @@ class Kane:
         if s.inputs.shape[0]:
             columns = ca.substitute(columns, [s.inputs], [ca.SX.zeros(s.inputs.shape[0])])
         return ca.Function("kane", [s.t, s.q, s.u, *more], columns, {"cse": True})
-
-    @cached_property
-    def _terms(self) -> Any:
-        s, free = self.system, self.system.free_u
-        rest = ca.SX(s.udot_all)
-        rest[free] = 0
-        forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free] for part in self.parts))
-        r = self.rows
-        return self.function(
-            [crba(s)[free, free], rnea(s, rest)[free], forces, r.phi, r.psi, r.gamma, r.G]
-        )
-
-    def terms(self, t: Array, q: Array, u: Array) -> Terms:
-        """The equations' terms at states t (B,), q (nq, B), u (n, B)."""
-        n, batch = u.shape
-        M, bias, forces, phi, psi, gamma, G = evaluate(self._terms, t[None, :], q, u)
-        by_channel = forces.reshape(len(self.parts), n, batch)
-        return Terms(
-            M=matrices(M, n, n),
-            bias=bias,
-            forces={part.name: by_channel[k] for k, part in enumerate(self.parts)},
-            phi=phi,
-            psi=psi,
-            gamma=gamma,
-            G=matrices(G, len(self.rows), n),
-        )
 
     @cached_property
     def _map(self) -> Any:
@@ -166,61 +115,17 @@ class Kane:
         return evaluate(self._inverse, t[None, :], q)[0]
 
     @cached_property
-    def _rates(self) -> Any:
-        s = self.system
-        return ca.Function("rates", [s.q], [ca.densify(ca.vec(ca.jacobian(s.qdot, s.u)))])
-
-    def rates(self, q: Array) -> Array:
-        """W (B, nq, n) of q̇ = W u."""
-        n = len(self.system.free_u)
-        return matrices(evaluate(self._rates, q)[0], len(q), n)
-
-    @cached_property
     def _own_rates(self) -> Any:
-        assert self.own is not None
-        own = self.own
-        return ca.Function(
-            "rates", [self.system.t, own.own_q, own.own_u], [ca.densify(own.own_qdot)]
-        )
+        s, own = self.system, self.own
+        if own is None:
+            return ca.Function("rates", [s.t, s.q, s.u], [ca.densify(s.qdot)])
+        return ca.Function("rates", [s.t, own.own_q, own.own_u], [ca.densify(own.own_qdot)])
 
     def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
         """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
-        if self.own is None:
-            return times(self.rates(own_q), own_u)
         return evaluate(self._own_rates, t[None, :], own_q, own_u)[0]
-
-
-def quaternions(mechanism: Mechanism) -> list[slice]:
-    """Places of unit quaternions among the free coordinates."""
-    place = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    found = []
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = place[mechanism.coordinates.of(joint.name).start + offset]
-            found.append(slice(start, start + 4))
-    return found
-
-
-def evaluate(function: Any, *columns: Array) -> list[Array]:
-    """A CasADi function of columns at B states; every output (n, B)."""
-    batch = columns[0].shape[1]
-    found = function.map(batch).call([ca.DM(np.ascontiguousarray(c)) for c in columns])
-    return [np.array(x).reshape(-1, batch) for x in found]
-
-
-def matrices(flat: Array, rows: int, columns: int) -> Array:
-    """Matrices (B, rows, columns) from their columns, stacked (rows·columns, B)."""
-    return np.ascontiguousarray(flat.reshape(columns, rows, flat.shape[1]).transpose(2, 1, 0))
 
 
 def times(A: Array, x: Array) -> Array:
     """A x at every state: matrices (B, m, n) by columns (n, B)."""
     return np.asarray(np.einsum("bij,jb->ib", A, x))
-
-
-def multiplier_map(M: Array, G: Array) -> tuple[Array, Array]:
-    """M⁻¹Gᵀ (B, n, nc) and (G M⁻¹ Gᵀ)⁺ (B, nc, nc), redundant rows allowed."""
-    response: Array = np.asarray(np.linalg.solve(M, G.transpose(0, 2, 1)))
-    inverse: Array = np.asarray(np.linalg.pinv(G @ response, rcond=RANK, hermitian=True))
-    return response, inverse

@@ -12,22 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.kane import (
-    RANK,
-    Kane,
-    Terms,
-    evaluate,
-    matrices,
-    multiplier_map,
-    quaternions,
-    times,
-)
+from deltac.diagnosis.residuals.kane import Kane, times
+from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.contact import rubbing_point
+from deltac.dynamics.equations_of_motion import evaluate, matrices, quaternions
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
+from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.mechanism.contact import Contact
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
@@ -195,7 +189,7 @@ def natural_scales(kane: Kane) -> Scales:
     rng = np.random.default_rng(0)
     t = rng.uniform(*WINDOW, 32)
     q = _any_coordinates(kane.mechanism, length, rng, 32)
-    at_rest = kane.terms(t, q, np.zeros((len(lever), 32)))
+    at_rest = kane.motion.terms(t, q, np.zeros((len(lever), 32)))
     force = np.abs(at_rest.force - at_rest.bias)
     inertia = np.einsum("bij,i,j->b", np.abs(at_rest.M), lever, lever)
     energy = lever @ force
@@ -251,8 +245,8 @@ def _draw_once(
             assert kane.own is not None
             own_q = np.pi * rng.uniform(-1.0, 1.0, (kane.own.own_q.shape[0], count))
         else:
-            q = onto_positions(kane, t, q)
-            u = onto_speeds(kane, t, q, u)
+            q = onto_positions(kane.motion, t, q, tolerance=1e-14, most=NEWTON_STEPS)
+            u = onto_speeds(kane.motion, t, q, u, passes=2)
             moved = kane.own_coordinates(t, q)
             assert moved is not None
             own_q = moved
@@ -285,7 +279,7 @@ def admissible(
 ) -> NDArray[np.bool_]:
     """Which states are finite and regular, and meet all constraints (B,)."""
     point = kane.point(t, own_q, own_u)
-    terms = kane.terms(t, point.q, point.u)
+    terms = kane.motion.terms(t, point.q, point.u)
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
     good &= _regular(terms.M)
@@ -307,46 +301,6 @@ def _regular(M: Array) -> NDArray[np.bool_]:
         scaled = M[good] / (size[:, :, None] * size[:, None, :])
         good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > REGULAR
     return good
-
-
-def onto_positions(kane: Kane, t: Array, q: Array) -> Array:
-    """Coordinates moved onto φ = 0 by Newton steps, least in the mass metric; some may not arrive."""
-    holonomic = np.array(kane.rows.holonomic, dtype=bool)
-    if not holonomic.any():
-        return q
-    still = np.zeros((len(kane.mechanism.free.u), q.shape[1]))
-    for _ in range(NEWTON_STEPS):
-        terms = kane.terms(t, q, still)
-        phi = np.where(holonomic[:, None], terms.phi, 0.0)
-        if np.nan_to_num(np.abs(phi)).max() < 1e-14:
-            break
-        q = q + times(kane.rates(q), _least(terms, holonomic, -phi))
-        for place in kane.quaternions:
-            q[place] /= np.linalg.norm(q[place], axis=0)
-    return q
-
-
-def onto_speeds(kane: Kane, t: Array, q: Array, u: Array) -> Array:
-    """Speeds moved onto ψ = 0, least in the mass metric."""
-    every = np.ones(len(kane.rows), dtype=bool)
-    if not len(kane.rows):
-        return u
-    for _ in range(2):
-        terms = kane.terms(t, q, u)
-        u = u + _least(terms, every, -terms.psi)
-    return u
-
-
-def _least(terms: Terms, rows: NDArray[np.bool_], target: Array) -> Array:
-    """The change of speeds, least in the mass metric, that G maps to `target` on some rows."""
-    G = np.where(rows[:, None], terms.G, 0.0)
-    usable = np.isfinite(terms.M).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
-    usable &= np.isfinite(target).all(axis=0)
-    step = np.zeros(terms.bias.shape)
-    if usable.any():
-        response, inverse = multiplier_map(terms.M[usable], G[usable])
-        step[:, usable] = times(response, times(inverse, target[:, usable]))
-    return step
 
 
 # --- states at which friction and contact show: slow slip, and shapes that just overlap ----------
@@ -376,6 +330,9 @@ DEPTH = 0.1
 """Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
 
 CONTACT_NEWTON_STEPS = 30
+
+RANK = 1e-10
+"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,7 +465,7 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
     holonomic = np.array(kane.rows.holonomic, dtype=bool)
     with np.errstate(all="ignore"):
         for _ in range(CONTACT_NEWTON_STEPS):
-            terms = kane.terms(t, q, still)
+            terms = kane.motion.terms(t, q, still)
             _, _, gap, approach = place.at(t, q, still)
             rows = np.concatenate([terms.G[:, holonomic], approach], axis=1)
             off = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
@@ -518,19 +475,19 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
                 break
             step = np.zeros_like(u)
             try:
-                response, inverse = multiplier_map(terms.M[usable], rows[usable])
+                tied = least_squares(terms.M[usable], rows[usable])
             except np.linalg.LinAlgError:
                 break
-            step[:, usable] = -times(response, times(inverse, off[:, usable]))
-            q = q + times(kane.rates(q), step)
-            for quaternion in kane.quaternions:
+            step[:, usable] = tied.least(off[:, usable].T).T
+            q = q + times(terms.W, step)
+            for quaternion in kane.motion.quaternions:
                 q[quaternion] /= np.linalg.norm(q[quaternion], axis=0)
         good = np.isfinite(q).all(axis=0)
         own_q = kane.own_coordinates(t, q)
         if own_q is None:  # the map leads from own coordinates only: by chance
             return base.take(_about(place, base, None))
         t, q, u, own_q = t[good], q[:, good], u[:, good], own_q[:, good]
-        own_u, regular = own_speeds(kane, t, own_q, onto_speeds(kane, t, q, u))
+        own_u, regular = own_speeds(kane, t, own_q, onto_speeds(kane.motion, t, q, u, passes=2))
     return States(t, own_q, own_u, base.coordinates, base.speeds).take(regular)
 
 
@@ -546,7 +503,7 @@ def _sliding(place: Place, states: States, speed: Array) -> States:
                 parts = _parts(slope, point.u)
                 u = u * np.minimum(1.0, OTHERS * speed / np.maximum(parts, 1e-300))
                 continue
-            terms = kane.terms(states.t, point.q, point.u)
+            terms = kane.motion.terms(states.t, point.q, point.u)
             size = np.linalg.norm(slip, axis=0)
             missing = slip * (speed / np.where(size > 0.0, size, 1.0) - 1.0)
             rows = np.concatenate([slope, terms.G], axis=1) @ point.Y

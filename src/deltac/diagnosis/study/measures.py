@@ -27,7 +27,7 @@ from deltac.diagnosis.study.convergence import Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.coordinates import trace_map
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

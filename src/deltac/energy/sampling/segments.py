@@ -23,7 +23,7 @@ from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.sampling.quadrature import Integral, hermite_parts, integrate
 from deltac.energy.sampling.samples import Powers, Samples
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
 INWARD = 1e-9

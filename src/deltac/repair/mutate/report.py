@@ -13,7 +13,7 @@ import numpy as np
 from deltac.diagnosis.check.check import chosen_map
 from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.tracing.program import at, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.state_form import PLAIN
+from deltac.diagnosis.check.state_form import PLAIN
 from deltac.errors import InputError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.modules import UserModule, found_beside

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.state_form import StateForm, forms, likeliest
+from deltac.diagnosis.check.state_form import StateForm, forms, likeliest
 from deltac.errors import InputError
 from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target

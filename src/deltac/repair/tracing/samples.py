@@ -14,7 +14,7 @@ from deltac.diagnosis.residuals.at_states import LEAST as FLOOR
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.states import random_states
 from deltac.errors import InputError
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
 NOMINAL, VARIED, SETS = 16, 8, 2

@@ -14,7 +14,7 @@ from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import InputError
 from deltac.kernels import Kernel
-from deltac.mechanism.coordinates import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.adaptive import scipy_options

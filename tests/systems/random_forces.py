@@ -37,7 +37,7 @@ from deltac.mechanism.forces import (
 )
 from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS
-from random_geometry import random_direction, random_rotation
+from tests.systems.random_geometry import random_direction, random_rotation
 
 Array = NDArray[Any]
 

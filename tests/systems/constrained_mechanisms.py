@@ -18,10 +18,11 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
-from deltac.dynamics.terms import Constrained, constrained
+from deltac.dynamics.terms import Constrained
 from deltac.dynamics.textbook import Textbook
 from deltac.dynamics.textbook_constrained import ConstrainedTextbook
 from deltac.dynamics.textbook_kinematics import tree
@@ -53,7 +54,7 @@ from deltac.mechanism import (
     universal,
 )
 from deltac.mechanism.constraints import Constraint
-from random_mechanisms import Options, Sample, random_state, samples
+from tests.systems.random_mechanisms import Options, Sample, random_state, samples
 
 Array = NDArray[Any]
 
@@ -205,18 +206,18 @@ class Tied:
 
     @cached_property
     def all_rows(self) -> Rows:
-        return constraint_rows(self.system)
+        return equations_of(self.system).rows
 
     @cached_property
     def independent(self) -> tuple[int, ...]:
         """Rows independent at this very state."""
         q = self.sample.q[self.sample.mechanism.free.q]
-        found = independence(self.system, self.all_rows, self.sample.t, q, np.empty(0))
+        found = independence(equations_of(self.system), self.sample.t, q)
         return found.independent
 
     @cached_property
     def bound(self) -> Constrained:
-        made = constrained(self.system, self.all_rows.select(self.independent))
+        made = equations_of(self.system).constrained(self.independent)
         assert made is not None
         return made
 

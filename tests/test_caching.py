@@ -5,11 +5,11 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
-from deltac.kernels.kept import Kept
+from deltac.caching import LRUCache
 
 
 def test_what_was_not_asked_for_longest_goes_first() -> None:
-    kept: Kept[str] = Kept(2)
+    kept: LRUCache[str] = LRUCache(2)
     kept.get("a", lambda: "first a")
     kept.get("b", lambda: "first b")
     kept.get("a", lambda: "second a")
@@ -21,7 +21,7 @@ def test_what_was_not_asked_for_longest_goes_first() -> None:
 
 def test_threads_that_ask_at_once_share_one() -> None:
     """Both are made, since both found nothing; one of them is handed to both."""
-    kept: Kept[object] = Kept(2)
+    kept: LRUCache[object] = LRUCache(2)
     both = Barrier(2, timeout=10)
 
     def make() -> object:
@@ -35,7 +35,7 @@ def test_threads_that_ask_at_once_share_one() -> None:
 
 def test_another_thread_may_evict_in_between() -> None:
     """While one thread makes its thing another one fills the memory: the first still gets its own."""
-    kept: Kept[str] = Kept(1)
+    kept: LRUCache[str] = LRUCache(1)
 
     def make() -> str:
         with ThreadPoolExecutor(1) as pool:  # a lock held meanwhile would wait for ever

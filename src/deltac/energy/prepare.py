@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.constraints import constraint_rows
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
 from deltac.energy.sampling.samples import Samples, Smooth, row_blocks, spline_rate
@@ -120,12 +119,11 @@ def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Arr
     return rates
 
 
-@lru_cache(maxsize=16)
 def _rates_kernel(mechanism: Mechanism) -> Kernel:
     """(t, q, u) -> q̇ of the free coordinates."""
     system = trace(mechanism)
     inputs = {"t": system.t, "q": system.q, "u": system.u}
-    return Kernel(inputs, {"qdot": system.qdot}, name="rates")
+    return system.once("rates", lambda: Kernel(inputs, {"qdot": system.qdot}, name="rates"))
 
 
 def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
@@ -155,10 +153,11 @@ def _constraint_violations(mechanism: Mechanism, run: Trajectory) -> dict[str, A
     """Largest |φ| and |ψ| of each constraint, (T,)."""
     if not mechanism.constraints:
         return {}
-    system = trace(mechanism)
-    rows = constraint_rows(system)
+    motion = equations_of_motion(mechanism)
+    system, rows = motion.system, motion.rows
     inputs = {n: c for n, c in (("t", system.t), ("q", system.q), ("u", system.u)) if c.shape[0]}
-    kernel = Kernel(inputs, {"phi": rows.phi, "psi": rows.psi}, name="violation")
+    outputs = {"phi": rows.phi, "psi": rows.psi}
+    kernel = system.once("violation", lambda: Kernel(inputs, outputs, name="violation"))
     free = mechanism.free
     given = {"t": run.t, "q": run.q[:, free.q], "u": run.u[:, free.u]}
     values = kernel(**{name: given[name] for name in inputs})

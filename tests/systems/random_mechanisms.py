@@ -42,8 +42,8 @@ from deltac.mechanism import (
     universal,
 )
 from deltac.mechanism.joints import KINDS
-from random_forces import drawn_forces
-from random_geometry import random_direction, random_rotation
+from tests.systems.random_forces import drawn_forces
+from tests.systems.random_geometry import random_direction, random_rotation
 
 Array = NDArray[Any]
 

@@ -1,0 +1,64 @@
+"""What is kept between calls.
+
+The rule: what is kept is an immutable value, and what runs owns its state. What is derived from an immutable
+object is kept with that object (`Once`, `functools.cached_property`) and goes when it goes. What is found by
+a description is kept by a digest of all that it was made from (`LRUCache`), never by the identity of
+something whose contents may change: a function given by a user is looked at anew at every call.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from threading import Lock
+from typing import Any, Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class LRUCache(Generic[T]):
+    """A bounded memory of values by key, safe between threads; the one not asked for longest goes first."""
+
+    def __init__(self, most: int) -> None:
+        """Keep `most` of them."""
+        self._most = most
+        self._kept: OrderedDict[Hashable, T] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The value of that key, made now if it is not there; threads that ask at once get the same one."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = make()  # may take seconds, for which threads with other keys need not wait
+        with self._lock:
+            value = self._kept.setdefault(key, made)
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+            return value
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def clear(self) -> None:
+        """Forget all."""
+        with self._lock:
+            self._kept.clear()
+
+
+class Once:
+    """A base for immutable objects that keep what is derived from them."""
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` derives from this object, made when it is first asked for by this key.
+
+        `make` may use nothing but this object, the key, and what cannot change. Threads that ask at once may
+        each make it; all get the same one.
+        """
+        made: dict[Hashable, Any] = self.__dict__.setdefault("_derived", {})
+        if key not in made:
+            made.setdefault(key, make())
+        value: T = made[key]
+        return value

@@ -1,0 +1,142 @@
+"""States brought onto their constraints: the nearest in the mass metric, at one state or at many at once.
+
+Coordinates by damped Newton steps Δq = W δ, G δ = −φ, speeds by the linear G δ = −ψ; in both, δ is the
+least change of speeds in the mass metric, found by least squares, so that redundant rows do no harm.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import EquationsOfMotion
+from deltac.dynamics.kkt import least_squares
+
+Mask: TypeAlias = NDArray[np.bool_]
+
+AT_ROUNDING = 1e-15
+"""Newton's steps go on until the violation (m or rad) is below this, or falls no more."""
+
+NEAR = 1e-9
+"""A full step that does not reduce a violation below this has met rounding; above, it was too long."""
+
+SHORTEST = 1e-3
+"""Share of Newton's step at which its direction is given up."""
+
+
+def onto_positions(
+    equations: EquationsOfMotion,
+    t: ArrayLike,
+    q: Array,
+    p: ArrayLike = (),
+    *,
+    movable: Mask | None = None,
+    dependent: float = 1e-8,
+    tolerance: float = AT_ROUNDING,
+    most: int = 200,
+) -> Array:
+    """Coordinates with φ = 0 near `q`, (nq,) or (nq, B); some may not arrive: look at φ.
+
+    Args:
+        equations: of the mechanism.
+        t: time, or times (B,).
+        q: free coordinates.
+        p: values of the parameters that the equations keep symbolic.
+        movable: speeds (p,) whose directions may move; all by default.
+        dependent: share of a row below which it counts as redundant (`least_squares`).
+        tolerance: violation (m or rad) at which a state is left alone.
+        most: Newton steps at most.
+    """
+    rows = np.array(equations.rows.holonomic, dtype=bool)
+    if not rows.any():
+        return q.copy()
+    single, q = q.ndim == 1, np.array(q[:, None] if q.ndim == 1 else q, dtype=float)
+    still = np.zeros((len(equations.system.free_u), q.shape[1]))
+    moving = np.ones(len(still), dtype=bool) if movable is None else movable
+
+    def at(q: Array) -> tuple[Array, Array, Array, Array, Array]:
+        with np.errstate(all="ignore"):
+            M, phi, _, G, W = equations.ties(t, q, still, p)
+            return M, phi[rows], G[:, rows], W, np.abs(phi[rows]).max(axis=0)
+
+    M, phi, G, W, size = at(q)
+    active = size > tolerance
+    for _ in range(most):
+        if not active.any():
+            break
+        delta = _least(M, G, phi, moving, active, dependent)
+        step = np.einsum("bij,jb->ib", W, delta)
+        share = np.ones(q.shape[1])
+        while True:
+            trial = _unit(equations, q + share * step)
+            found = at(trial)
+            short = active & ~(found[-1] < (1.0 - 0.1 * share) * size)
+            short &= (share >= SHORTEST) & (size > NEAR)
+            if not short.any():
+                break
+            share[short] *= 0.5
+        took = active & (found[-1] < size)
+        q[:, took] = trial[:, took]
+        M[took], G[took], W[took] = found[0][took], found[2][took], found[3][took]
+        phi[:, took], size = found[1][:, took], np.where(took, found[-1], size)
+        active = took & (size > tolerance)
+    return q[:, 0] if single else q
+
+
+def onto_speeds(
+    equations: EquationsOfMotion,
+    t: ArrayLike,
+    q: Array,
+    u: Array,
+    p: ArrayLike = (),
+    *,
+    movable: Mask | None = None,
+    dependent: float = 1e-8,
+    passes: int = 3,
+) -> Array:
+    """Speeds with ψ = 0 at `q`, nearest to `u` in the mass metric; arguments as for `onto_positions`.
+
+    One pass solves the linear equation; the others remove its rounding.
+    """
+    if not len(equations.rows):
+        return u.copy()
+    single, u = u.ndim == 1, np.array(u[:, None] if u.ndim == 1 else u, dtype=float)
+    q = q[:, None] if q.ndim == 1 else q
+    moving = np.ones(len(u), dtype=bool) if movable is None else movable
+    everywhere = np.ones(u.shape[1], dtype=bool)
+    for _ in range(passes):
+        M, _, psi, G, _ = equations.ties(t, q, u, p)
+        u = u + _least(M, G, psi, moving, everywhere, dependent)
+    return u[:, 0] if single else u
+
+
+def _least(
+    M: Array, G: Array, violation: Array, moving: Mask, active: Mask, dependent: float
+) -> Array:
+    """The least change (p, B) of the moving speeds that removes a violation (nc, B) at active states."""
+    change = np.zeros((len(moving), len(active)))
+    usable = active & np.isfinite(M).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
+    usable &= np.isfinite(violation).all(axis=0)
+    if usable.any() and moving.any():
+        at = np.flatnonzero(usable)
+        inertia = M[at][:, moving][:, :, moving]
+        rows, off = G[at][:, :, moving], violation[:, at].T
+        try:
+            change[np.ix_(moving, at)] = least_squares(inertia, rows, dependent).least(off).T
+        except np.linalg.LinAlgError:  # a mass matrix among them is singular: that state stays
+            for k, place in enumerate(at):
+                with suppress(np.linalg.LinAlgError):
+                    found = least_squares(inertia[k], rows[k], dependent)
+                    change[moving, place] = found.least(off[k])
+    return change
+
+
+def _unit(equations: EquationsOfMotion, q: Array) -> Array:
+    """Coordinates (nq, B) whose quaternions are of unit length."""
+    for place in equations.quaternions:
+        q[place] /= np.linalg.norm(q[place], axis=0)
+    return q

@@ -1,0 +1,242 @@
+"""The equations of motion of a mechanism: written out once, and shared by all that need them.
+
+    q̇ = W u + X            kinematics
+    M u̇ + h = f + Gᵀλ      dynamics; h are the inertia forces at u̇ = 0, f all active forces
+    G u̇ + γ = 0            constraints, φ = 0 and ψ = G u + … = 0 differentiated
+
+of the free speeds u. Simulation, assembly, ledgers, residuals and checks take the terms from here, in
+symbols to build on, or as numbers at one state or many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.kkt import schur
+from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.system import System, trace
+from deltac.dynamics.terms import Constrained
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class MotionTerms:
+    """The terms of M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 as numbers, of the p free speeds.
+
+    At one state: `M` (p, p), `bias` h (p,), `forces` f of each channel (p,), `phi`, `psi`, `gamma` (nc,),
+    `G` (nc, p), `W` (nq, p) of all constraint rows. At B states matrices are (B, …) and columns (…, B).
+    """
+
+    M: Array
+    bias: Array
+    forces: dict[str, Array]
+    phi: Array
+    psi: Array
+    gamma: Array
+    G: Array
+    W: Array
+
+    @property
+    def force(self) -> Array:
+        """The sum of all active forces."""
+        return np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
+
+
+@dataclass(frozen=True, eq=False)
+class EquationsOfMotion:
+    """The equations of motion of a traced system; every term is written out when it is first asked for."""
+
+    system: System
+
+    # --- in symbols ------------------------------------------------------------------------------
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels of all active forces."""
+        return channels(self.system)
+
+    @cached_property
+    def force(self) -> SX:
+        """F (nu,): generalized active forces on all speeds."""
+        return total_force(self.system, self.channels)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """All rows of the constraints, redundant ones too."""
+        return constraint_rows(self.system)
+
+    @cached_property
+    def M_all(self) -> SX:
+        """The mass matrix (nu, nu) of all speeds, those of prescribed joints too."""
+        return crba(self.system)
+
+    @cached_property
+    def M(self) -> SX:
+        """The mass matrix (p, p) of the free speeds."""
+        free = self.system.free_u
+        return self.M_all[free, free]
+
+    @cached_property
+    def bias(self) -> SX:
+        """H (nu,): inertia forces where the free speeds have no accelerations, their sign in F* reversed."""
+        return rnea(self.system, self.at_rest)
+
+    @cached_property
+    def at_rest(self) -> SX:
+        """Accelerations (nu,) of prescribed joints by their laws, and zero of free ones."""
+        udot = ca.SX(self.system.udot_all)
+        udot[self.system.free_u] = 0
+        return udot
+
+    @cached_property
+    def W(self) -> SX:
+        """W (nq, p) of q̇ = W u + X, free coordinates and speeds."""
+        return ca.jacobian(self.system.qdot, self.system.u)
+
+    @cached_property
+    def quaternions(self) -> tuple[slice, ...]:
+        """Places of unit quaternions in the free coordinates."""
+        return quaternions(self.system.mechanism)
+
+    def constrained(self, places: Sequence[int]) -> Constrained | None:
+        """The constraints of some (independent) rows with their factorised system; None without any."""
+        if not len(places):
+            return None
+        chosen = tuple(int(k) for k in places)
+
+        def factorised() -> Constrained:
+            rows = self.rows.select(chosen)
+            return Constrained(rows, schur(self.M, rows.G))
+
+        return self.system.once(("constrained", chosen), factorised)
+
+    # --- as numbers ------------------------------------------------------------------------------
+
+    @cached_property
+    def _terms(self) -> Any:
+        s, r, free = self.system, self.rows, self.system.free_u
+        forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free] for part in self.channels))
+        columns = [self.M, self.bias[free], forces, r.phi, r.psi, r.gamma, r.G, self.W]
+        given = [s.t, s.q, s.u, s.inputs, s.p]
+        return ca.Function("terms", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+
+    @cached_property
+    def _onto(self) -> Any:
+        s, r = self.system, self.rows
+        columns = [self.M, r.phi, r.psi, r.G, self.W]
+        given = [s.t, s.q, s.u, s.p]
+        return ca.Function("onto", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+
+    @cached_property
+    def _violation(self) -> Any:
+        s = self.system
+        return ca.Function("violation", [s.t, s.q, s.u, s.p], [self.rows.phi, self.rows.psi])
+
+    def terms(
+        self,
+        t: ArrayLike,
+        q: Array,
+        u: Array,
+        p: ArrayLike = (),
+        inputs: ArrayLike | None = None,
+    ) -> MotionTerms:
+        """All terms at one state, or at B states (batch last).
+
+        Args:
+            t: a number, or (B,).
+            q: free coordinates (nq,), or (nq, B).
+            u: free speeds (p,), or (p, B).
+            p: values of the parameters that the system keeps symbolic.
+            inputs: values of the motors without a law; zero by default.
+        """
+        s, n = self.system, len(self.system.free_u)
+        held = np.zeros(s.inputs.shape[0]) if inputs is None else np.asarray(inputs, dtype=float)
+        found = evaluate(self._terms, t, q, u, held, p)
+        M, bias, forces, phi, psi, gamma, G, W = found
+        by_channel = forces.reshape(len(self.channels), n, *forces.shape[1:])
+        return MotionTerms(
+            M=matrices(M, n, n),
+            bias=bias,
+            forces={part.name: by_channel[k] for k, part in enumerate(self.channels)},
+            phi=phi,
+            psi=psi,
+            gamma=gamma,
+            G=matrices(G, len(self.rows), n),
+            W=matrices(W, len(s.free_q), n),
+        )
+
+    def ties(
+        self, t: ArrayLike, q: Array, u: Array, p: ArrayLike = ()
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """M, φ, ψ, G, W at one state or many: what it takes to bring a state onto its constraints."""
+        n = len(self.system.free_u)
+        M, phi, psi, G, W = evaluate(self._onto, t, q, u, p)
+        nc, nq = len(self.rows), len(self.system.free_q)
+        return matrices(M, n, n), phi, psi, matrices(G, nc, n), matrices(W, nq, n)
+
+    def violation(self, t: ArrayLike, q: Array, u: Array, p: ArrayLike = ()) -> tuple[Array, Array]:
+        """φ and ψ (nc,) at one state; (nc, B) at B states."""
+        phi, psi = evaluate(self._violation, t, q, u, p)
+        return phi, psi
+
+
+def equations_of_motion(mechanism: Mechanism, vary: Sequence[str] = ()) -> EquationsOfMotion:
+    """The equations of motion of a mechanism, parameters named in `vary` kept symbolic.
+
+    The same description gives the same object: what has been written out once is there.
+    """
+    return equations_of(trace(mechanism, vary))
+
+
+def equations_of(system: System) -> EquationsOfMotion:
+    """The equations of motion of a traced system."""
+    return system.once(EquationsOfMotion, lambda: EquationsOfMotion(system))
+
+
+def quaternions(mechanism: Mechanism) -> tuple[slice, ...]:
+    """Places of unit quaternions in the free coordinates."""
+    place = {int(index): k for k, index in enumerate(mechanism.free.q)}
+    found = []
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = place[mechanism.coordinates.of(joint.name).start + offset]
+            found.append(slice(start, start + 4))
+    return tuple(found)
+
+
+def evaluate(function: Any, *given: ArrayLike) -> list[Array]:
+    """A CasADi function of columns at one state, outputs (n,), or at B states, outputs (n, B).
+
+    What is the same at all states may be given once.
+    """
+    columns = [np.asarray(x, dtype=float) for x in given]
+    batch = max((x.shape[1] for x in columns if x.ndim == 2), default=None)
+    if batch is None:
+        return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
+    wide = [
+        x.reshape(1, -1) if x.ndim == 1 and x.shape == (batch,) and k == 0 else x
+        for k, x in enumerate(columns)
+    ]
+    wide = [x if x.ndim == 2 else np.repeat(x.reshape(-1, 1), batch, axis=1) for x in wide]
+    called = function.map(batch).call([ca.DM(np.ascontiguousarray(x)) for x in wide])
+    return [np.array(x).reshape(-1, batch) for x in called]
+
+
+def matrices(flat: Array, rows: int, columns: int) -> Array:
+    """Matrices (rows, columns), or (B, rows, columns), from their stacked columns (rows·columns[, B])."""
+    if flat.ndim == 1:
+        return np.ascontiguousarray(flat.reshape(columns, rows).T)
+    return np.ascontiguousarray(flat.reshape(columns, rows, flat.shape[1]).transpose(2, 1, 0))

@@ -1,0 +1,135 @@
+"""What the parts of a mechanism have in common, and the scope that they check themselves against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+from deltac.errors import InputError, closest
+from deltac.mechanism.coordinates import Entries, Entry
+from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
+from deltac.mechanism.quantities import Quantity, part_name, require_positive
+
+GROUND = "ground"
+"""The name of the inertial frame, to which joints and forces attach like to a body."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """The names that a part of a mechanism may refer to, and the values of the parameters."""
+
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    coordinates: Entries
+    speeds: Entries
+    parameters: Mapping[str, float]
+
+    # What a law may depend on, from the least to the most.
+
+    @cached_property
+    def constants(self) -> tuple[str, ...]:
+        """Symbols of what keeps still: parameters."""
+        return tuple(self.parameters)
+
+    @cached_property
+    def in_time(self) -> tuple[str, ...]:
+        """Symbols of laws of time: t and parameters."""
+        return ("t", *self.constants)
+
+    @cached_property
+    def in_place(self) -> tuple[str, ...]:
+        """Symbols of laws of t and q."""
+        return (*self.in_time, *(f"q.{name}" for name in self.coordinates.names))
+
+    @cached_property
+    def in_motion(self) -> tuple[str, ...]:
+        """Symbols of laws of t, q and u."""
+        return (*self.in_place, *(f"u.{name}" for name in self.speeds.names))
+
+    def number(self, quantity: Quantity) -> float:
+        """The value of a quantity at the parameters' values."""
+        return evaluate(quantity, self.parameters)
+
+    def is_constant(self, quantity: Quantity) -> bool:
+        """Whether it depends on parameters alone."""
+        return symbol_names(quantity) <= self.parameters.keys()
+
+    # Checks: each raises an InputError that begins with `where`.
+
+    def laws(self, laws: Sequence[Any], allowed: Sequence[str], where: str) -> None:
+        """Of every law (None is none): its symbols are among the allowed ones."""
+        for law in laws:
+            if law is not None:
+                check_symbols(law, allowed, where)
+
+    def body(self, name: str, where: str, *, ground: bool = True) -> None:
+        """There is such a body; the ground counts if it may."""
+        known = (GROUND, *self.bodies) if ground else self.bodies
+        if name not in known:
+            raise InputError(f"{where}: unknown body {name!r}{closest(name, known)}")
+
+    def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
+        """There is such a joint and it moves: its coordinates and speeds."""
+        if name not in self.joints:
+            raise InputError(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
+        speeds = self.speeds[self.speeds.of(name)]
+        if not speeds:
+            raise InputError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")
+        return self.coordinates[self.coordinates.of(name)], speeds
+
+    def rate_is_speed(self, coordinate: str) -> bool:
+        """Whether the coordinate's rate is the speed in the same place: no quaternion in its joint."""
+        entries = self.coordinates
+        return not any(e.quaternion for e in entries[entries.of(entries[coordinate].joint)])
+
+    def positive(self, quantity: Quantity, where: str, *, allow_zero: bool = False) -> None:
+        """Its value is positive (or zero, if allowed)."""
+        require_positive(self.number(quantity), where, allow_zero=allow_zero)
+
+    def takes_energy(self, strength: Quantity, where: str) -> None:
+        """A strength that must not be negative, or it would create energy, is not."""
+        value = self.number(strength)
+        if value < 0.0:
+            raise InputError(
+                f"{where} is {value:g}: below zero it would create energy. If that is meant, say "
+                "allow_energy_source=True; what it gives is then booked in its channel"
+            )
+
+
+class Part:
+    """A named part of a mechanism: a frozen dataclass that checks itself against a scope.
+
+    `noun` is what messages call it. `channel_kinds` are the kinds of the channels through which its energy
+    flows; a channel is named "<kind> <part>", and no two parts may share one.
+    """
+
+    noun: ClassVar[str]
+    name: str
+
+    @classmethod
+    def called(cls, name: Any) -> str:
+        """The part of that name, for messages; InputError unless it is a name."""
+        article = "an" if cls.noun[0] in "aeiou" else "a"
+        return f"{cls.noun} {part_name(name, f'{article} {cls.noun}')!r}"
+
+    @property
+    def where(self) -> str:
+        """The part, as messages call it: ``joint damper 'elbow'``."""
+        return f"{self.noun} {self.name!r}"
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """Kinds of the channels that it feeds; none by default."""
+        return ()
+
+    def check(self, scope: Scope) -> None:
+        """InputError unless the part fits the mechanism."""
+        raise NotImplementedError
+
+
+def require_count(values: Sequence[Any], expected: int, where: str) -> None:
+    """InputError unless there are as many values as expected."""
+    if len(values) != expected:
+        raise InputError(f"{where}: expected {expected} values, found {len(values)}")

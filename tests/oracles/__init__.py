@@ -1,0 +1,3 @@
+"""Motions and numbers by other means: closed forms, independent derivations, other libraries."""
+
+from __future__ import annotations

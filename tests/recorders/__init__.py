@@ -1,0 +1,3 @@
+"""Recorders of other simulators."""
+
+from __future__ import annotations

@@ -1,0 +1,3 @@
+"""What several test files do: compare, run commands, mark repetitions as slow."""
+
+from __future__ import annotations

@@ -211,7 +211,8 @@ def test_a_number_of_mutants_of_every_kind(target: Target) -> None:
     [
         ("    D = A", "    while True:\n        k = k + 1\n    D = A", "loop"),
         ("    D = A", "    open('log', 'w').write(k)\n    D = A", "open"),
-        ("    D = A", "    for n in range(6):\n        if (a * 10**n) % 1.0 > 0.5:\n            k = 2 * k\n    D = A",
+        ("    D = A",
+         "    for n in range(6):\n        if (a * 10**n) % 1.0 > 0.5:\n            k = 2 * k\n    D = A",
          "ways through branches"),
         ("    D = A", "    global g\n    g = 2 * g\n    D = A", "side effect"),
         ("    D = A", "    q[0] = 1.0\n    D = A", "argument 'q'"),

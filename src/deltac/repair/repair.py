@@ -15,17 +15,19 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import chosen_map
 from deltac.diagnosis.inputs.models import load_model
+from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
-from deltac.repair.tracing.interpreter import branches
+from deltac.repair.tracing.interpreter import Endless, branches
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program, Reading, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
-from deltac.repair.tracing.source import Source, read_source
-from deltac.repair.tracing.tape import ELEMENTARY, Slot
+from deltac.repair.tracing.source import Source, innermost, read_source
+from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
+from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
 
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
@@ -95,6 +97,41 @@ def repair_equations(
     else:
         chosen = chosen_map(found, coordinates)
     return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
+
+
+def repair_loaded(
+    model: Any,
+    text: str,
+    function: Callable[..., Any] | Equations,
+    *,
+    coordinates: CoordinateMap | str | None = None,
+    seed: int = 0,
+    time_limit: float = TIME_LIMIT,
+) -> Repair:
+    """`repair_equations` of ``FILE.py:NAME``, which has been loaded: `function` is what it gave.
+
+    The text is read; live values stand in only for what the text does not say.
+    """
+    found = load_model(model)
+    plain = function.rhs if isinstance(function, Equations) else function
+    if coordinates is None and isinstance(function, Equations):
+        chosen = function.coordinates
+    else:
+        chosen = chosen_map(found, coordinates)
+    target = Target(found.mechanism, chosen, seed)
+    python = innermost(plain)
+    try:
+        source = read_source(text)
+        if python is not None:
+            source = replace(source, outside=dict(python.__globals__))
+        return repair_source(source, target, time_limit)
+    except Refused as refused:
+        if isinstance(refused, Endless) or python is None:
+            raise
+        try:
+            return repair_source(read_source(plain), target, time_limit)
+        except InputError:
+            raise refused from None
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -348,8 +385,26 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
         if formulas[-1] == len(kinds):
             kinds.append(result)
         for _, found in parts:
-            matters = found.tape.before(found.outputs)
-            used = {name for name, slot in found.parameters.items() if slot in matters}
-            # Of the model's names and values, those that were not varied are what the edit sets right.
-            varied = varied and used <= set(named_parameters(found, target))
+            links = named_parameters(found, target)
+            linked = {slot for name, slot in found.parameters.items() if name in links}
+            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
+            varied = varied and not any(
+                slot not in linked and _own_number(found.tape, slot)
+                for slot in found.tape.before((*found.outputs, *found.rates))
+            )
     return formulas, varied
+
+
+def _own_number(tape: Tape, slot: int) -> bool:
+    """Whether a slot is a constant whose value is the user's: no small whole number, simple fraction or π."""
+    value = tape.exact[slot]
+    if (
+        tape.operations[slot] is not None
+        or tape.varying[slot]
+        or not isinstance(value, int | float)
+    ):
+        return False
+    return (
+        not any(float(value * k).is_integer() and abs(value) <= 12 for k in (1, 2, 3))
+        and value != np.pi
+    )

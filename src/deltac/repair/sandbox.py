@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.state_form import PLAIN
+from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.repair.tracing.modules import bound
 from deltac.repair.tracing.samples import Samples
 from deltac.repair.tracing.source import Source

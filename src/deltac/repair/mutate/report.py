@@ -236,10 +236,10 @@ def _reason(
     seen: Mapping[str, float],
     target: Target,
     varied: tuple[str, ...],
-    named: tuple[str, ...],
+    named: Mapping[str, str],
 ) -> str:
     if seen[RESIDUAL] < RIGHT:
-        common = tuple(name for name in varied if name in named)
+        common = tuple(name for name in varied if name in named.values())
         try:
             same = set(common) == set(varied) and at(changed, target, common).wrong < RIGHT
         except InputError:

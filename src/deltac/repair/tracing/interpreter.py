@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.state_form import PLAIN
+from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.errors import InputError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.modules import UserModule, found_beside
@@ -116,6 +116,10 @@ HARMLESS = {
     "plt",
 }
 """Modules whose calls as statements change nothing of the result."""
+
+
+class Endless(Refused):
+    """A loop that does not end."""
 
 
 class _Return(Exception):
@@ -219,7 +223,7 @@ class _Reader:
         self.override = override
         self.main = source.user_module()
         self.modules: dict[Path | None, UserModule] = {source.path: self.main}
-        self.literals: dict[int, Slot] = {}
+        self.literals: dict[Any, Slot] = {}
         self.lives: dict[Any, Any] = {}
         self.node: ast.AST = source.module
         self.module = self.main
@@ -567,7 +571,7 @@ class _Reader:
                 isinstance(n, ast.Name | ast.Attribute | ast.Call) for n in ast.walk(of)
             ):
                 literals = [n for n in ast.walk(of) if isinstance(n, ast.Constant)]
-                places = [self.module.numbers.get(id(n), id(n)) for n in literals]
+                places = [self.literal_place(n) for n in literals]
                 plain = len(literals) == 1 and value.tape.exact[value.index] is not None
                 if plain:
                     operand = self.literals.get(places[0])
@@ -951,7 +955,7 @@ class _Reader:
                     except _Continue:
                         continue
                 else:
-                    self.refuse(s, f"a loop that has not ended after {TURNS} turns")
+                    raise Endless(f"{self.where(s)}: a loop that has not ended after {TURNS} turns")
             case ast.If():
                 self.block(s.body if self.truth(s.test, scope) else s.orelse, scope)
             case ast.Break():
@@ -1200,6 +1204,7 @@ class _Reader:
                         found.update(value)
                     else:
                         found[library.plain(self.expression(k, scope, noted=False))] = value
+                self.note_parameters("", found, e)
                 return found
             case ast.IfExp():
                 return self.expression(e.body if self.truth(e.test, scope) else e.orelse, scope)
@@ -1241,7 +1246,7 @@ class _Reader:
             return e.value
         if not isinstance(e.value, int | float):
             self.refuse(e, f"the constant {e.value!r}")
-        place = scope.module.numbers.get(id(e), id(e))
+        place = self.literal_place(e, scope.module)
         if place not in self.literals:
             outer, self.tape.node = self.tape.node, place if id(e) in self.main.numbers else None
             given = self.override.get(("literal", place))
@@ -1251,6 +1256,12 @@ class _Reader:
             self.tape.node = outer
         self.remember(e, self.literals[place], scope)
         return self.literals[place]
+
+    def literal_place(self, e: ast.AST, module: UserModule | None = None) -> Any:
+        """Where a literal stands: its place in the source, or file, line and column of another module's."""
+        module = module or self.module
+        here = (module.name, getattr(e, "lineno", 0), getattr(e, "col_offset", 0))
+        return module.numbers.get(id(e), here)
 
     def comparison(self, e: ast.Compare, scope: Scope) -> Any:
         left, answer = self.expression(e.left, scope), True
@@ -1396,7 +1407,10 @@ class _Reader:
                 self.note_fields(function, value, e)
             return self.loaded(e, value, scope)
         if isinstance(function, Foreign):
-            return self.call_foreign(function, arguments, named)
+            value = self.call_foreign(function, arguments, named)
+            if isinstance(value, Object):
+                self.note_parameters("", value, e)
+            return value
         if function is None or not callable(function):
             self.refuse(e, f"calls {ast.unparse(e.func)}, which is not understood")
 
@@ -1406,7 +1420,10 @@ class _Reader:
             except library.NotUnderstood as error:
                 self.refuse(e, f"calls {ast.unparse(e.func)}: {error}")
 
-        return self.noted(e, scope, compute)
+        value = self.noted(e, scope, compute)
+        if isinstance(value, dict):
+            self.note_parameters("", value, e)
+        return value
 
     def note_fields(self, cls: Class, value: Any, e: ast.Call) -> None:
         """Numbers handed to a constructor are known by the names of its fields."""

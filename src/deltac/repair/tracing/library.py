@@ -220,6 +220,8 @@ def attribute(base: Any, name: str) -> Any:
             return _method(base, name)
         if name == "A1":
             return base.ravel()
+    if isinstance(base, Elementary) and name in ("outer", "reduce", "accumulate"):
+        return _ufunc(base, name)
     if isinstance(base, Slot):
         if name in ("T", "real", "mT"):
             return base
@@ -251,6 +253,24 @@ def attribute(base: Any, name: str) -> Any:
             )
         return bound
     return None
+
+
+def _ufunc(function: Elementary, name: str) -> Call:
+    """np.add.reduce, np.maximum.outer and their like."""
+
+    def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+        if name == "outer":
+            a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
+            return function(
+                tape, [a.reshape(a.shape + (1,) * b.ndim), b.reshape((1,) * a.ndim + b.shape)], {}
+            )
+        made = np.frompyfunc(lambda a, b: tape.record(function.operation, a, b), 2, 1)
+        named = {k: plain(v) for k, v in named.items()}
+        return getattr(made, name)(
+            arrayed(arguments[0]), *(plain(a) for a in arguments[1:]), **named
+        )
+
+    return call
 
 
 def _method(base: np.ndarray[Any, Any], name: str) -> Call:

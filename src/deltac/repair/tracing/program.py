@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.state_form import StateForm, forms, likeliest
+from deltac.diagnosis.residuals.state_form import StateForm, forms, likeliest
 from deltac.errors import InputError
 from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
@@ -202,15 +203,18 @@ def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = Fal
     first = _reading(source, samples, {})
     if not vary:
         return first
-    varied = named_parameters(first, target)
-    if varied:
+    right = first.wrong < RIGHT
+    for by_value in (True, False):
+        varied = tuple(sorted(set(named_parameters(first, target, by_value).values())))
+        if not varied:
+            return first
         try:
-            target.samples(varied, fresh)
+            found = at(source, target, varied, fresh)
         except InputError:  # the mechanism allows no other values, or no states at them
-            varied = ()
-    if not varied:
-        return first
-    return at(source, target, varied, fresh)
+            continue
+        if not right or found.wrong < RIGHT or not by_value:
+            return found  # else constants of one value were not what they seemed to be
+    return first
 
 
 def formed(source: Source, target: Target) -> Source:
@@ -253,19 +257,43 @@ def formed(source: Source, target: Target) -> Source:
     return replace(source, form=found)
 
 
-def named_parameters(found: Reading | Trace, target: Target) -> tuple[str, ...]:
-    """The mechanism's parameters that the function has under the same name, with the same value."""
-    known = target.mechanism.parameters
+def named_parameters(
+    found: Reading | Trace, target: Target, by_value: bool = True
+) -> dict[str, str]:
+    """The mechanism's parameters that the function has, by the function's names for them.
+
+    They have the same name (m1 is m[1] and m_1 as well) and the same value; or, `by_value`, a value that
+    only one constant of the function and one parameter of the mechanism have.
+    """
+    known = {name: value for name, value in target.mechanism.parameters.items() if value != 0.0}
     traces = [found] if isinstance(found, Trace) else [piece.trace for piece in found.pieces]
-    own = {name: one.tape.exact[slot] for one in traces for name, slot in one.parameters.items()}
-    return tuple(
-        name
-        for name in sorted(own)
-        if name in known
-        and known[name] != 0.0
-        and own[name] is not None
-        and abs(float(own[name]) - known[name]) <= SAME * abs(known[name])
-    )
+    own = {
+        name: float(one.tape.exact[slot])
+        for one in traces
+        for name, slot in one.parameters.items()
+        if one.tape.exact[slot] is not None
+    }
+    bare = {_bare(name): name for name in known}
+    links = {}
+    for name, value in own.items():
+        meant = name if name in known else bare.get(_bare(name))
+        if meant is not None and abs(value - known[meant]) <= SAME * abs(known[meant]):
+            links[name] = meant
+    if by_value:
+        free = {name: value for name, value in known.items() if name not in links.values()}
+        for name, value in own.items():
+            if name in links or float(2 * value).is_integer():
+                continue
+            alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
+            twins = [n for n, v in own.items() if abs(v - value) <= SAME * abs(v)]
+            if len(alike) == 1 == len(twins):
+                links[name] = alike[0]
+    return dict(sorted(links.items()))
+
+
+def _bare(name: str) -> str:
+    """A name without brackets and underscores."""
+    return re.sub(r"[\W_]", "", name)
 
 
 def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False) -> Reading:
@@ -279,11 +307,45 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
         return _reading(source, samples, {})
     nominal = target.samples((), fresh)
     first = _reading(source, nominal, {})
-    missing = set(varied) - set(named_parameters(first, target))
+    links = named_parameters(first, target)
+    missing = set(varied) - set(links.values())
     if missing:
         raise InputError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
-    return _reading(source, samples, {origins[name]: samples.parameters[name] for name in varied})
+    return _reading(
+        source,
+        samples,
+        {
+            origins[name]: samples.parameters[meant]
+            for name, meant in links.items()
+            if meant in varied
+        },
+    )
+
+
+def spans(reading: Reading) -> set[tuple[int, int, int, int]]:
+    """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
+    found = set()
+    for piece in reading.pieces:
+        for place in piece.trace.instances:
+            node = piece.source.nodes[place]
+            if isinstance(node, ast.expr):
+                found.add(
+                    (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+                )
+    return found
+
+
+def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> Array:
+    """What a function returns with each of its named constants multiplied by a factor of its own."""
+    found = branches(source, samples.t, samples.q, samples.u)
+    override = {}
+    for _, part in found:
+        for name, slot in sorted(part.parameters.items()):
+            if part.tape.exact[slot] is not None:
+                value = float(part.tape.exact[slot]) * factor(name)
+                override[part.origins[name]] = np.full(len(samples.t), value)
+    return _reading(source, samples, override).run()
 
 
 def _reading(source: Source, samples: Samples, override: Mapping[Any, Array]) -> Reading:

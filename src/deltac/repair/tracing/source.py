@@ -11,7 +11,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.check.state_form import StateForm
+from deltac.diagnosis.residuals.state_form import StateForm
 from deltac.errors import InputError, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
 

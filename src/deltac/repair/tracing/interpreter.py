@@ -224,6 +224,7 @@ class _Reader:
         self.main = source.user_module()
         self.modules: dict[Path | None, UserModule] = {source.path: self.main}
         self.literals: dict[Any, Slot] = {}
+        self.literal_of: dict[int, Any] = {}
         self.lives: dict[Any, Any] = {}
         self.node: ast.AST = source.module
         self.module = self.main
@@ -567,16 +568,9 @@ class _Reader:
     def note_parameters(self, name: str, value: Any, of: ast.expr | None) -> None:
         """Remember where a name gets a number that depends on no other name."""
         if isinstance(value, Slot):
-            if of is not None and not any(
-                isinstance(n, ast.Name | ast.Attribute | ast.Call) for n in ast.walk(of)
-            ):
-                literals = [n for n in ast.walk(of) if isinstance(n, ast.Constant)]
-                places = [self.literal_place(n) for n in literals]
-                plain = len(literals) == 1 and value.tape.exact[value.index] is not None
-                if plain:
-                    operand = self.literals.get(places[0])
-                    if operand is not None and operand.index == value.index:
-                        self.parameter(name, value, ("literal", places[0]))
+            place = self.literal_of.get(value.index)
+            if place is not None:
+                self.parameter(name, value, ("literal", place))
         elif isinstance(of, ast.Dict) and isinstance(value, dict):
             for key, part in zip(value, of.values):
                 if isinstance(key, str):
@@ -996,7 +990,10 @@ class _Reader:
         """A value that is given a name: an array by its name alone, or a part of one, stays that array."""
         if isinstance(e, ast.Name | ast.Subscript | ast.Attribute):
             value = self.expression(e, scope, noted=False)
-            return value if isinstance(value, np.ndarray) else self.loaded(e, value, scope)
+            if not isinstance(value, np.ndarray):
+                return self.loaded(e, value, scope)
+            self.remember(e, value, scope)
+            return value
         return self.expression(e, scope)
 
     def update(self, s: ast.AugAssign, scope: Scope) -> None:
@@ -1254,6 +1251,7 @@ class _Reader:
                 np.float64(e.value) if given is None else given, exact=e.value, varying=False
             )
             self.tape.node = outer
+            self.literal_of[self.literals[place].index] = place
         self.remember(e, self.literals[place], scope)
         return self.literals[place]
 
@@ -1473,7 +1471,7 @@ class _Reader:
         if isinstance(value, Slot):
             return self.noted(node, scope, lambda: self.tape.record(identity, value))
         if isinstance(value, np.ndarray) and value.dtype == object:
-            if not all(isinstance(entry, Slot) for entry in value.flat):
+            if not all(isinstance(x, Slot | int | float | np.number) for x in value.flat):
                 return value
             read = objects([None] * value.size).reshape(value.shape)
 

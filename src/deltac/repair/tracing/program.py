@@ -200,7 +200,7 @@ def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = Fal
     """
     source = formed(source, target)
     samples = target.samples((), fresh)
-    first = _reading(source, samples, {})
+    first = reading(source, samples)
     if not vary:
         return first
     right = first.wrong < RIGHT
@@ -304,15 +304,15 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     source = formed(source, target)
     samples = target.samples(varied, fresh)
     if not varied:
-        return _reading(source, samples, {})
+        return reading(source, samples)
     nominal = target.samples((), fresh)
-    first = _reading(source, nominal, {})
+    first = reading(source, nominal, {})
     links = named_parameters(first, target)
     missing = set(varied) - set(links.values())
     if missing:
         raise InputError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
-    return _reading(
+    return reading(
         source,
         samples,
         {
@@ -323,10 +323,10 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     )
 
 
-def spans(reading: Reading) -> set[tuple[int, int, int, int]]:
+def spans(known: Reading) -> set[tuple[int, int, int, int]]:
     """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
     found = set()
-    for piece in reading.pieces:
+    for piece in known.pieces:
         for place in piece.trace.instances:
             node = piece.source.nodes[place]
             if isinstance(node, ast.expr):
@@ -345,10 +345,13 @@ def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> A
             if part.tape.exact[slot] is not None:
                 value = float(part.tape.exact[slot]) * factor(name)
                 override[part.origins[name]] = np.full(len(samples.t), value)
-    return _reading(source, samples, override).run()
+    return reading(source, samples, override).run()
 
 
-def _reading(source: Source, samples: Samples, override: Mapping[Any, Array]) -> Reading:
+def reading(
+    source: Source, samples: Samples, override: Mapping[Any, Array] | None = None
+) -> Reading:
+    """The function at samples; `override` has values that constants take instead of their own."""
     parts = branches(source, samples.t, samples.q, samples.u, override)
     return Reading(
         tuple(Program(found, samples.at(which)) for which, found in parts),

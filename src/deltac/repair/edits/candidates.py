@@ -21,7 +21,7 @@ from deltac.repair.tracing.tape import Change, Operation, Slot, identity
 from deltac.repair.tracing.values import Object
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """An edit that may be the repair.
 

@@ -48,7 +48,7 @@ MOST = 60
 """Expressions of the source that are taken as parts of what is missing."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Vocabulary:
     """Atoms at the places of a program, and their products, made once for each scope."""
 

@@ -57,7 +57,7 @@ class Requirement:
     unique: bool
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Requirements:
     """The values that the nodes of a program must have, found one by one.
 

@@ -40,7 +40,7 @@ SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Search:
     """One program, and what was found out about its expressions."""
 

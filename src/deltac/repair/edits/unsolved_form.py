@@ -31,7 +31,7 @@ WORST = 1e8
 """Condition of M⁻¹ beyond which its inverse says nothing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class UnsolvedForm(Program):
     """A program whose residual is that of M u̇ = f, the entries of f being the slots `forces`."""
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import random
 import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,16 @@ from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
-from deltac.repair.tracing.program import at, named_parameters, read
+from deltac.repair.mutate.suite import copied
+from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
 from deltac.simulation.equations import Equations
+
+SUITE = "your tests"
+
+EXAMPLES = 3
+"""Mutants that are told for one reason."""
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
 
@@ -75,10 +83,14 @@ class MutationReport:
         return tuple(t for t in self.trials if len(t.missed) == len(t.seen))
 
     @property
+    def escaped(self) -> tuple[Trial, ...]:
+        """The mistakes that the user's own tests do not see; empty where these were not run."""
+        return tuple(t for t in self.trials if SUITE in t.seen and not t.detected(SUITE))
+
+    @property
     def status(self) -> int:
-        """Exit status of the command line: 1 if a mistake escapes every test, or the function is wrong."""
-        escaped = any(t.reason == "coincidence" for t in self.trials)
-        return int(escaped or self.residual >= RIGHT)
+        """Exit status: 1 if the function is wrong, or a mistake escapes the user's own tests; else 0."""
+        return int(bool(self.escaped) or self.residual >= RIGHT)
 
     def table(self) -> dict[str, dict[str, int]]:
         """For each kind of mutant: how many, how many are no mistakes, and how many each test sees."""
@@ -109,11 +121,9 @@ class MutationReport:
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:
-                first = some[0].mutant
-                lines.append(
-                    f"{len(some)} {reason}: {REASONS[reason]}; such as line {first.line}, {first.before} "
-                    f"→ {first.after}."
-                )
+                lines.append(f"{len(some)} {reason}: {REASONS[reason]}; such as {_examples(some)}.")
+        if self.escaped:
+            lines.append(f"Your tests miss {len(self.escaped)}, such as {_examples(self.escaped)}.")
         return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -139,6 +149,14 @@ class MutationReport:
         }
 
 
+def _examples(trials: Sequence[Trial]) -> str:
+    """Some mutants in words, of different kinds first."""
+    by_kind = {t.mutant.kind: t.mutant for t in trials}
+    some = [*by_kind.values(), *(t.mutant for t in trials)]
+    texts = [f"line {m.line}, {m.before} → {m.after or 'nothing'}" for m in some]
+    return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
+
+
 def mutate_equations(
     model: Any,
     rhs: str | Path | Callable[..., Any] | Equations,
@@ -146,6 +164,8 @@ def mutate_equations(
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,
     seed: int = 0,
+    tests: str | None = None,
+    most: int = 40,
     progress: Callable[[float, str], None] | None = None,
 ) -> MutationReport:
     """Change equations of motion in every small way, and see which tests notice.
@@ -160,10 +180,14 @@ def mutate_equations(
         coordinates: the function's own coordinates, as for `check_equations`.
         names: how many other names take the place of each use of a name.
         seed: of the states and of the names drawn.
+        tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
+            mutants, in a copy of the project.
+        most: on how many.
         progress: called with the fraction done and what is being done.
 
     Raises:
-        InputError: no source, or one that is not understood, as for `repair_equations`.
+        InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
+            the function as it is, or do not load it.
     """
     found = load_model(model)
     if isinstance(rhs, Equations):
@@ -176,22 +200,54 @@ def mutate_equations(
     program = read(source, target)
     varied = program.varied
     source = program.source
-    definition = source.definition
-    if definition is None or "." in source.qualified:
-        raise InputError(
-            f"{source.name}: {source.qualified} is a method or a function within another; mutants are made "
-            "of functions of the module"
-        )
-    made = mutants(source.text, definition.name, names, seed)
+    made = mutants_of(program, names, seed)
     trials = []
     for k, mutant in enumerate(made):
         if progress is not None:
             progress(k / len(made), f"mutant {k + 1} of {len(made)}")
         trials.append(_tried(source, mutant, target, varied))
-    tests = tuple(_blank(target))
-    return MutationReport(
-        source.name, source.qualified, tests, tuple(trials), program.wrong, varied
+    names_of_tests = tuple(_blank(target))
+    report = MutationReport(
+        source.name, source.qualified, names_of_tests, tuple(trials), program.wrong, varied
     )
+    return report if tests is None else _with_suite(report, source, tests, most, seed, progress)
+
+
+def mutants_of(program: Reading, names: int, seed: int) -> list[Mutant]:
+    """The mutants of what is read: of one function of a module, or of all that it uses."""
+    source = program.source
+    definition = source.definition
+    used = {piece.owner(place) for piece in program.pieces for place in piece.trace.instances}
+    alone = {node for node in used if not isinstance(node, ast.Module)} == {definition}
+    if definition is not None and "." not in source.qualified and alone:
+        return mutants(source.text, definition.name, names, seed)
+    return mutants(source.text, "", names, seed, read=spans(program))
+
+
+def _with_suite(
+    report: MutationReport,
+    source: Source,
+    command: str,
+    most: int,
+    seed: int,
+    progress: Callable[[float, str], None] | None,
+) -> MutationReport:
+    """The report with what the user's own tests see of some of the mistakes."""
+    if source.path is None:
+        raise InputError(f"{source.name} is no file: there is nothing that tests could load")
+    wrong = [
+        k for k, t in enumerate(report.trials) if t.reason not in ("equivalent", "coincidence")
+    ]
+    chosen = sorted(random.Random(seed).sample(wrong, min(most, len(wrong))))
+    trials = []
+    with copied(command, source.path, source.qualified) as suite:
+        for done, k in enumerate(chosen):
+            if progress is not None:
+                progress(done / len(chosen), f"your tests, mutant {done + 1} of {len(chosen)}")
+            trial = report.trials[k]
+            seen = 0.0 if suite.passes(trial.mutant.text) else np.inf
+            trials.append(replace(trial, seen={**trial.seen, SUITE: seen}))
+    return replace(report, trials=tuple(trials), tests=(*report.tests, SUITE))
 
 
 def _blank(target: Target) -> dict[str, float]:

@@ -135,7 +135,7 @@ class _Continue(Exception):
     pass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Instance:
     """One evaluation of a node: its value, and the names in scope there."""
 
@@ -143,7 +143,7 @@ class Instance:
     scope: Mapping[str, Any]
 
 
-@dataclass
+@dataclass(repr=False)
 class Trace:
     """What reading a function came to.
 

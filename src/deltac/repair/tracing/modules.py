@@ -15,7 +15,7 @@ LARGEST = 2_000_000
 """Characters of a module that is read."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class UserModule:
     """A module's text, and the names that were found in it so far.
 

@@ -24,7 +24,7 @@ SAME = 1e-9
 """A constant of the function that is within this (relative) of a parameter of its name is that one."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Program:
     """A function read onto a tape at samples, the model's parameters that it names varied with them."""
 
@@ -148,7 +148,7 @@ class Program:
         return nodes[place]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reading:
     """A function read at samples: a program for each way through its branches, that of most states first.
 

@@ -30,7 +30,7 @@ RIGHT = 1e-8
 size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """B states of the model with its accelerations.
 
@@ -86,7 +86,7 @@ class Samples:
         return worst if np.isfinite(worst) else np.inf
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Target:
     """A mechanism as the source of samples, drawn once each."""
 

@@ -16,7 +16,7 @@ from deltac.errors import InputError, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Source:
     """The text of a module, and the function in it that is meant.
 

@@ -86,7 +86,7 @@ def identity(value: Any) -> Any:
     return value
 
 
-@dataclass
+@dataclass(repr=False)
 class Tape:
     """Operations in order. Slot k holds the value of operation k.
 
@@ -213,7 +213,7 @@ class Tape:
         return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Slot:
     """A number of the user's function: behaves like a float, and notes what is done with it."""
 

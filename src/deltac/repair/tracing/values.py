@@ -26,7 +26,7 @@ class Refused(InputError):
     """The function uses what the reader does not understand; the message has file and line."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Scope:
     """The names of one call, of a class body or of a module's top level; `parent` is where it was defined."""
 
@@ -70,7 +70,7 @@ class Scope:
         return self._kept[1]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Function:
     """A function of the user's, with the scope that it was defined in.
 
@@ -99,7 +99,7 @@ class Function:
         return tuple(arg.arg for arg in (*self.node.args.posonlyargs, *self.node.args.args))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Bound:
     """A callable with its first arguments, and named ones, given: a method, a partial function."""
 
@@ -108,7 +108,7 @@ class Bound:
     named: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Class:
     """A class of the user's; `fields` are those of a dataclass or named tuple."""
 
@@ -136,7 +136,7 @@ class Class:
         return tuple(dict.fromkeys([*above, *self.fields]))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Object:
     """An object of a class of the user's, or (without class) a namespace."""
 
@@ -150,7 +150,7 @@ class Object:
         return iter([self.attributes[name] for name in self.cls.all_fields()])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Super:
     """What super() gives: the object, seen as one of the classes above."""
 
@@ -158,7 +158,7 @@ class Super:
     cls: Class
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Live:
     """An object of a running session whose attributes, entries and methods the function uses."""
 

@@ -63,7 +63,7 @@ DEPTH = 60
 TURNS = 20_000
 """Turns of a while loop."""
 
-PATHS = 24
+PATHS = 12
 """Ways through branches that depend on the state."""
 
 Override = Mapping[Any, Array]

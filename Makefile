@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-repair \
-	bench-correction bench-explain docs clean
+	bench-correction bench-explain fuzz torture docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -34,8 +34,8 @@ test-casadi: $(TEST)  ## the numerical tests again, on CasADi's own evaluator
 	DELTAC_EVALUATOR=casadi $(PYTEST) $(SPREAD) -m "not slow and not heyoka" \
 		tests/kernels tests/dynamics tests/energy $(ARGS)
 
-test-slow: $(TEST)  ## the slow tests, with many more random examples
-	HYPOTHESIS_PROFILE=thorough $(PYTEST) $(SPREAD) -m slow $(ARGS)
+test-slow: $(TEST)  ## the slow tests; those on random examples with ten times as many
+	HYPOTHESIS_PROFILE=thorough $(PYTEST) $(SPREAD) -m "slow or random_examples" $(ARGS)
 
 lint: $(DEV)  ## style: ruff's rules and format
 	$(PY) -m ruff check
@@ -66,6 +66,13 @@ bench-repair-wild: $(TEST)  ## the same for programs as people write them
 
 bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are detected, and repaired
 	$(PY) benchmarks/repair.py $(ARGS)
+
+SECONDS ?= 60
+fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
+	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
+
+torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost
+	$(PYTEST) -m "slow or not slow" tests/test_torture.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

@@ -20,7 +20,7 @@ def chain(dof: int) -> dc.Mechanism:
     """Damped hinges about x, y and z in turn, a box hanging from each."""
     bodies, joints = [], []
     for k in range(dof):
-        bodies.append(dc.box(f"b{k}", 1 + 0.1 * k, (0.1, 0.3, 0.2), (0, -0.15, 0)))
+        bodies.append(dc.bodies.box(f"b{k}", 1 + 0.1 * k, (0.1, 0.3, 0.2), (0, -0.15, 0)))
         above, place = (f"b{k - 1}", (0, -0.3, 0)) if k else ("ground", (0, 0, 0))
         joints.append(
             dc.revolute(f"j{k}", above, f"b{k}", "xyz"[k % 3], position=place, damping=0.01)

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 import deltac as dc
 from deltac.kernels import evaluator_name, to_heyoka
 from deltac.kernels.parallel import one_thread_a_call
-from deltac.simulation.course import Course
-from deltac.simulation.fixed import FixedStepper
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
+from deltac.simulation.stepping.explicit import FixedStepper
+from deltac.simulation.stepping.protocol import Course
 
 Array = NDArray[np.float64]
 DURATION, STEP = 10.0, 1e-4

@@ -20,11 +20,11 @@ from peers import casadi_squeezer
 
 import deltac as dc
 from deltac.kernels.parallel import one_thread_a_call
-from deltac.simulation.course import Course
-from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import FixedStepper
+from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
+from deltac.simulation.stepping.explicit import FixedStepper
+from deltac.simulation.stepping.protocol import Course
 
 Array = NDArray[np.float64]
 SOLVER = "ode5"

@@ -15,24 +15,25 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("DELTAC_CACHE", "off")
 
 import pytest  # noqa: E402
-from hypothesis import HealthCheck, settings  # noqa: E402
+from hypothesis import HealthCheck, is_hypothesis_test, settings  # noqa: E402
 
 TESTS = Path(__file__).parent
 
 # A first call compiles kernels, so a slow example says nothing about the code under test.
 _PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", max_examples=14, derandomize=True, **_PATIENT)
-settings.register_profile("thorough", max_examples=500, print_blob=True, **_PATIENT)
+settings.register_profile("thorough", max_examples=150, print_blob=True, **_PATIENT)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out the tests marked `heyoka` where heyoka has no wheels."""
-    if find_spec("heyoka") is not None:
-        return
+    """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels."""
+    without = find_spec("heyoka") is None
     skip = pytest.mark.skip(reason="heyoka is not installed on this platform")
     for item in items:
-        if item.get_closest_marker("heyoka"):
+        if is_hypothesis_test(getattr(item, "obj", None)):
+            item.add_marker("random_examples")
+        if without and item.get_closest_marker("heyoka"):
             item.add_marker(skip)
 
 
@@ -43,9 +44,9 @@ END_TO_END = ("cli", "test_docs.py")
 @pytest.fixture(autouse=True, scope="module")
 def one_step_per_call(request: pytest.FixtureRequest) -> Iterator[None]:
     """Unrolled steps take long to compile, for runs as short as these; the tests of fusing unroll."""
-    from deltac.simulation import fixed
+    from deltac.simulation.stepping import explicit
 
     with pytest.MonkeyPatch.context() as patch:
         if request.path.relative_to(TESTS).parts[0] not in END_TO_END:
-            patch.setattr(fixed, "MOST_STEPS_PER_CALL", 1)
+            patch.setattr(explicit, "MOST_STEPS_PER_CALL", 1)
         yield

@@ -5,19 +5,16 @@ from __future__ import annotations
 import contextlib
 import doctest
 import importlib
-import inspect
 import io
 import itertools
 import math
 import pkgutil
 import re
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 import deltac
-import deltac.mechanism
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -126,7 +123,7 @@ def test_examples_in_docstrings() -> None:
 
 def test_the_notation_names_all_there_is() -> None:
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-    from deltac.mechanism import channels, constraints, events, forces, joints
+    from deltac.mechanism import channels, joints
     from deltac.simulation.solvers import SOLVERS
     from deltac.trajectories.formats.files import FORMATS
 
@@ -135,16 +132,7 @@ def test_the_notation_names_all_there_is() -> None:
     named = [*joints.KINDS, *channels.KINDS, *SOLVERS, *aliases, *TESTING_FUNCTIONS]
     parts = {s for kind in joints.KINDS.values() for s, _ in (*kind.coordinates, *kind.speeds) if s}
     named += [f".{part}" for part in parts]
-    named += [*_makers(constraints.Constraint), *_makers(forces.Element), *FORMATS]
-    named += _makers(events.Happening)
+    parts_of = [deltac.bodies, deltac.constraints, deltac.events, deltac.forces]
+    named += [*FORMATS, *(n for module in parts_of for n in module.__all__ if n.islower())]
     missing = [name for name in named if f"`{name}`" not in text]
     assert not missing
-
-
-def _makers(kinds: object) -> list[str]:
-    """Names of the public functions of `deltac.mechanism` that make one of the classes of a union."""
-    classes = {kind.__name__ for kind in get_args(kinds)}
-    functions = {n: f for n, f in vars(deltac.mechanism).items() if inspect.isfunction(f)}
-    found = [name for name, f in functions.items() if f.__annotations__.get("return") in classes]
-    assert found
-    return found

@@ -41,7 +41,7 @@ def _top() -> Any:
 
     return dc.Mechanism(
         bodies=[dc.body("top", "m", ("Jx", "Jy", "Jz"), (0.0, "h", 0.0))],
-        joints=[dc.spherical("tip", "ground", "top")],
+        joints=[dc.joints.spherical("tip", "ground", "top")],
         gravity=(0.0, 0.0, "-g"),
         parameters={"m": 15.0, "g": 9.81, "h": 0.8, "Jx": 0.3, "Jy": 0.47, "Jz": 0.39},
         name="heavy body on a tip",

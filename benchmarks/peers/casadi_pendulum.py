@@ -17,7 +17,7 @@ import numpy as np
 
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from deltac.simulation.stages import numeric_masks
+from deltac.simulation.stepping.interpreted import numeric_masks
 from peers.rival import Array, Pendulum, Rival
 
 SOLVER = "ode5"

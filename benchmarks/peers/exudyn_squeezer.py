@@ -90,7 +90,7 @@ class Squeezer:
             places[joint.child] = (pin, turned + angle)
         return places
 
-    def _add_body(self, body: dc.Body) -> None:
+    def _add_body(self, body: dc.bodies.Body) -> None:
         """Its node is at its mass centre, which spares Exudyn the terms of an offset."""
         centre = self._numbers(body.mass_centre)[:2]
         origin, turned = self.places[body.name]

@@ -1,7 +1,9 @@
 """deltac: energy testing functions for multibody simulations.
 
 The public names are loaded on first use, so that ``import deltac`` stays light. They are listed
-once, in ``__init__.pyi``: type checkers read that stub, and so does this module.
+once, in ``__init__.pyi``: type checkers read that stub, and so does this module. What is done often
+has a name here; the parts that mechanisms are made of are in `deltac.bodies`, `deltac.joints`,
+`deltac.forces`, `deltac.constraints`, `deltac.events` and `deltac.shapes`.
 """
 
 from __future__ import annotations
@@ -21,19 +23,39 @@ _PUBLIC: dict[str, str] = {
     for alias in statement.names
 }
 
+#: names of version 0.1 -> what to write now; to go in the next release
+_RENAMED: dict[str, str] = {
+    name: f"deltac.{namespace}.{name}"
+    for namespace, names in {
+        "bodies": "Body box disc frame sphere",
+        "joints": "Joint cylindrical fixed planar screw spherical universal",
+        "forces": "contact friction_law gravity_compensation joint_damper joint_friction joint_spring "
+        "joint_torque point_force point_friction spring_damper tendon",
+        "constraints": "angle distance gear holonomic loop_prismatic loop_revolute loop_spherical "
+        "loop_universal loop_weld motion_constraint point_in_plane point_on point_on_line rolling skate",
+        "events": "event impact joint_stop",
+        "laws": "q time u",
+    }.items()
+    for name in names.split()
+} | {"rotation": "deltac.rotation_matrix", "Advice": "deltac.Recommendation"}
+
 __all__ = sorted(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
-    module = _PUBLIC.get(name)
-    if module is None:
+    if name in _RENAMED:
+        from deltac.deprecation import warn_renamed
+
+        warn_renamed(f"deltac.{name}", _RENAMED[name])
+        home, _, name = _RENAMED[name].rpartition(".")
+        return getattr(import_module(home), name)
+    if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    subpackage = module == __name__
-    value = (
-        import_module(f"{module}.{name}") if subpackage else getattr(import_module(module), name)
-    )
-    globals()[name] = value
+    home = _PUBLIC[name]
+    if home == __name__:
+        return import_module(f"{home}.{name}")
+    value = globals()[name] = getattr(import_module(home), name)
     return value
 
 

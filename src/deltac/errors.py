@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
+from itertools import islice
+from typing import Any, ClassVar
 
 
 class DeltacError(Exception):
@@ -11,22 +14,138 @@ class DeltacError(Exception):
 
 
 class InputError(DeltacError, ValueError):
-    """The input cannot be used as it is; the message says what to change (exit status 2)."""
+    """A value that cannot be used as it is: out of range, of the wrong shape, or against another one.
+
+    Base of all errors of input: the message says what to change (exit code 2). `code` is stable, while
+    messages may change; an error that only adds where another one happened has the other's code.
+    """
+
+    _code: ClassVar[str] = "E-VALUE"
+
+    @property
+    def code(self) -> str:
+        """What kind of error it is: "E-VALUE", "E-NAME", …; see `codes`."""
+        cause = self.__cause__ or self.__context__
+        if type(self) is InputError and isinstance(cause, InputError):
+            return cause.code
+        return self._code
+
+    @classmethod
+    def codes(cls) -> dict[str, str]:
+        """All codes of errors, and what each means."""
+        kinds = [InputError]
+        for kind in kinds:  # grows as it goes
+            kinds += kind.__subclasses__()
+        own = {k._code: k for k in reversed(kinds) if "_code" in vars(k)}
+        return {code: (own[code].__doc__ or "").split("\n")[0] for code in sorted(own)}
+
+
+class UnknownName(InputError, KeyError):
+    """A name that is not there, of a joint, a solver, a column, an option; the message says which are."""
+
+    _code = "E-NAME"
+    __str__ = Exception.__str__  # a KeyError would show the message in quotes
+
+
+class WrongType(InputError):
+    """A thing of the wrong kind: a number where a State is expected."""
+
+    _code = "E-TYPE"
+
+
+class FileError(InputError):
+    """A file that is missing, damaged, of another format, or cannot be written."""
+
+    _code = "E-FILE"
+
+
+class LimitError(InputError):
+    """More bytes, rows, names or seconds than is allowed for."""
+
+    _code = "E-LIMIT"
+
+
+class LogError(InputError):
+    """A log that lacks what is needed (columns, units, rows), has damaged numbers, or is of another model."""
+
+    _code = "E-LOG"
+
+
+class ModelError(InputError):
+    """A description of a mechanism that contradicts itself, or has what cannot be modelled."""
+
+    _code = "E-MODEL"
+
+
+class StateError(InputError):
+    """A state that the mechanism cannot take, or that violates its constraints."""
+
+    _code = "E-STATE"
+
+
+class SolverError(InputError):
+    """A solver that cannot do what is asked for, or a step that it cannot take."""
+
+    _code = "E-SOLVER"
+
+
+class SourceError(InputError):
+    """Equations or a controller written by hand that raise, return no u̇, or cannot be read."""
+
+    _code = "E-SOURCE"
+
+
+class PackageError(InputError):
+    """An optional package that is not installed; the message says how to install it."""
+
+    _code = "E-PACKAGE"
+
+
+class SuspicionWarning(UserWarning):
+    """Input that can be used, but looks like a slip."""
 
 
 def closest(name: str, options: Iterable[str]) -> str:
     """The tail of an "unknown name" message: the closest match, else what is known.
+
+    Of foreign files names may be many and long: compared are the first thousands, of usual length.
 
     >>> closest("elbwo", ["elbow", "wrist"])
     "; did you mean 'elbow'?"
     >>> closest("x", ["elbow", "wrist"])
     '; known: elbow, wrist'
     """
-    known = list(options)
-    match = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    known = [option for option in islice(options, _MANY) if len(option) <= _LONG]
+    match = difflib.get_close_matches(name[:_LONG], known, n=1, cutoff=0.6)
     if match:
         return f"; did you mean {match[0]!r}?"
-    if not known:
-        return "; none are defined"
-    shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
-    return f"; known: {shown}"
+    return f"; known: {listed(known)}" if known else "; none are defined"
+
+
+def listed(names: Iterable[str]) -> str:
+    """The first dozen names, separated by commas.
+
+    >>> listed("abcdefghijklmnop")
+    'a, b, c, d, e, f, g, h, i, j, k, l, …'
+    """
+    first = list(islice(names, 13))
+    return ", ".join(name[:_LONG] for name in first[:12]) + (", …" if len(first) > 12 else "")
+
+
+def shown(value: Any) -> str:
+    """`repr` of a value from a file, short however large or deep it is.
+
+    >>> shown([1, [2, [3, [4, [5]]]]]), shown("x" * 1000)[:5]
+    ('[1, [2, [3, [...]]]]', "'xxxx")
+    """
+    try:
+        return _short.repr(value)
+    except ValueError:  # an integer of too many digits to be written
+        return f"an integer of {value.bit_length()} bits"
+
+
+_MANY, _LONG = 5000, 200
+
+_short = reprlib.Repr()
+_short.maxlevel = 3
+_short.maxstring = _short.maxother = _short.maxlong = 80

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.simulation.feasibility import constraint_start
+from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 

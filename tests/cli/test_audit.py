@@ -63,8 +63,8 @@ def test_json_and_figure(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
         MODEL, str(logs / "damped.parquet"), "--json", "--figure", str(picture), capsys=capsys
     )
     held = json.loads(out)
-    assert held["status"] == status == 1
-    assert {f["kind"] for f in held["findings"] if f["weight"] == "cause"} == {"missing-damper"}
+    assert held["exit_code"] == status == 1
+    assert {f["code"] for f in held["findings"] if f["weight"] == "cause"} == {"F-MISSING-DAMPER"}
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -77,7 +77,10 @@ def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> 
     with pytest.raises(SystemExit) as stop:
         cli.main(["audit", MODEL, str(logs / "good.parquet"), "--explain-log", "--json"])
     assert not stop.value.code
-    read = {entry["column"]: entry["meaning"] for entry in json.loads(capsys.readouterr().out)}
+    read = {
+        entry["column"]: entry["meaning"]
+        for entry in json.loads(capsys.readouterr().out)["columns"]
+    }
     assert read["time"] == "time"
     assert read["q.joint1"] == "q.joint1"
 
@@ -85,13 +88,14 @@ def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["no-such-model", "good.parquet"], "unknown model"),
+        (["no-such-model", "good.parquet"], "E-NAME"),
         ([MODEL, "god.parquet"], "good.parquet"),
+        ([MODEL, "god.parquet"], "E-FILE"),
         (["simple-pendulum", "good.parquet"], "joint2"),
-        ([MODEL, "good.parquet", "--tolerance", "0"], "tolerance is 0"),
+        ([MODEL, "good.parquet", "--tolerance", "0"], "E-VALUE"),
         ([MODEL, "good.parquet", "--work", "guess"], "known: in-loop"),
-        ([MODEL, "good.parquet", "--figure", "a.svg"], ".png"),
-        ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "does not exist"),
+        ([MODEL, "good.parquet", "--figure", "a.svg"], "E-FILE"),
+        ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "E-FILE"),
     ],
 )
 def test_bad_input_is_status_2(
@@ -122,8 +126,9 @@ def test_garbage_among_the_numbers_is_bad_input(
     x[7] = value
     frame.with_columns(polars.Series(column, x)).write_parquet(tmp_path / "damaged.parquet")
     status, out, err = run(MODEL, str(tmp_path / "damaged.parquet"), "--json", capsys=capsys)
-    assert (status, out) == (2, "")
-    assert f"'{column}'" in err and "row 7 " in err
+    told = json.loads(out)
+    assert (status, told["exit_code"], told["error"]["code"]) == (2, 2, "E-LOG")
+    assert f"'{column}'" in err and "row 7 " in err and told["error"]["message"] in err
 
 
 def test_what_the_import_left_to_the_log_is_told(

@@ -86,8 +86,8 @@ def test_a_map_from_a_file_and_json(eom: str, capsys: pytest.CaptureFixture[str]
     told = json.loads(out)
     assert status == 1 and told["verdict"] == "equation-error"
     (blame,) = told["blame"]
-    assert (blame["equation"], blame["speed"]) == (2, "th2")
-    assert blame["degrees_in_rates"] == [2]
+    assert (blame["number"], blame["speed"]) == (2, "th2")
+    assert blame["degrees"] == [2]
     assert "wrong sign" in blame["terms"][0]["words"]
 
 

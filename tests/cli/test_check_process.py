@@ -20,7 +20,7 @@ from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
 
 def chain():
-    bodies = [dc.box(f"b{k}", 1 + 0.1 * k, (0.1, 0.3, 0.2), (0, -0.15, 0)) for k in range(N)]
+    bodies = [dc.bodies.box(f"b{k}", 1 + 0.1 * k, (0.1, 0.3, 0.2), (0, -0.15, 0)) for k in range(N)]
     at = lambda k: dict(position=(0, -0.3 if k else 0, 0), damping=0.01)
     joints = [dc.revolute(f"j{k}", f"b{k-1}" if k else "ground", f"b{k}", "xyz"[k % 3], **at(k))
               for k in range(N)]

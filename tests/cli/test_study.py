@@ -65,7 +65,7 @@ def test_wrong_equations_as_json_with_a_figure(
     assert found["verdict"] == "equation-error"
     assert found["findings"][0]["element"] == "theta2"
     assert found["observed_order"]["wang"]["trend"] == "tends to a limit"
-    assert [row["step"] for row in found["runs"]] == [0.01, 0.005, 0.0025]
+    assert [row["step"] for row in found["rows"]] == [0.01, 0.005, 0.0025]
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 

@@ -42,7 +42,7 @@ def test_right_equations_are_consistent(name: str, seed: int) -> None:
     assert found.verdict.kind == "consistent", found.explain()
     # Rounding of some hundred operations; the conditioning of angles near a singularity is in it.
     assert found.worst < 1e-11
-    assert found.status == 0
+    assert found.exit_code == 0
     assert found.blame == () and found.example is None
     assert not any(seen.sees for seen in found.seen)
 
@@ -114,7 +114,7 @@ def test_the_mistake_of_the_thesis_is_found() -> None:
     p = dc.problems.load("triple-pendulum", mistake=True)
     assert p.equations is not None
     found = dc.check_equations(p.mechanism, p.equations)
-    assert found.verdict.kind == "equation-error" and found.status == 1
+    assert found.verdict.kind == "equation-error" and found.exit_code == 1
     (blame,) = found.blame
     assert (blame.number, blame.speed) == (2, "theta2")
     assert blame.degrees == (0,)
@@ -146,7 +146,7 @@ def _at_rest(angle: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([[a, b, c], [b, d, e], [c, e, f]]), np.array(right)
 
 
-COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w")]
+COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w", "noise")]
 ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2, 3},
         "g1": {1}, "g2": {2}, "g3": {3}, "c1": {1}, "c2": {1, 2}, "c3": {2, 3}}  # fmt: skip
 
@@ -159,9 +159,8 @@ def test_every_coefficient_counts(name: str, factor: float) -> None:
     found = check(wrong.free)
     assert found.verdict.kind == "equation-error", found.explain()
     assert {blame.number for blame in found.blame} == ROWS[name]
-    for (
-        blame
-    ) in found.blame:  # every wrong term is named, with the factor in front of it, and no other
+    # Every wrong term is named, with the factor in front of it, and no other.
+    for blame in found.blame:
         assert 1 <= len(blame.terms) <= 2
         assert [m.factor for m in blame.terms] == pytest.approx(
             [factor] * len(blame.terms), abs=1e-6
@@ -281,10 +280,10 @@ def test_json_has_all_there_is() -> None:
 
     found = check(replace(HAND, g2=-HAND.g2).free)
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert told["verdict"] == "equation-error" and told["states"] == 64
+    assert told["verdict"] == "equation-error" and told["count"] == 64
     assert told["blame"][0]["terms"][0]["words"].endswith(", enters with the wrong sign")
     assert set(told["example"]["given"]) == {"theta1", "theta2", "theta3"}
-    assert {"coordinate residual", "wang"} <= {entry["test"] for entry in told["tests"]}
+    assert {"coordinate residual", "wang"} <= {entry["test"] for entry in told["seen"]}
 
 
 def test_batches_are_used_where_they_agree() -> None:

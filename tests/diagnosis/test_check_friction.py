@@ -19,7 +19,7 @@ def block(**law: Any) -> dc.Mechanism:
     return dc.Mechanism(
         [dc.point_mass("b", 2.0)],
         [dc.prismatic("x", "ground", "b", axis="x", stiffness=10.0)],
-        forces=[dc.joint_friction("f", "x", 3.0, **law)],
+        forces=[dc.forces.joint_friction("f", "x", 3.0, **law)],
     )
 
 
@@ -67,8 +67,8 @@ def test_slip_that_is_a_difference_of_speeds(width: float) -> None:
             dc.prismatic("s", "cart", "bead", axis="x"),
         ],
         forces=[
-            dc.point_friction(
-                "rub", "bead", 10.0, dc.friction_law(0.2, width=width), on="cart", normal="z"
+            dc.forces.point_friction(
+                "rub", "bead", 10.0, dc.forces.friction_law(0.2, width=width), on="cart", normal="z"
             )
         ],
     )
@@ -93,13 +93,13 @@ def ball(radius: float = 0.01, width: float = 1e-3) -> dc.Mechanism:
         [dc.prismatic("x", "ground", "carriage", "x"), dc.prismatic("z", "carriage", "ball", "z")],
         gravity=(0.0, 0.0, -9.81),
         forces=[
-            dc.contact(
+            dc.forces.contact(
                 "floor",
                 shapes.sphere("ball", radius),
                 shapes.half_space("ground", normal="z", position=(0.0, 0.0, -20.0)),
                 1e4,
                 dissipation=0.3,
-                friction=dc.friction_law(0.5, width=width),
+                friction=dc.forces.friction_law(0.5, width=width),
             )
         ],
     )
@@ -142,7 +142,7 @@ def test_events_are_named_as_not_seen() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("b", 1.0)],
         [dc.prismatic("x", "ground", "b", axis="x")],
-        events=[dc.joint_stop("buffer", "x", upper=1.0, restitution=0.5)],
+        events=[dc.events.joint_stop("buffer", "x", upper=1.0, restitution=0.5)],
     )
     found = dc.check_equations(mechanism, lambda t, q, u: 0.0 * q)
     assert found.verdict.limits[-1] == "what happens at events (buffer)"

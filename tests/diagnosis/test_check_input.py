@@ -86,7 +86,7 @@ def test_values_that_are_not_finite_at_some_states() -> None:
         return HAND.free(t, q, u) * np.sqrt(q[0]) / np.sqrt(q[0])
 
     found = check(rhs)
-    assert found.verdict.kind == "unresolved" and found.status == 3
+    assert found.verdict.kind == "unresolved" and found.exit_code == 3
     (finding,) = found.verdict.findings
     assert finding.kind == "not-finite" and "of 64 states" in finding.what
     assert (found.states.q[0] > 0.0).all()

@@ -119,9 +119,11 @@ def test_a_rest_angle_and_a_stiffness() -> None:
 def test_a_force_at_a_point_of_a_floating_body() -> None:
     """It acts off the mass centre, along the body: a thrust, and a moment of the body."""
     thruster = dc.Mechanism(
-        bodies=[dc.box("hull", 2.0, (0.4, 0.3, 0.2))],
+        bodies=[dc.bodies.box("hull", 2.0, (0.4, 0.3, 0.2))],
         joints=[dc.free("hull", "hull")],
-        forces=[dc.point_force("jet", "hull", (0.0, 3.0, 0.0), (0.1, 0.0, 0.0), frame="body")],
+        forces=[
+            dc.forces.point_force("jet", "hull", (0.0, 3.0, 0.0), (0.1, 0.0, 0.0), frame="body")
+        ],
         gravity=(0, 0, -9.81),
     )
     start = thruster.state(speeds={"hull": [0, 0, 5, 0.5, 1.0, 2.0]})
@@ -236,9 +238,9 @@ def test_equal_causes_are_all_named_with_the_motion_that_would_tell() -> None:
 
     def wheel(armature: float, torque: str) -> dc.Mechanism:
         return dc.Mechanism(
-            bodies=[dc.disc("wheel", 2.0, 0.3)],
+            bodies=[dc.bodies.disc("wheel", 2.0, 0.3)],
             joints=[dc.revolute("axle", "ground", "wheel", armature=armature)],
-            forces=[dc.joint_torque("motor", "axle", torque)],
+            forces=[dc.forces.joint_torque("motor", "axle", torque)],
         )
 
     run = dc.simulate(wheel(0.01, "sin(3*t)"), wheel(0.01, "0").state(), 2.0, 2e-3, solver="ode4")
@@ -256,7 +258,7 @@ def test_the_motion_that_would_separate_is_named() -> None:
     rod = dc.Mechanism(
         bodies=[dc.rod("rod", 1.0, 0.5, along="x")],
         joints=[dc.revolute("hinge", "ground", "rod")],
-        forces=[dc.joint_torque("motor", "hinge")],
+        forces=[dc.forces.joint_torque("motor", "hinge")],
         gravity=(0, -9.81, 0),
     )
     t = np.linspace(0.0, 2.0, 200)
@@ -283,7 +285,7 @@ def test_what_is_not_in_the_dictionary_is_not_explained() -> None:
     )
     assert found.kind == "unexplained", str(found)
     assert "No few causes of those known" in str(found)
-    assert found.findings() == []
+    assert found.findings == ()
 
 
 def test_parameters_that_the_log_does_not_excite_are_listed() -> None:
@@ -301,8 +303,8 @@ def test_tables_json_and_findings() -> None:
     found = dc.explain_residual(model, arm_run())
     assert json.dumps(found.to_dict(), allow_nan=False)
     lines = found.table().splitlines()
-    assert len(lines) == 3 and "missing-damper" in lines[1]
-    assert [f.kind for f in found.findings()] == ["missing-damper"] * 2
+    assert len(lines) == 4 and "missing-damper" in lines[2]
+    assert [f.kind for f in found.findings] == ["missing-damper"] * 2
     assert sum(c.share for c in found.causes) <= 1.01
 
 

@@ -43,7 +43,7 @@ def test_the_mistake_of_the_thesis_in_its_motion(
     assert np.abs(total + expected[rows] * rate).max() < 1e-9
     assert np.abs(found.joints["joint3"]).max() < 1e-9
     assert "equation 2 (theta2)" in found.explain()
-    assert found.to_dict()["departures"][0]["equation"] == 2
+    assert found.to_dict()["departures"][0]["number"] == 2
 
 
 def test_a_right_motion_departs_nowhere() -> None:
@@ -94,13 +94,14 @@ def test_when_it_happens() -> None:
         u=np.concatenate([run.u, rest.u]),
         udot=np.concatenate([run.udot, rest.udot]),
         forces={},
+        works={},
         integrals={},
     )
     found = dc.localise(model.mechanism, both)
     (departure,) = found.departures
     assert departure.speed == "joint3"
     assert 0.0 < departure.span[0] < departure.span[1] <= 0.2
-    damped = dc.localise(model.mechanism, replace(run, forces={}, integrals={}))
+    damped = dc.localise(model.mechanism, replace(run, forces={}, works={}, integrals={}))
     assert [str(t) for t in damped.departures[0].terms] == ["0.2·u.joint3"]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,15 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.recommend import families as settings_of_solvers
 from deltac.diagnosis.recommend.recommend import _Search
-from deltac.diagnosis.recommend.work_precision import Family, Piece, Trial, common, distance
+from deltac.diagnosis.recommend.work_precision import (
+    Deadline,
+    Family,
+    OutOfTime,
+    Piece,
+    Trial,
+    common,
+    distance,
+)
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:
@@ -29,7 +38,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
     problem = dc.problems.load("triple-pendulum")
     advice = dc.recommend(problem, duration=1.0, tolerance=1e-6, solvers=("ode8", "ode5", "ode4"))
     assert advice.verified
-    assert advice.status == 0
+    assert advice.exit_code == 0
     assert advice.best is not None
     assert advice.coarser is not None
     errors = []
@@ -37,7 +46,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
         run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
         exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
         ledger = dc.balance(problem.mechanism, run, testing=("wang",))
-        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.turnover)
+        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.energy_exchanged)
         errors.append(max(energy, share_of_ranges(run, exact)))
     assert errors[0] <= 1.1e-6
     assert errors[1] > 0.9e-6
@@ -49,7 +58,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    turnover = 1.0
+    turnover, still = 1.0, False
 
     def __init__(self, constant: dict[str, float], missed: float = 1.0) -> None:
         self.constant, self.missed, self.tried = constant, missed, 0
@@ -89,8 +98,8 @@ def test_the_search_finds_what_trying_all_would(
     trials = Invented({f.name: stiff ** (f.order or 1) for f in families}, missed)
     search = _Search(trials, tolerance, tolerance, None, len(families))  # type: ignore[arg-type]
     for family in families:
-        search.family(family)
-    advice = search.advice(families, 1.0, ())
+        search.family(family, Deadline())
+    advice = search.advice(1.0, ())
     every = [
         trial
         for family in families
@@ -101,7 +110,7 @@ def test_the_search_finds_what_trying_all_would(
     ]
     if not every:
         assert advice.best is None
-        assert advice.status == 1
+        assert advice.exit_code == 1
         return
     cheapest = min(trial.seconds for trial in every)
     assert advice.verified
@@ -122,7 +131,7 @@ def test_nothing_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = dc.problems.load("simple-pendulum")
     advice = dc.recommend(problem, duration=0.2, tolerance=2e-13, solvers=("ode1",))
     assert advice.best is None
-    assert advice.status == 1
+    assert advice.exit_code == 1
     assert advice.step is None
     assert "Nothing that was tried" in advice.explain()
     assert "ode1" in advice.explain()
@@ -134,7 +143,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
     mechanism = dc.Mechanism(
         bodies=[mass],
         joints=[dc.prismatic("slide", "ground", "mass", axis=(1, 0, 0))],
-        forces=[dc.joint_spring("spring", "slide", stiffness=1e8)],
+        forces=[dc.forces.joint_spring("spring", "slide", stiffness=1e8)],
     )
     state = mechanism.state({"slide": 1e-3})
     advice = dc.recommend(mechanism, state, 0.5, 1e-3, solvers=("ode4",))
@@ -153,7 +162,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
         ({"solvers": ("ode55",)}, "did you mean"),
         ({"solvers": ("taylor",)}, "nothing to choose from"),
         ({"solvers": ("mujoco:rk4",)}, "needs a MuJoCo model"),
-        ({"control": lambda model, data: None}, "give our own solvers a controller"),
+        ({"controller": lambda model, data: None}, "our own solvers take a Controller"),
     ],
 )
 def test_bad_input(options: dict[str, object], message: str) -> None:
@@ -162,13 +171,13 @@ def test_bad_input(options: dict[str, object], message: str) -> None:
 
 
 def test_a_solver_that_cannot_do_it_is_left_out_with_the_reason() -> None:
-    """Implicit solvers cannot stop at impacts; alone, that is an error, and no matter of accuracy."""
+    """The discrete gradient refuses what is driven; alone, that is an error, and no matter of accuracy."""
     options = {"duration": 0.5, "tolerance": 1e-6}
-    advice = dc.recommend("bouncing-ball", solvers=("ode5", "implicit-midpoint"), **options)
+    advice = dc.recommend("driven-pendulum", solvers=("ode5", "discrete-gradient"), **options)
     assert advice.solver == "ode5"
-    assert any("implicit-midpoint was left out" in note for note in advice.notes)
-    with pytest.raises(dc.InputError, match="no solver can be used.*cannot stop at events"):
-        dc.recommend("bouncing-ball", solvers=("implicit-midpoint",), **options)
+    assert any("discrete-gradient was left out" in note for note in advice.notes)
+    with pytest.raises(dc.InputError, match="no solver can be used.*keeps the energy"):
+        dc.recommend("driven-pendulum", solvers=("discrete-gradient",), **options)
 
 
 RATE, SLOW, KICK = 8e3, 2 * math.pi, 2e-3  # 1/s; rad/s; of the fast speed to the slow one's range
@@ -184,8 +193,8 @@ def kicked() -> tuple[dc.Mechanism, dc.State]:
             dc.prismatic("fast", "ground", "fast", axis=(1, 0, 0)),
         ],
         forces=[
-            dc.joint_spring("spring", "slow", stiffness=SLOW**2),
-            dc.joint_damper("damper", "fast", damping=RATE),
+            dc.forces.joint_spring("spring", "slow", stiffness=SLOW**2),
+            dc.forces.joint_damper("damper", "fast", damping=RATE),
         ],
     )
     return mechanism, mechanism.state({"slow": 1.0}, {"fast": KICK * 2 * SLOW})
@@ -238,7 +247,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, None)
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -251,9 +260,43 @@ def test_a_run_is_verified_at_all_of_its_rows() -> None:
         assert np.array_equal(others, rows)
 
 
+def test_nothing_that_moves_is_nothing_to_judge_by() -> None:
+    rod = dc.Mechanism(
+        [dc.rod("rod", 1.0, 1.0, along="-z")],
+        [dc.revolute("hinge", "ground", "rod", axis="y")],
+        gravity=(0, 0, -9.81),
+    )
+    advice = dc.recommend(rod, rod.state(), 1.0, solvers=("ode1", "ode4"))
+    assert advice.best is None and advice.still
+    assert advice.exit_code == 3
+
+
+def test_what_does_not_move_has_no_range_to_be_right_within() -> None:
+    """A box in free fall does not turn but for rounding, of which no share is an error."""
+    box = dc.bodies.box("box", 1.0, (0.1, 0.2, 0.3))
+    falling = dc.Mechanism([box], [dc.free("base", "box")], gravity=(0, 0, -9.81))
+    advice = dc.recommend(falling, falling.state(), 1.0, solvers=("ode4",))
+    # ode4 is exact on a parabola: nothing but rounding is left at the coarsest step there is.
+    assert advice.verified
+    assert advice.step == pytest.approx(1.0 / settings_of_solvers.FEWEST)
+
+
+def test_a_search_ends_in_its_time_with_the_best_it_has() -> None:
+    began = time.monotonic()
+    deadline = Deadline(0.0)
+    with pytest.raises(OutOfTime):
+        deadline.check()
+    deadline.lift()
+    deadline.check()
+    advice = dc.recommend("triple-pendulum", duration=1.0, solvers=("ode5", "ode1"), time_limit=3.0)
+    # By its order ode1 would need a million steps; the search may end before it gives that up.
+    assert advice.verified and advice.solver == "ode5"
+    assert time.monotonic() - began < 60.0
+
+
 def test_a_model_without_duration_is_asked_for_one() -> None:
     mechanism = dc.problems.load("simple-pendulum").mechanism
-    with pytest.raises(dc.InputError, match="duration="):
+    with pytest.raises(dc.InputError, match="duration: say how long"):
         dc.recommend(mechanism)
 
 
@@ -318,7 +361,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
         data.ctrl[0] = 0.4
 
     advice = dc.recommend(
-        model, duration=0.5, tolerance=tolerance, solvers=solvers, control=control
+        model, duration=0.5, tolerance=tolerance, solvers=solvers, controller=control
     )
     assert advice.verified
     assert advice.best is not None
@@ -326,7 +369,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
 
     def run(solver: str, step: float) -> dc.Trajectory:
         integrator = solver.removeprefix("mujoco:")
-        return dc.run_mujoco(model, 0.5, control=control, step=step, integrator=integrator)
+        return dc.run_mujoco(model, 0.5, controller=control, step=step, integrator=integrator)
 
     exact = run("mujoco:rk4", advice.best.setting / 32)
     assert advice.best.verified
@@ -336,7 +379,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
     assert advice.coarser is not None
     coarser = run(advice.best.solver, advice.coarser.setting)
     ledger = dc.balance(mechanism, coarser, testing=("wang",))
-    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.turnover
+    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.energy_exchanged
     exact = run("mujoco:rk4", advice.coarser.setting / 32)
     # What fails is one of the two, or the run itself; the energy counts corrections too.
     assert max(energy, distance(mechanism, coarser, exact)) > 0.5 * tolerance

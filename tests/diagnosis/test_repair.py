@@ -81,7 +81,7 @@ def accelerations(text: str, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def test_right_equations_need_no_repair(target: Target) -> None:
     found = repaired(EQUATIONS, target)
-    assert found.right and not found.fixes and found.status == 0
+    assert found.right and not found.fixes and found.exit_code == 0
     assert found.residual < 1e-12  # rounding of some tens of operations
     assert found.varied == ("g", "l1", "l2", "m1", "m2")
 

@@ -10,7 +10,7 @@ import deltac as dc
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import natural_scales, random_states
-from deltac.dynamics.textbook import Textbook
+from deltac.dynamics.textbook.tree import Textbook
 from tests.systems.hand_equations import CASES, lagrange_top, spherical_pendulum
 from tests.systems.random_mechanisms import Options, Sample, samples
 
@@ -73,7 +73,7 @@ def test_impossible_constraints_are_told() -> None:
     far = dc.Mechanism(
         bodies=[dc.rod("bar", 1.0, 1.0)],
         joints=[dc.revolute("pin", "ground", "bar")],
-        constraints=[dc.distance("wire", "ground", "bar", 0.1, point1=(5.0, 0.0, 0.0))],
+        constraints=[dc.constraints.distance("wire", "ground", "bar", 0.1, point1=(5.0, 0.0, 0.0))],
     )
     with pytest.raises(dc.InputError, match="only 0 of 64 random states .* admissible"):
         random_states(far)

@@ -35,7 +35,7 @@ def arm() -> tuple[Mechanism, State]:
             dc.revolute("shoulder", "ground", "upper", damping=0.2),
             dc.revolute("elbow", "upper", "lower", position=(0.7, 0, 0), damping=0.1),
         ],
-        [dc.joint_torque("motor", "shoulder", "0.7*cos(2*t)*sin(q.shoulder)")],
+        [dc.forces.joint_torque("motor", "shoulder", "0.7*cos(2*t)*sin(q.shoulder)")],
         gravity=[0, -9.81, 0],
     )
     return mechanism, mechanism.state({"shoulder": -0.9, "elbow": 0.4}, {"elbow": 1.5})
@@ -93,13 +93,13 @@ def test_the_error_of_the_integrator_in_words() -> None:
     problem = dc.problems.load("triple-pendulum")
     found = dc.study(problem, duration=2.0, steps=(4e-3, 2e-3, 1e-3), tolerance=1e-12)
     assert found.verdict.kind == "integration-error"
-    assert found.status == 1
+    assert found.exit_code == 1
     order = found.observed_order["wang"]
     assert f"falls at order {order.order:.1f}" in found.verdict.meaning
     assert "at h = 0.001 s it is" in found.verdict.meaning
     assert found.verdict.explain().startswith("integration-error (confidence high). The error is")
     within = dc.study(problem, duration=2.0, steps=(4e-3, 2e-3, 1e-3))
-    assert (within.verdict.kind, within.status) == ("consistent", 0)
+    assert (within.verdict.kind, within.exit_code) == ("consistent", 0)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_the_error_of_the_integrator_in_words() -> None:
 def test_the_mistake_of_figure_4_7_is_blamed_on_coordinate_2(steps: tuple[float, ...]) -> None:
     problem = dc.problems.load("triple-pendulum", mistake=True)
     found = dc.study(problem, duration=2.0, steps=steps, equations=problem.equations)
-    assert (found.verdict.kind, found.status) == ("equation-error", 1)
+    assert (found.verdict.kind, found.exit_code) == ("equation-error", 1)
     causes = [f for f in found.findings if f.weight == "cause"]
     assert [f.element for f in causes] == ["theta2"], found.verdict.explain()
     assert found.residuals is not None and found.residuals.blamed == (1,)
@@ -151,7 +151,7 @@ def test_chaos_is_studied_up_to_where_motions_part() -> None:
 def test_a_run_in_which_nothing_moves_is_unresolved() -> None:
     mechanism = pendulum()
     found = dc.study(mechanism, mechanism.state(), 1.0, (0.04, 0.02, 0.01))
-    assert (found.verdict.kind, found.status) == ("unresolved", 3)
+    assert (found.verdict.kind, found.exit_code) == ("unresolved", 3)
     assert "next to nothing moves" in found.verdict.meaning
 
 
@@ -162,7 +162,7 @@ def test_a_force_that_is_not_smooth_lowers_the_order() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("slide", "ground", "block", "x", stiffness=20.0)],
-        [dc.joint_torque("rub", "slide", "-0.5*sign(u.slide)")],
+        [dc.forces.joint_torque("rub", "slide", "-0.5*sign(u.slide)")],
         gravity=[0, 0, 0],
     )
     found = dc.study(mechanism, mechanism.state({"slide": 1.0}), 2.0, halved(0.02, 4), "ode5")
@@ -174,7 +174,7 @@ def test_a_controller_held_over_the_step_makes_the_motion_first_order() -> None:
     mechanism = dc.Mechanism(
         [dc.rod("arm", 1.0, 1.0)],
         [dc.revolute("hinge", "ground", "arm")],
-        [dc.joint_torque("motor", "hinge")],
+        [dc.forces.joint_torque("motor", "hinge")],
         gravity=[0, -9.81, 0],
     )
     state = mechanism.state({"hinge": 0.5})
@@ -233,7 +233,7 @@ def test_a_simulator_of_ones_own() -> None:
 
 def test_a_simulator_that_ignores_its_step() -> None:
     found = studied(lambda step: replace(simulator(0.01)))
-    assert (found.verdict.kind, found.status) == ("unresolved", 3)
+    assert (found.verdict.kind, found.exit_code) == ("unresolved", 3)
     assert "step-ignored" in kinds(found)
 
 
@@ -304,7 +304,7 @@ def test_fewer_than_three_steps_say_what_they_can() -> None:
     assert one.verdict.kind == "consistent"
     hidden = dc.study(
         pendulum(),
-        logs=[replace(simulator(0.05), udot=None, integrals={})],
+        logs=[replace(simulator(0.05), udot=None, works={}, integrals={})],
         tolerance=1e-9,
     )
     assert hidden.verdict.kind == "unresolved"

@@ -26,7 +26,9 @@ def kinds(study: Study) -> set[str]:
 def log(run: Trajectory, udot: bool = False, step: bool = True) -> Trajectory:
     """The bare log that another program would have written."""
     source = Provenance("another program", step=run.provenance.step if step else None)
-    return replace(run, udot=run.udot if udot else None, integrals={}, forces={}, provenance=source)
+    return replace(
+        run, udot=run.udot if udot else None, works={}, integrals={}, forces={}, provenance=source
+    )
 
 
 def samples(step: float, q: Any, u: Any, udot: Any = None, **forces: Any) -> Trajectory:
@@ -114,7 +116,7 @@ def test_dry_friction(solver: str) -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("x", "ground", "block", "x", stiffness=20.0)],
-        [dc.joint_torque("rub", "x", "-0.5*sign(u.x)")],
+        [dc.forces.joint_torque("rub", "x", "-0.5*sign(u.x)")],
         gravity=[0, 0, 0],
     )
     state = mechanism.state({"x": 1.0})
@@ -191,7 +193,7 @@ def test_a_controller_with_a_period_of_its_own(every_row: bool) -> None:
     mechanism = dc.Mechanism(
         [dc.rod("arm", 1.0, 1.0)],
         [dc.revolute("x", "ground", "arm")],
-        [dc.joint_torque("motor", "x")],
+        [dc.forces.joint_torque("motor", "x")],
         gravity=[0, -9.81, 0],
     )
     found = dc.study(mechanism, simulator=lambda h: sampled_control(h, every_row), steps=STEPS)
@@ -259,7 +261,7 @@ def test_a_wrong_parameter(parameter: str, udot: bool) -> None:
     other = mechanism.with_parameters(**{parameter: 1.05 * mechanism.parameters[parameter]})
     found = of_logs(other, [log(run, udot) for run in runs])
     assert found.verdict.kind == "equation-error", found.verdict.explain()
-    assert found.status == 1
+    assert found.exit_code == 1
     assert found.verdict.confidence == ("high" if udot else "medium")
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
-from deltac.mechanism import Joint, Mechanism
+from deltac.mechanism.joints import Joint
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples
 
 Array = NDArray[Any]

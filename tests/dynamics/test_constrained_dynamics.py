@@ -1,7 +1,7 @@
 """Multipliers by two routes, and the energy theorem on random constrained mechanisms.
 
 One route eliminates by LDLᵀ (`deltac.dynamics.kkt`); the other reduces the generalized speeds by an
-orthogonal complement from singular values (`deltac.dynamics.textbook_constrained`).
+orthogonal complement from singular values (`deltac.dynamics.textbook.constrained`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, Terms, forward, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from tests.support.rate_forms import ROUNDING, scale_of
-from tests.systems.constrained_mechanisms import EXAMPLES, Tied, playing, tied
+from tests.systems.constrained_mechanisms import EXAMPLES, Tied, condition, playing, tied
 from tests.systems.random_mechanisms import MAKERS, Options, assert_close, largest, scalar
 
 NAMES = applicable(constrained=True)
@@ -31,16 +31,6 @@ AT_REST = replace(TREES, prescribed=False)
 
 # An example takes some tenths of a second, so half as many as elsewhere.
 fewer = settings(max_examples=settings().max_examples // 2)
-
-
-def condition(tied: Tied) -> float:
-    """How much the constrained system magnifies rounding: that of G M⁻¹ Gᵀ, and of M."""
-    ties = tied.ties
-    M = tied.book.mass_matrix
-    G = ties.G[list(tied.independent)]
-    S = G @ np.linalg.solve(M, G.T)
-    d = 1 / np.sqrt(np.diag(S))
-    return float(np.linalg.cond(M) * np.linalg.cond(d[:, None] * S * d))
 
 
 def rate_forms(system: Any, k: Terms) -> list[SX]:

@@ -10,8 +10,8 @@ import pytest
 import deltac as dc
 from deltac.dynamics.constraints import _POSITIONS, constraint_rows
 from deltac.dynamics.system import trace
-from deltac.dynamics.textbook_constraints import KINDS
-from deltac.dynamics.textbook_kinematics import along
+from deltac.dynamics.textbook.constraints import KINDS
+from deltac.dynamics.textbook.kinematics import along
 from tests.systems.constrained_mechanisms import EXAMPLES, Tied, four_bar, playground, playing
 from tests.systems.random_mechanisms import Sample, assert_close, random_state
 
@@ -136,7 +136,9 @@ def test_planar_loops_lose_the_rows_out_of_their_plane(axis: str) -> None:
 def test_rows_that_vanish_but_do_not_hold_are_kept() -> None:
     """A point held out of the plane of its motion: no speed can help, so the row must stay to say so."""
     planar = four_bar("z")
-    lifted = dc.loop_spherical("closure", "ground", "bar2", point1=[1, 0, 0.1], point2=[1, 0, 0])
+    lifted = dc.constraints.loop_spherical(
+        "closure", "ground", "bar2", point1=[1, 0, 0.1], point2=[1, 0, 0]
+    )
     rows = constraint_rows(trace(replace(planar, constraints=[lifted])))
     assert len(rows) == 3
 
@@ -148,9 +150,9 @@ def test_rolling_disc_by_hand() -> None:
     """A disc upright on z = 0: φ = z − r, ψ = ẋ − rω at heading x, ẏ = 0."""
     r = 0.4
     mechanism = dc.Mechanism(
-        [dc.disc("disc", 1.0, r, "y")],
+        [dc.bodies.disc("disc", 1.0, r, "y")],
         [dc.free("base", "disc")],
-        constraints=[dc.rolling("ground", "disc", r)],
+        constraints=[dc.constraints.rolling("ground", "disc", r)],
     )
     u = np.array([0.7, 0.2, 0.1, 0.3, 1.9, -0.5])
     q = np.array([0.3, -0.2, 0.45, 1.0, 0, 0, 0])

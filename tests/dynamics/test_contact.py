@@ -16,23 +16,18 @@ from deltac.dynamics.contact import normal_force
 from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import channel_powers
-from deltac.mechanism import (
-    Mechanism,
-    body,
-    box,
-    contact,
-    free,
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import body, box, point_mass, sphere
+from deltac.mechanism.contact import Contact, contact
+from deltac.mechanism.friction import (
+    JointFriction,
+    PointFriction,
     friction_law,
     joint_friction,
     point_friction,
-    point_mass,
-    prismatic,
-    shapes,
-    sphere,
-    spherical,
 )
-from deltac.mechanism.contact import Contact
-from deltac.mechanism.friction import JointFriction, PointFriction
+from deltac.mechanism.joints import free, prismatic, spherical
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.random_forces import ELEMENTS, random_contact, random_force
 from tests.systems.random_geometry import random_rotation
 from tests.systems.random_mechanisms import Options, Sample, assert_close, samples

@@ -14,15 +14,10 @@ from deltac.dynamics.forces import _ELEMENTS, Channel, channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import channel_powers
-from deltac.mechanism import (
-    Mechanism,
-    body,
-    joint_spring,
-    point_mass,
-    prismatic,
-    spherical,
-    spring_damper,
-)
+from deltac.mechanism.bodies import body, point_mass
+from deltac.mechanism.forces import joint_spring, spring_damper
+from deltac.mechanism.joints import prismatic, spherical
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.random_forces import ELEMENTS, random_force
 from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
 

@@ -11,7 +11,7 @@ from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import Inertia, Transform, Turn
 from deltac.dynamics.system import trace
-from deltac.dynamics.textbook import Textbook
+from deltac.dynamics.textbook.tree import Textbook
 from tests.systems.random_geometry import random_rotation
 from tests.systems.random_mechanisms import random_state
 
@@ -96,8 +96,8 @@ def oblique() -> dc.Mechanism:
         [
             dc.revolute("j1", "ground", "a", (1, 2, 3), position=(0.1, 0, 0)),
             dc.revolute("j2", "a", "b", (1, 2, 3), position=(0, 0.4, 0)),
-            dc.cylindrical("j3", "b", "c", (-1, 1, 0), position=(0.3, 0, 0.1)),
-            dc.screw("j4", "b", "d", (0, 1, 0), pitch=0.2, position=(0, 0, 0.5)),
+            dc.joints.cylindrical("j3", "b", "c", (-1, 1, 0), position=(0.3, 0, 0.1)),
+            dc.joints.screw("j4", "b", "d", (0, 1, 0), pitch=0.2, position=(0, 0, 0.5)),
             dc.prismatic("j5", "d", "e", (2, 0, -1), position=(0.2, 0.1, 0)),
         ],
         gravity=(0, 0, -9.81),

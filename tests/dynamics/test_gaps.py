@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from deltac import InputError, Mechanism, box, free, shapes
+from deltac import InputError, Mechanism, free, shapes
+from deltac.bodies import box
 from deltac.dynamics.gaps import _PAIRS, all_velocities, gaps
 from deltac.dynamics.system import trace
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere

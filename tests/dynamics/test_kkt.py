@@ -15,7 +15,7 @@ import deltac as dc
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.kkt import DEPENDENT, factorise, schur
-from deltac.mechanism import Mechanism
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.constrained_mechanisms import Tied, four_bar, parallelogram
 from tests.systems.random_mechanisms import Sample, assert_close
 
@@ -179,11 +179,11 @@ def test_repeated_and_implied_constraints_are_redundant(seed: int, copies: int) 
     """Copies of gears between three axes, and the gear that follows from two of them."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.5, 2, 2)
-    gears = [dc.gear("first", "x", "y", a), dc.gear("second", "y", "z", b)]
-    gears += [dc.gear(f"copy{k}", "x", "z", a * b) for k in range(copies)]
+    gears = [dc.constraints.gear("first", "x", "y", a), dc.constraints.gear("second", "y", "z", b)]
+    gears += [dc.constraints.gear(f"copy{k}", "x", "z", a * b) for k in range(copies)]
     order = rng.permutation(len(gears))
     mechanism = Mechanism(
-        [dc.sphere(n, float(rng.uniform(1, 2)), 0.1) for n in "xyz"],
+        [dc.bodies.sphere(n, float(rng.uniform(1, 2)), 0.1) for n in "xyz"],
         [dc.revolute(n, "ground", n) for n in "xyz"],
         constraints=[gears[k] for k in order],
     )
@@ -197,9 +197,12 @@ def test_repeated_and_implied_constraints_are_redundant(seed: int, copies: int) 
 def test_redundant_rows_in_words() -> None:
     rows, found = study(
         Mechanism(
-            [dc.sphere(n, 1.0, 0.1) for n in "xy"],
+            [dc.bodies.sphere(n, 1.0, 0.1) for n in "xy"],
             [dc.revolute(n, "ground", n) for n in "xy"],
-            constraints=[dc.gear("mesh", "x", "y", 2.0), dc.gear("again", "x", "y", 2.0)],
+            constraints=[
+                dc.constraints.gear("mesh", "x", "y", 2.0),
+                dc.constraints.gear("again", "x", "y", 2.0),
+            ],
         ),
         [0.2, 0.1],
     )
@@ -211,9 +214,11 @@ def test_a_row_at_rounding_level_asks_for_nothing() -> None:
     """A point of a body on the axis of its own hinge cannot move, however the axis is turned."""
     axis = np.array([0.3, -0.7, 0.2]) / np.linalg.norm([0.3, -0.7, 0.2])
     mechanism = Mechanism(
-        [dc.sphere("wheel", 1.0, 0.1)],
+        [dc.bodies.sphere("wheel", 1.0, 0.1)],
         [dc.revolute("hinge", "ground", "wheel", tuple(axis))],
-        constraints=[dc.skate("edge", "wheel", point=0.4 * axis, lateral=[1, 0.4, 0.9])],
+        constraints=[
+            dc.constraints.skate("edge", "wheel", point=0.4 * axis, lateral=[1, 0.4, 0.9])
+        ],
     )
     _, found = study(mechanism, [0.3])
     assert found.independent == () and found.freedom == 1

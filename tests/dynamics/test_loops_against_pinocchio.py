@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 import deltac as dc
 from deltac.dynamics.forces import channels
 from deltac.dynamics.terms import forward
-from deltac.mechanism import Mechanism, State
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 from tests.systems.constrained_mechanisms import Tied
 from tests.systems.linkages import linkage
 from tests.systems.random_mechanisms import Sample, assert_close
@@ -39,7 +40,7 @@ def spatial_loop() -> tuple[Mechanism, State]:
         )
         for k in range(6)
     ]
-    closure = dc.loop_spherical(
+    closure = dc.constraints.loop_spherical(
         "closure", "ground", "b5", point1=[0.6, 0.2, 0.4], point2=[0.3, -0.2, 0.1]
     )
     mechanism = Mechanism(bodies, joints, constraints=[closure], gravity=[0.5, 0, -9.81])

@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_kinematics import along, skew, tree
+from deltac.dynamics.textbook.kinematics import along, skew, tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, joint_torque, revolute, rod
+from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import holonomic
+from deltac.mechanism.forces import joint_torque
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import ZERO
 from tests.systems.random_mechanisms import Sample, assert_close, largest, samples
 

@@ -12,14 +12,14 @@ from tests.systems.machines import pendulum
 def slider() -> dc.Mechanism:
     """Two masses on a line with springs, dampers and a force: M is constant, and so are partial speeds."""
     return dc.Mechanism(
-        [dc.box("one", 1.0, [1, 1, 1]), dc.box("two", 2.0, [1, 1, 1])],
+        [dc.bodies.box("one", 1.0, [1, 1, 1]), dc.bodies.box("two", 2.0, [1, 1, 1])],
         [
             dc.prismatic("first", "ground", "one", "z", stiffness=30.0, damping=0.2),
             dc.prismatic("second", "one", "two", "z", stiffness="20 + 5*sin(t)", rest=0.1),
         ],
         [
-            dc.joint_torque("push", "first", "cos(3*t)"),
-            dc.joint_damper("slow", "second", "u.second**2"),
+            dc.forces.joint_torque("push", "first", "cos(3*t)"),
+            dc.forces.joint_damper("slow", "second", "u.second**2"),
         ],
         gravity=[0, 0, -9.81],
     )

@@ -65,7 +65,7 @@ def test_gravity_gives_its_impulse() -> None:
 def test_the_heavy_top_keeps_its_momentum_about_the_vertical() -> None:
     mechanism = dc.Mechanism(
         [dc.body("top", 1.0, [0.1, 0.1, 0.02], [0, 0, 0.5])],
-        [dc.spherical("tip", "ground", "top")],
+        [dc.joints.spherical("tip", "ground", "top")],
         gravity=[0, 0, -9.81],
     )
     tilt = [np.cos(0.3), np.sin(0.3), 0, 0]
@@ -87,7 +87,7 @@ def test_a_planar_chain_in_space() -> None:
     mechanism = dc.Mechanism(
         [dc.rod("a", 1.0, 1.0), dc.rod("b", 2.0, 0.7)],
         [
-            dc.planar("base", "ground", "a"),
+            dc.joints.planar("base", "ground", "a"),
             dc.revolute("elbow", "a", "b", "z", position=[1, 0, 0], stiffness=3.0, damping=0.1),
         ],
     )
@@ -110,9 +110,9 @@ def test_a_planar_chain_in_space() -> None:
 
 def test_a_force_on_part_of_a_chain_gives_its_impulse_to_the_whole() -> None:
     mechanism = dc.Mechanism(
-        [dc.box("a", 1.0, [1, 1, 1]), dc.box("b", 2.0, [1, 1, 1])],
+        [dc.bodies.box("a", 1.0, [1, 1, 1]), dc.bodies.box("b", 2.0, [1, 1, 1])],
         [dc.free("base", "a"), dc.revolute("elbow", "a", "b", "y", position=[1, 0, 0])],
-        [dc.point_force("jet", "b", [0.3, "sin(t)", 0], [0.2, 0.1, 0])],
+        [dc.forces.point_force("jet", "b", [0.3, "sin(t)", 0], [0.2, 0.1, 0])],
     )
     run = dc.simulate(mechanism, mechanism.state(), 2.0, 0.005, "ode8")
     ledger = dc.balance(mechanism, run, "samples", ("wang",))
@@ -126,7 +126,7 @@ def test_a_force_on_part_of_a_chain_gives_its_impulse_to_the_whole() -> None:
 
 def test_a_hinge_on_the_ground_has_its_axis() -> None:
     mechanism = dc.Mechanism(
-        [dc.box("door", 3.0, [1, 0.1, 2], [0.5, 0, 0])],
+        [dc.bodies.box("door", 3.0, [1, 0.1, 2], [0.5, 0, 0])],
         [dc.revolute("hinge", "ground", "door", "z", damping=0.4)],
     )
     run = dc.simulate(mechanism, mechanism.state(speeds={"hinge": 2.0}), 1.0, 0.01, "ode8")

@@ -13,7 +13,7 @@ from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.system import trace
 from deltac.importers import ImportReport, read_mechanism
 from deltac.importers.names import coordinate_names, speed_names
-from deltac.mechanism import GROUND
+from deltac.mechanism.scope import GROUND
 from deltac.simulation.simulate import simulate
 from tests.support.mujoco_comparison import differences, random_states
 

@@ -189,8 +189,8 @@ def test_symbolic_equations_of_a_pendulum_are_the_textbook_ones() -> None:
 def test_symbolic_equations_have_the_values_of_the_mechanism(simplify: bool) -> None:
     mechanism = double_pendulum(
         forces=[
-            dc.joint_torque("motor", "elbow"),
-            dc.spring_damper(
+            dc.forces.joint_torque("motor", "elbow"),
+            dc.forces.spring_damper(
                 "cord", "ground", "lower", point1=(1, 0, 0), stiffness=3.0, length=0.4
             ),
         ]
@@ -213,12 +213,12 @@ def test_symbolic_equations_have_the_values_of_the_mechanism(simplify: bool) -> 
 def test_symbolic_equations_with_a_constraint() -> None:
     """A particle on the unit circle: G = (x, y)/|…| up to a factor, γ its centripetal part."""
     mechanism = dc.Mechanism(
-        [dc.frame("carriage"), dc.point_mass("bead", 2.0)],
+        [dc.bodies.frame("carriage"), dc.point_mass("bead", 2.0)],
         [
             dc.prismatic("x", "ground", "carriage", "x"),
             dc.prismatic("y", "carriage", "bead", "y"),
         ],
-        constraints=[dc.holonomic("circle", "q.x**2 + q.y**2 - 1")],
+        constraints=[dc.constraints.holonomic("circle", "q.x**2 + q.y**2 - 1")],
     )
     equations = symbolic_equations(mechanism)
     x, y, u, v = (symbol_of(name) for name in ("q.x", "q.y", "u.x", "u.y"))
@@ -228,7 +228,7 @@ def test_symbolic_equations_with_a_constraint() -> None:
 
 
 def test_symbolic_equations_of_a_large_mechanism_are_refused() -> None:
-    bodies = [dc.sphere(f"b{k}", 1.0, 0.1) for k in range(9)]
+    bodies = [dc.bodies.sphere(f"b{k}", 1.0, 0.1) for k in range(9)]
     joints = [dc.revolute(f"j{k}", f"b{k - 1}" if k else "ground", f"b{k}") for k in range(9)]
     with pytest.raises(InputError, match="9 free speeds"):
         symbolic_equations(dc.Mechanism(bodies, joints))
@@ -236,7 +236,9 @@ def test_symbolic_equations_of_a_large_mechanism_are_refused() -> None:
 
 def test_symbolic_quaternions_have_speeds_of_their_own() -> None:
     equations = symbolic_equations(
-        dc.Mechanism([dc.body("top", 1.0, [1, 2, 2.5])], [dc.spherical("ball", "ground", "top")])
+        dc.Mechanism(
+            [dc.body("top", 1.0, [1, 2, 2.5])], [dc.joints.spherical("ball", "ground", "top")]
+        )
     )
     w = [symbol_of(f"u.ball.w{c}") for c in "xyz"]
     # Euler's equations: I ω̇ + ω × I ω = 0.

@@ -16,7 +16,7 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward, terms
 from deltac.kernels import Kernel
-from deltac.simulation.feasibility import constraint_start
+from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from tests.systems.random_mechanisms import Sample, samples

@@ -5,18 +5,27 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from deltac.errors import InputError
-from deltac.kernels import cache_info, clear_cache, compiled
+from deltac.files import appearing
+from deltac.kernels import CacheWarning, cache, cache_info, clear_cache, compiled, verify_cache
 from deltac.kernels.cache import LIMIT
 
 needs_heyoka = pytest.mark.heyoka
+
+
+@pytest.fixture(autouse=True)
+def warned_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_warned", [])
+
 
 # sin(sin(… sin(0.5))), 30 times: known without any evaluator.
 RUN = """
@@ -93,23 +102,143 @@ def flip_a_bit_of_code(file: Path) -> None:
     file.write_bytes(data)
 
 
-def seal_something_else(file: Path) -> None:
-    """A right digest of what cannot be unpickled, as another version may have written it."""
-    code = b"no pickle"
+def digest_without_a_key(file: Path) -> None:
+    """As anybody could seal it."""
+    content = b"json\n[0]"
+    file.write_bytes(hashlib.blake2b(content, digest_size=32).digest() + content)
+
+
+def pickle_that_runs(file: Path) -> None:
+    code = pickle.dumps(Planted())
     file.write_bytes(hashlib.blake2b(code, digest_size=32).digest() + code)
 
 
+class Planted:
+    def __reduce__(self) -> Any:
+        return pytest.fail, ("what was planted was run",)
+
+
+def seal_something_else(file: Path) -> None:
+    """A right seal of what cannot be read, as another version may have written it."""
+    secret = cache._secret()
+    assert secret is not None
+    file.write_bytes(cache._seal(file.name, b"pickle\n", secret) + b"pickle\n")
+
+
+def open_to_others(file: Path) -> None:
+    file.chmod(0o666)
+
+
+def link_to_a_copy(file: Path) -> None:
+    copy = file.parent.parent / "copy"
+    file.rename(copy)
+    file.symlink_to(copy)
+
+
 @pytest.mark.parametrize(
-    "damage", [empty, garble, truncate, flip_a_bit_of_code, seal_something_else]
+    "damage",
+    [
+        empty,
+        garble,
+        truncate,
+        flip_a_bit_of_code,
+        digest_without_a_key,
+        pickle_that_runs,
+        seal_something_else,
+        open_to_others,
+        link_to_a_copy,
+    ],
 )
-def test_a_damaged_file_is_made_anew(tmp_path: Path, damage: Callable[[Path], None]) -> None:
-    compiled("anything", lambda: list(range(100)), tmp_path)
-    (file,) = tmp_path.iterdir()
+def test_a_damaged_file_is_made_anew(
+    tmp_path: Path, damage: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "cache"
+    compiled("anything", lambda: list(range(100)), folder)
+    (file,) = folder.iterdir()
     whole = file.read_bytes()
     damage(file)
-    assert compiled("anything", lambda: list(range(100)), tmp_path) == list(range(100))
-    assert file.read_bytes() == whole
-    assert list(tmp_path.iterdir()) == [file]
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(folder))
+    if damage is not seal_something_else:  # whose seal is right
+        assert list(verify_cache()) == [str(file)]
+    with pytest.warns(CacheWarning) as caught:
+        assert compiled("anything", lambda: list(range(100)), folder) == list(range(100))
+    assert len(caught) == 1 and str(file) in str(caught[0].message)
+    assert file.read_bytes() == whole and not file.is_symlink()
+    assert list(folder.iterdir()) == [file]
+    assert verify_cache() == {}
+
+
+def test_kernels_that_were_exchanged_are_made_anew(tmp_path: Path) -> None:
+    compiled("one", lambda: "the first", tmp_path)
+    (first,) = tmp_path.iterdir()
+    compiled("two", lambda: "the second", tmp_path)
+    (second,) = set(tmp_path.iterdir()) - {first}
+    contents = first.read_bytes(), second.read_bytes()
+    second.write_bytes(contents[0])
+    first.write_bytes(contents[1])
+    with pytest.warns(CacheWarning):
+        assert compiled("one", lambda: "the first", tmp_path) == "the first"
+    assert compiled("two", lambda: "the second", tmp_path) == "the second"
+    assert (first.read_bytes(), second.read_bytes()) == contents
+
+
+def test_files_of_another_key_are_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a cache that was restored from elsewhere."""
+    compiled("anything", lambda: 1, tmp_path / "cache")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    with pytest.warns(CacheWarning):
+        assert compiled("anything", lambda: 2, tmp_path / "cache") == 2
+    (key,) = (tmp_path / "state" / "deltac").iterdir()
+    assert key.stat().st_mode & 0o777 == 0o600 and key.stat().st_size == 32
+    assert compiled("anything", lambda: 3, tmp_path / "cache") == 2
+
+
+@pytest.mark.parametrize("spoil", [lambda key: key.chmod(0o644), lambda key: key.write_bytes(b"1")])
+def test_a_key_that_others_may_know_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil: Callable[[Path], None]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    cache._secret_in.cache_clear()
+    old = cache._secret()
+    assert old is not None and cache._secret() == old
+    key = tmp_path / "deltac" / "kernels.key"
+    spoil(key)
+    cache._secret_in.cache_clear()
+    new = cache._secret()
+    assert new is not None and new != old and len(new) == 32
+    assert key.read_bytes() == new and key.stat().st_mode & 0o777 == 0o600
+
+
+def test_without_a_place_for_a_key_nothing_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    assert compiled("anything", lambda: 1, tmp_path / "cache") == 1
+    assert compiled("anything", lambda: 2, tmp_path / "cache") == 2
+    assert not (tmp_path / "cache").exists()
+
+
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
+    compiled("anything", lambda: 1, tmp_path)
+    tmp_path.chmod(0o777)
+    with pytest.warns(CacheWarning, match="can be written by others"):
+        assert compiled("anything", lambda: 2, tmp_path) == 2
+    tmp_path.chmod(0o700)
+    assert compiled("anything", lambda: 3, tmp_path) == 1
+
+
+def test_a_new_folder_is_closed_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        compiled("anything", lambda: 1, tmp_path / "cache")
+    finally:
+        os.umask(before)
+    (file,) = (tmp_path / "cache").iterdir()
+    assert (tmp_path / "cache").stat().st_mode & 0o777 == 0o700
+    assert file.stat().st_mode & 0o777 == 0o600
 
 
 @needs_heyoka
@@ -117,6 +246,8 @@ def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
     run(tmp_path)
     (file,) = tmp_path.iterdir()
     flip_a_bit_of_code(file)
+    said = run(tmp_path)
+    assert len(said.splitlines()) == 1 and "CacheWarning" in said
     assert run(tmp_path) == ""
     assert list(tmp_path.iterdir()) == [file]
 
@@ -150,13 +281,13 @@ def test_what_was_used_longest_ago_goes_first(
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
-    old, new = tmp_path / "deltac-old.part", tmp_path / "deltac-new.part"
-    for file in (old, new):
-        file.write_bytes(b"unfinished")
-    os.utime(old, (1e9, 1e9))
-    compiled("anything", lambda: 1, tmp_path)
-    assert not old.exists()
-    assert new.exists()  # another process may be writing it
+    old = tmp_path / ".deltac-0123456789ab.tmp"
+    old.write_bytes(b"unfinished")
+    with appearing(tmp_path / "new") as file:  # somebody is writing it
+        compiled("anything", lambda: 1, tmp_path)
+        assert not old.exists()
+        assert Path(file.name).exists()
+    assert (tmp_path / "new").exists()
 
 
 @needs_heyoka
@@ -230,7 +361,8 @@ def test_unknown_setting_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_code_of_another_user_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled("anything", lambda: 1, tmp_path)
     monkeypatch.setattr(os, "getuid", lambda: -7)
-    assert compiled("anything", lambda: 2, tmp_path) == 2
+    with pytest.warns(CacheWarning, match="another user"):
+        assert compiled("anything", lambda: 2, tmp_path) == 2
 
 
 def test_other_files_in_the_folder_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

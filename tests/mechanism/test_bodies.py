@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from deltac.errors import InputError
-from deltac.mechanism import Body, body, box, disc, frame, point_mass, rod, sphere
+from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, rod, sphere
 
 Array = NDArray[np.float64]
 EXACT = 1e-13  # a few products and sums

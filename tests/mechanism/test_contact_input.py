@@ -6,24 +6,17 @@ from typing import Any
 
 import pytest
 
-from deltac import (
-    InputError,
-    Mechanism,
+from deltac import InputError, Mechanism, free, point_mass, prismatic, revolute, shapes
+from deltac.bodies import sphere
+from deltac.forces import (
     contact,
-    fixed,
-    free,
     friction_law,
     joint_damper,
     joint_friction,
     point_friction,
-    point_mass,
-    prismatic,
-    revolute,
-    shapes,
-    sphere,
-    spherical,
     spring_damper,
 )
+from deltac.joints import fixed, spherical
 
 BALL, FLOOR = shapes.sphere("ball", 0.1), shapes.half_space()
 

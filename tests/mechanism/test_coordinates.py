@@ -7,7 +7,10 @@ from typing import Any
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism, box, revolute, spherical
+from deltac.mechanism.bodies import box
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.joints import revolute, spherical
+from deltac.mechanism.mechanism import Mechanism
 
 A, B = box("upper", 1, [1, 1, 1]), box("lower", 1, [1, 1, 1])
 CHAIN = Mechanism(

@@ -13,65 +13,75 @@ from deltac import shapes
 
 def mechanism(*events: Any, **parameters: float) -> dc.Mechanism:
     return dc.Mechanism(
-        bodies=[dc.sphere("ball", 1.0, 0.1), dc.sphere("other", 1.0, 0.1)],
-        joints=[dc.free("base", "ball"), dc.planar("plane", "ground", "other")],
+        bodies=[dc.bodies.sphere("ball", 1.0, 0.1), dc.bodies.sphere("other", 1.0, 0.1)],
+        joints=[dc.free("base", "ball"), dc.joints.planar("plane", "ground", "other")],
         events=events,
         parameters=parameters,
     )
 
 
 def test_events_belong_to_the_description() -> None:
-    stop = dc.joint_stop("wall", "plane.x", lower="low", upper="0.5 + 0.1*sin(t)", restitution="e")
-    made = mechanism(stop, dc.event("start", "t - low"), low=-1.0, e=0.5)
+    stop = dc.events.joint_stop(
+        "wall", "plane.x", lower="low", upper="0.5 + 0.1*sin(t)", restitution="e"
+    )
+    made = mechanism(stop, dc.events.event("start", "t - low"), low=-1.0, e=0.5)
     assert [event.name for event in made.events] == ["wall", "start"]
     assert made.hash != mechanism(low=-1.0, e=0.5).hash
     assert made.hash != made.with_parameters(e=0.6).hash
 
 
 def test_an_impact_and_an_event_may_share_a_name() -> None:
-    hit = dc.impact("floor", shapes.sphere("ball", 0.1), shapes.half_space())
-    assert len(mechanism(hit, dc.event("floor", "q.base.z")).events) == 2
+    hit = dc.events.impact("floor", shapes.sphere("ball", 0.1), shapes.half_space())
+    assert len(mechanism(hit, dc.events.event("floor", "q.base.z")).events) == 2
 
 
 REFUSED: list[tuple[Callable[[], Any], str]] = [
-    (lambda: dc.joint_stop("s", "plane.x"), "joint stop 's' has no limit; give lower=, upper="),
-    (lambda: dc.joint_stop("s", "plane.x", lower=1, upper=1), "lower is 1, upper 1"),
     (
-        lambda: dc.joint_stop("s", "plane.x", upper=1, restitution=-0.1),
+        lambda: dc.events.joint_stop("s", "plane.x"),
+        "joint stop 's' has no limit; give lower=, upper=",
+    ),
+    (lambda: dc.events.joint_stop("s", "plane.x", lower=1, upper=1), "lower is 1, upper 1"),
+    (
+        lambda: dc.events.joint_stop("s", "plane.x", upper=1, restitution=-0.1),
         "is -0.1; expected a number",
     ),
-    (lambda: dc.joint_stop("s", "plane.x", upper=1, restitution=1.01), "makes energy"),
-    (lambda: dc.joint_stop(" s", "plane.x", upper=1), "a name without surrounding blanks"),
+    (lambda: dc.events.joint_stop("s", "plane.x", upper=1, restitution=1.01), "makes energy"),
+    (lambda: dc.events.joint_stop(" s", "plane.x", upper=1), "a name without surrounding blanks"),
     (
-        lambda: mechanism(dc.joint_stop("s", "plane", upper=1)),
+        lambda: mechanism(dc.events.joint_stop("s", "plane", upper=1)),
         "has the coordinates 'plane.x', 'plane",
     ),
-    (lambda: mechanism(dc.joint_stop("s", "plan.x", upper=1)), "did you mean 'plane.x'"),
-    (lambda: mechanism(dc.joint_stop("s", "base.x", upper=1)), "which has a quaternion"),
-    (lambda: mechanism(dc.joint_stop("s", "plane.x", upper="q.plane.y")), "unknown symbol"),
+    (lambda: mechanism(dc.events.joint_stop("s", "plan.x", upper=1)), "did you mean 'plane.x'"),
+    (lambda: mechanism(dc.events.joint_stop("s", "base.x", upper=1)), "which has a quaternion"),
+    (lambda: mechanism(dc.events.joint_stop("s", "plane.x", upper="q.plane.y")), "unknown symbol"),
     (
-        lambda: mechanism(dc.joint_stop("s", "plane.x", upper=1, restitution="e")),
+        lambda: mechanism(dc.events.joint_stop("s", "plane.x", upper=1, restitution="e")),
         "unknown symbol 'e'",
     ),
     (
-        lambda: dc.impact("i", shapes.sphere("ball", 0.1), shapes.sphere("ball", 0.2)),
+        lambda: dc.events.impact("i", shapes.sphere("ball", 0.1), shapes.sphere("ball", 0.2)),
         "both shapes belong to 'ball'",
     ),
     (
-        lambda: dc.impact("i", shapes.sphere("ball", 0.1), shapes.half_space(), friction=-0.1),
+        lambda: dc.events.impact(
+            "i", shapes.sphere("ball", 0.1), shapes.half_space(), friction=-0.1
+        ),
         "friction of impact 'i'",
     ),
     (
-        lambda: mechanism(dc.impact("i", shapes.sphere("bal", 0.1), shapes.half_space())),
+        lambda: mechanism(dc.events.impact("i", shapes.sphere("bal", 0.1), shapes.half_space())),
         "did you mean 'ball'",
     ),
-    (lambda: dc.event("e", "t", direction="up"), "expected both, rising, falling"),  # type: ignore[arg-type]
-    (lambda: dc.event("e", 3.0), "is the number 3, which never passes zero"),
-    (lambda: mechanism(dc.event("e", "q.plane.z")), "did you mean"),
-    (lambda: mechanism("bang"), r"expected what deltac.joint_stop\(...\)"),
-    (lambda: mechanism(dc.event("e", "t"), dc.event("e", "t")), "two events are called 'e'"),
+    (lambda: dc.events.event("e", "t", direction="up"), "expected both, rising, falling"),  # type: ignore[arg-type]
+    (lambda: dc.events.event("e", 3.0), "is the number 3, which never passes zero"),
+    (lambda: mechanism(dc.events.event("e", "q.plane.z")), "did you mean"),
+    (lambda: mechanism("bang"), r"expected what deltac.events.joint_stop\(...\)"),
     (
-        lambda: mechanism(*[dc.joint_stop("s", "plane.x", upper=1)] * 2),
+        lambda: mechanism(dc.events.event("e", "t"), dc.events.event("e", "t")),
+        "two events are called 'e'",
+    ),
+    (
+        lambda: mechanism(*[dc.events.joint_stop("s", "plane.x", upper=1)] * 2),
         "both use the channel 'impact s'",
     ),
 ]
@@ -88,5 +98,5 @@ def test_a_driven_joint_cannot_be_stopped() -> None:
         dc.Mechanism(
             bodies=[dc.point_mass("a", 1.0)],
             joints=[dc.prismatic("x", "ground", "a", motion="sin(t)")],
-            events=[dc.joint_stop("s", "x", upper=1.0)],
+            events=[dc.events.joint_stop("s", "x", upper=1.0)],
         )

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import (
-    Mechanism,
+from deltac.mechanism.bodies import sphere
+from deltac.mechanism.joints import (
+    KINDS,
     cylindrical,
     fixed,
     free,
     planar,
     prismatic,
     revolute,
-    rotation,
     screw,
-    sphere,
     spherical,
     universal,
 )
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.quantities import rotation_matrix
 
 NAN = float("nan")
 SIZES = {  # (coordinates, speeds), from the design's table of joints
@@ -85,14 +85,15 @@ def test_a_rotation_turns_about_its_axis(axis: Any) -> None:
 
     n = np.array(unit_vector(axis, "axis"))
     np.testing.assert_allclose(
-        rotation(axis, 0.7), Rotation.from_rotvec(0.7 * n).as_matrix(), atol=1e-15
+        rotation_matrix(axis, 0.7), Rotation.from_rotvec(0.7 * n).as_matrix(), atol=1e-15
     )
 
 
 def test_quaternions_place_a_joint_as_matrices_do() -> None:
     quaternion = [np.cos(0.35), 0.0, np.sin(0.35), 0.0]
     joint = revolute("hinge", "ground", "a", rotation=quaternion)
-    np.testing.assert_allclose(joint.rotation, rotation("y", 0.7), atol=1e-15)
+    c, s = np.cos(0.7), np.sin(0.7)
+    np.testing.assert_allclose(joint.rotation, [[c, 0, s], [0, 1, 0], [-s, 0, c]], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_quaternions_place_a_joint_as_matrices_do() -> None:
             ["motion of joint 'hip'", "gamma"],
         ),
         (
-            lambda: spherical("hip", "ground", "a", child_rotation=rotation("x", 1)),
+            lambda: spherical("hip", "ground", "a", child_rotation=rotation_matrix("x", 1)),
             ["'hip'", "child_rotation", "rotation"],
         ),
         (lambda: free("hip", "a", child_position=[0, 0, 1]), ["'hip'", "child_position"]),

@@ -9,16 +9,10 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import (
-    Mechanism,
-    box,
-    joint_damper,
-    joint_torque,
-    revolute,
-    rod,
-    spherical,
-    spring_damper,
-)
+from deltac.mechanism.bodies import box, rod
+from deltac.mechanism.forces import joint_damper, joint_torque, spring_damper
+from deltac.mechanism.joints import revolute, spherical
+from deltac.mechanism.mechanism import Mechanism
 
 
 def arm(**changes: object) -> Mechanism:
@@ -131,7 +125,7 @@ def test_digest_without_a_parameters_value() -> None:
 def test_the_digest_is_the_same_in_every_process() -> None:
     """It goes into logs: it must not depend on the hash seed of a process."""
     code = (
-        "from deltac.mechanism import *\n"
+        "from deltac import Mechanism, revolute, rod\n"
         "m = Mechanism([rod('a', 'm*(2 + cos(k)) + k', 1)], [revolute('j', 'ground', 'a',"
         " motion='sin(k*t) + m*t**2')], parameters={'m': 1, 'k': 2})\n"
         "print(m.hash)"

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, State, box, free, revolute, spherical
+from deltac.mechanism.bodies import box
+from deltac.mechanism.joints import free, revolute, spherical
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 
 BODIES = [box(name, 1, [1, 1, 1]) for name in "abc"]
 JOINTS = [

@@ -10,15 +10,10 @@ import pytest
 from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
-from deltac.mechanism import (
-    Mechanism,
-    gravity_compensation,
-    point_mass,
-    prismatic,
-    sphere,
-    spherical,
-    tendon,
-)
+from deltac.mechanism.bodies import point_mass, sphere
+from deltac.mechanism.forces import gravity_compensation, tendon
+from deltac.mechanism.joints import prismatic, spherical
+from deltac.mechanism.mechanism import Mechanism
 from tests.systems.random_mechanisms import Sample, scalar
 
 

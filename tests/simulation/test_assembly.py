@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.simulation.assembly import assemble
+from deltac.simulation.constraints.assembly import assemble
 from tests.systems.constrained_mechanisms import four_bar, parallelogram
 from tests.systems.linkages import disc, four_bars, linkage
 
@@ -108,11 +108,11 @@ def test_singular_configurations_are_told() -> None:
 def two_rods(length: float) -> dc.Mechanism:
     """A ball 1 m from the origin, and `length` from a point 3 m away: met from 2 to 4 m."""
     return dc.Mechanism(
-        [dc.sphere("ball", 1.0, 0.1)],
+        [dc.bodies.sphere("ball", 1.0, 0.1)],
         [dc.free("base", "ball")],
         constraints=[
-            dc.distance("near", "ground", "ball", 1.0),
-            dc.distance("far", "ground", "ball", length, point1=[3, 0, 0]),
+            dc.constraints.distance("near", "ground", "ball", 1.0),
+            dc.constraints.distance("far", "ground", "ball", length, point1=[3, 0, 0]),
         ],
     )
 
@@ -141,11 +141,11 @@ def test_rods_that_contradict_each_other() -> None:
 def test_contradictory_speeds() -> None:
     """Two skates that want the same point to drift differently."""
     mechanism = dc.Mechanism(
-        [dc.sphere("ball", 1.0, 0.1)],
-        [dc.planar("base", "ground", "ball")],
+        [dc.bodies.sphere("ball", 1.0, 0.1)],
+        [dc.joints.planar("base", "ground", "ball")],
         constraints=[
-            dc.skate("slow", "ball", drift=0.1),
-            dc.skate("fast", "ball", drift=0.4),
+            dc.constraints.skate("slow", "ball", drift=0.1),
+            dc.constraints.skate("fast", "ball", drift=0.4),
         ],
     )
     with pytest.raises(InputError, match="cannot be met at velocity level.*(slow|fast)") as caught:
@@ -157,9 +157,13 @@ def test_a_demand_on_what_cannot_move_is_no_wild_speed() -> None:
     """A point on the axis of its own hinge: G is rounding there, and must not be divided by."""
     axis = np.array([0.3, -0.7, 0.2]) / np.linalg.norm([0.3, -0.7, 0.2])
     mechanism = dc.Mechanism(
-        [dc.sphere("wheel", 1.0, 0.1)],
+        [dc.bodies.sphere("wheel", 1.0, 0.1)],
         [dc.revolute("hinge", "ground", "wheel", tuple(axis))],
-        constraints=[dc.skate("edge", "wheel", point=0.4 * axis, lateral=[1, 0.4, 0.9], drift=0.2)],
+        constraints=[
+            dc.constraints.skate(
+                "edge", "wheel", point=0.4 * axis, lateral=[1, 0.4, 0.9], drift=0.2
+            )
+        ],
     )
     with pytest.raises(InputError, match="'edge' is off by 0.2 "):
         assemble(mechanism, mechanism.state({"hinge": 0.3}))
@@ -179,7 +183,7 @@ def test_an_unknown_pin() -> None:
 
 
 def test_a_mechanism_without_constraints_is_left_alone() -> None:
-    mechanism = dc.Mechanism([dc.sphere("ball", 1.0, 0.1)], [dc.free("base", "ball")])
+    mechanism = dc.Mechanism([dc.bodies.sphere("ball", 1.0, 0.1)], [dc.free("base", "ball")])
     state = mechanism.state({"base.x": 0.3}, {"base.vx": 2.0})
     found = assemble(mechanism, state)
     np.testing.assert_array_equal(found.state.q, state.q)
@@ -191,12 +195,12 @@ def test_nothing_free_to_move() -> None:
 
     def driven(motion: str) -> dc.Mechanism:
         return dc.Mechanism(
-            [dc.sphere(n, 1.0, 0.1) for n in "xy"],
+            [dc.bodies.sphere(n, 1.0, 0.1) for n in "xy"],
             [
                 dc.revolute("x", "ground", "x", motion=motion),
                 dc.revolute("y", "ground", "y", motion="t"),
             ],
-            constraints=[dc.gear("mesh", "x", "y", 2.0)],
+            constraints=[dc.constraints.gear("mesh", "x", "y", 2.0)],
         )
 
     fits = driven("2*t")

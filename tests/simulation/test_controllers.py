@@ -15,14 +15,17 @@ LAW = "-2*q.hinge - 0.5*u.hinge + sin(3*t)"
 
 def machine(law: Any = None) -> dc.Mechanism:
     return dc.Mechanism(
-        [dc.box("arm", 1.0, [0.2, 0.3, 0.5], [0.1, 0, -0.4]), dc.box("tip", 0.5, [0.2, 0.1, 0.3])],
         [
-            dc.revolute("hinge", "ground", "arm", "y"),
-            dc.universal("wrist", "arm", "tip", position=[0, 0, -0.6]),
+            dc.bodies.box("arm", 1.0, [0.2, 0.3, 0.5], [0.1, 0, -0.4]),
+            dc.bodies.box("tip", 0.5, [0.2, 0.1, 0.3]),
         ],
         [
-            dc.joint_torque("motor", "hinge", law),
-            dc.joint_torque(
+            dc.revolute("hinge", "ground", "arm", "y"),
+            dc.joints.universal("wrist", "arm", "tip", position=[0, 0, -0.6]),
+        ],
+        [
+            dc.forces.joint_torque("motor", "hinge", law),
+            dc.forces.joint_torque(
                 "fingers", "wrist", None if law is None else [0.1, "-0.2*u.wrist.second"]
             ),
         ],

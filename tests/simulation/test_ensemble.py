@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.simulation import ensemble_steps
+from deltac.simulation.ensemble import steps as ensemble_steps
 
 
 def double_pendulum(**options: object) -> dc.Mechanism:
@@ -84,7 +84,9 @@ def test_constraints_hold_in_every_member() -> None:
             dc.revolute("c", "ground", "rocker", position=(1, 0, 0)),
         ],
         constraints=[
-            dc.loop_revolute("close", "coupler", "rocker", point1=(1, 0, 0), point2=(1, 0, 0))
+            dc.constraints.loop_revolute(
+                "close", "coupler", "rocker", point1=(1, 0, 0), point2=(1, 0, 0)
+            )
         ],
         gravity=(0, -9.81, 0),
     )
@@ -101,7 +103,7 @@ def test_a_member_that_blows_up_leaves_the_others_alone() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("bead", 1.0)],
         [dc.prismatic("x", "ground", "bead")],
-        [dc.joint_torque("push", "x", "q.x**3")],
+        [dc.forces.joint_torque("push", "x", "q.x**3")],
     )
     runs = dc.simulate_ensemble(
         mechanism, (np.array([[5.0], [0.0]]), np.array([[50.0], [0.0]])), 4.0, 0.01, record_every=50

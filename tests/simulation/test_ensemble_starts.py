@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.mechanism import State
+from deltac.mechanism.state import State
 from tests.systems.machines import pendulum
 
 
@@ -23,7 +23,9 @@ def four_bar() -> dc.Mechanism:
             dc.revolute("c", "ground", "rocker", position=(1, 0, 0)),
         ],
         constraints=[
-            dc.loop_revolute("closing", "coupler", "rocker", point1=("L", 0, 0), point2=(0.8, 0, 0))
+            dc.constraints.loop_revolute(
+                "closing", "coupler", "rocker", point1=("L", 0, 0), point2=(0.8, 0, 0)
+            )
         ],
         gravity=(0, -9.81, 0),
         parameters={"L": 1.0},
@@ -121,7 +123,7 @@ def test_prescribed_joints_go_by_their_members_parameters() -> None:
 def test_quaternions_are_of_unit_length(length: float) -> None:
     """As `mechanism.state` has it."""
     mechanism = dc.Mechanism(
-        [dc.box("box", 1.0, (0.1, 0.2, 0.3))], [dc.spherical("ball", "ground", "box")]
+        [dc.bodies.box("box", 1.0, (0.1, 0.2, 0.3))], [dc.joints.spherical("ball", "ground", "box")]
     )
     Q = np.array([[0.6, 0.8, 0.0, 0.0]] * 3)
     Q[1] *= length
@@ -217,7 +219,7 @@ def test_a_motor_needs_a_law() -> None:
     motor = dc.Mechanism(
         PENDULUM.bodies,
         PENDULUM.joints,
-        [dc.joint_torque("motor", "hinge")],
+        [dc.forces.joint_torque("motor", "hinge")],
         parameters=PENDULUM.parameters,
     )
     with pytest.raises(dc.InputError, match="'motor' has no law"):

@@ -168,7 +168,7 @@ def test_generalized_speeds_with_their_own_equation() -> None:
     """A free particle, speeds along axes that turn at Ω: u̇ = −Ω J u; the path stays straight."""
     omega = 0.7
     mechanism = dc.Mechanism(
-        [dc.frame("cart"), dc.point_mass("puck", 1.3)],
+        [dc.bodies.frame("cart"), dc.point_mass("puck", 1.3)],
         [dc.prismatic("x", "ground", "cart", "x"), dc.prismatic("y", "cart", "puck", "y")],
     )
     turning = dc.CoordinateMap(
@@ -214,7 +214,9 @@ def test_a_nonlinear_map_needs_its_inverse() -> None:
 
 
 def test_quaternion_joints_need_speeds_in_a_map() -> None:
-    mechanism = dc.Mechanism([dc.box("top", 1, [1, 2, 3])], [dc.spherical("ball", "ground", "top")])
+    mechanism = dc.Mechanism(
+        [dc.bodies.box("top", 1, [1, 2, 3])], [dc.joints.spherical("ball", "ground", "top")]
+    )
     half = dc.CoordinateMap(("w", "x", "y", "z"), q={f"ball.q{c}": f"2*q.{c}" for c in "wxyz"})
     with pytest.raises(InputError, match="speeds"):
         dc.simulate(
@@ -226,7 +228,7 @@ def test_quaternion_joints_need_speeds_in_a_map() -> None:
 def test_prescribed_joints_follow_their_law_under_equations_by_hand() -> None:
     """A pendulum on a shaft that turns as it likes: θ̈ = (ω² cos θ − g/l) sin θ."""
     mechanism = dc.Mechanism(
-        [dc.frame("shaft"), dc.point_mass("bob", 1.0, [0, 0, -0.5])],
+        [dc.bodies.frame("shaft"), dc.point_mass("bob", 1.0, [0, 0, -0.5])],
         [
             dc.revolute("spin", "ground", "shaft", "z", motion="3*t + 0.5*sin(t)"),
             dc.revolute("swing", "shaft", "bob", "y"),
@@ -283,7 +285,7 @@ def test_constants_that_change_between_runs_change_the_motion(
 
 def test_a_controller_is_asked_anew_in_every_run() -> None:
     read = {"torque": 1.0}
-    mechanism = replace(pendulum(), forces=[dc.joint_torque("motor", "hinge")])
+    mechanism = replace(pendulum(), forces=[dc.forces.joint_torque("motor", "hinge")])
     controller = dc.Controller(lambda t, q, u: {"motor": read["torque"]})
     ends = []
     for torque in (1.0, -1.0, 1.0):

@@ -11,11 +11,12 @@ import pytest
 import deltac as dc
 from deltac.caching import LRUCache
 from deltac.kernels import kernel as kernels
-from deltac.simulation import fixed
-from deltac.simulation.course import Course
 from deltac.simulation.flow import build_flow
 from deltac.simulation.simulate import SimulationStopped
 from deltac.simulation.solvers import find_solver
+from deltac.simulation.stepping import explicit
+from deltac.simulation.stepping.interpreted import StageRate
+from deltac.simulation.stepping.protocol import StepGrid
 from tests.systems.machines import pendulum, robot, workshop
 
 
@@ -39,46 +40,46 @@ def test_results_do_not_depend_on_the_steps_in_a_call(
     flow = build_flow(mechanism, ("wang",))
     x0, p = flow.start(state, np.empty(0)), np.empty(0)
     tables = []
-    monkeypatch.setattr(fixed, "INSTRUCTIONS_PER_CALL", 1_000_000)
     for most in (1, 3):
-        monkeypatch.setattr(fixed, "MOST_STEPS_PER_CALL", most)
-        stepper = fixed.FixedStepper(flow, find_solver(solver))
-        assert stepper.steps_per_call == most
-        tables.append(stepper.run(Course(p, x0, 0.0, 0.01, 20)))
+        monkeypatch.setattr(explicit, "MOST_STEPS_PER_CALL", most)
+        method = explicit.FixedMethod(flow, find_solver(solver), 1_000_000)
+        assert method.steps_per_call == most
+        steps = explicit.FixedSteps(method, StageRate(flow, None, p), p, compiled=True)
+        block = steps.ahead(StepGrid(0.0, 0.01, 20, 0.2), 0, x0, 100)
+        assert block is not None
+        tables.append(block.states)
     one, three = tables
-    assert len(three.t) == 21  # 20 is no multiple of 3: the rest of the last call is dropped
-    np.testing.assert_array_equal(one.t, three.t)
-    np.testing.assert_allclose(three.x, one.x, rtol=0, atol=1e-13)
+    assert len(three) == 20  # no multiple of 3: the rest of the last call is dropped
+    np.testing.assert_allclose(three, one, rtol=0, atol=1e-13)
 
 
 def test_blocks_of_rows_leave_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism = pendulum(damping=0.1)
     start = mechanism.state({"hinge": 1.0})
     whole = dc.simulate(mechanism, start, 1.0, 0.01)
-    monkeypatch.setattr(fixed, "ROWS_PER_BLOCK", 7)
+    monkeypatch.setattr(explicit, "ROWS_PER_BLOCK", 7)
     same(dc.simulate(mechanism, start, 1.0, 0.01), whole)
     same(dc.simulate(mechanism, start, 1.0, 0.01, record_every=5), whole.every(5))
 
 
 def test_large_steps_are_unrolled_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fixed, "MOST_STEPS_PER_CALL", 8)
-    small = fixed.FixedStepper(build_flow(pendulum()), find_solver("ode1"))
-    large = fixed.FixedStepper(build_flow(robot()[0], ("wang",)), find_solver("ode5"))
+    monkeypatch.setattr(explicit, "MOST_STEPS_PER_CALL", 8)
+    small = explicit.FixedMethod(build_flow(pendulum()), find_solver("ode1"))
+    large = explicit.FixedMethod(build_flow(robot()[0], ("wang",)), find_solver("ode5"))
     assert small.steps_per_call == 8
     assert 1 <= large.steps_per_call < 8
 
 
-def test_compiled_steps_equal_steps_from_python() -> None:
+def test_compiled_steps_equal_steps_from_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same solver, once in machine code and once stage by stage."""
     mechanism, state = robot()
     compiled = dc.simulate(mechanism, state, 0.2, 0.01)
-    flow = build_flow(mechanism, ("wang", "liu-huston"))
-    x0, p = flow.start(state, np.empty(0)), np.empty(0)
-    motion = fixed.run_in_python(flow, find_solver("ode5"), None, Course(p, x0, 0.0, 0.01, 20))
-    free = mechanism.free
-    found = np.concatenate([compiled.q[:, free.q], compiled.u[:, free.u]], axis=1)
-    np.testing.assert_allclose(motion.x[:, : found.shape[1]], found, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(motion.x[:, -2], compiled.integrals["wang"], rtol=0, atol=1e-12)
+    monkeypatch.setattr(explicit, "MOST_INSTRUCTIONS", 0)
+    staged = dc.simulate(mechanism, state, 0.2, 0.01)
+    np.testing.assert_allclose(staged.q, compiled.q, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(staged.u, compiled.u, rtol=0, atol=1e-13)
+    for name, integral in compiled.integrals.items():
+        np.testing.assert_allclose(staged.integrals[name], integral, rtol=0, atol=1e-12)
 
 
 # --- recording -------------------------------------------------------------------------------------
@@ -110,7 +111,7 @@ def explosive() -> tuple[dc.Mechanism, dc.State]:
     mechanism = dc.Mechanism(
         [dc.body("rotor", 1, [1, 1, 1])],
         [dc.revolute("shaft", "ground", "rotor")],
-        [dc.joint_torque("motor", "shaft", "1 + u.shaft**3")],
+        [dc.forces.joint_torque("motor", "shaft", "1 + u.shaft**3")],
     )
     return mechanism, mechanism.state(speeds={"shaft": 1.0})
 
@@ -120,7 +121,7 @@ def explosive() -> tuple[dc.Mechanism, dc.State]:
 def test_a_run_that_breaks_down_keeps_what_it_has(
     every: int, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fixed, "ROWS_PER_BLOCK", block)
+    monkeypatch.setattr(explicit, "ROWS_PER_BLOCK", block)
     mechanism, state = explosive()
     with pytest.warns(SimulationStopped, match="not finite at t = ") as caught:
         run = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record_every=every)

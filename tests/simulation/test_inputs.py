@@ -9,7 +9,7 @@ import pytest
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.mechanism import State
+from deltac.mechanism.state import State
 from tests.systems.machines import pendulum, robot
 
 PENDULUM = pendulum()
@@ -79,7 +79,7 @@ def test_a_law_that_is_not_defined_at_the_start() -> None:
     root = dc.Mechanism(
         PENDULUM.bodies,
         PENDULUM.joints,
-        [dc.joint_torque("motor", "hinge", "sqrt(q.hinge - 1)")],
+        [dc.forces.joint_torque("motor", "hinge", "sqrt(q.hinge - 1)")],
         parameters=PENDULUM.parameters,
     )
     with pytest.raises(InputError, match="not finite at the start .* a law is not defined"):
@@ -90,7 +90,7 @@ def test_a_law_that_is_not_defined_at_the_start() -> None:
 @pytest.mark.parametrize(
     ("force", "joint", "blamed"),
     [
-        (dc.joint_torque("motor", "hinge", "sign(u.hinge)"), {}, "JointTorque 'motor'"),
+        (dc.forces.joint_torque("motor", "hinge", "sign(u.hinge)"), {}, "JointTorque 'motor'"),
         (None, {"motion": "abs(sin(t))"}, "motion of joint 'hinge'"),
         (None, {"damping": "Max(0, u.hinge)"}, "JointDamper 'hinge'"),
     ],
@@ -99,7 +99,7 @@ def test_taylor_refuses_kinks_and_says_where(
     force: Any, joint: dict[str, Any], blamed: str
 ) -> None:
     machine = dc.Mechanism(
-        [dc.box("arm", 1, [1, 1, 1]), dc.box("tip", 1, [1, 1, 1])],
+        [dc.bodies.box("arm", 1, [1, 1, 1]), dc.bodies.box("tip", 1, [1, 1, 1])],
         [dc.revolute("hinge", "ground", "arm", **joint), dc.revolute("end", "arm", "tip")],
         [force] if force is not None else [],
     )

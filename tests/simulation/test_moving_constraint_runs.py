@@ -11,8 +11,8 @@ from tests.systems.linkages import ALL, linkage
 
 def on_table(motion: str, turning: float) -> tuple[dc.Mechanism, dc.State]:
     """A ball on a table that turns (a belt velocity of the ground's plane) and rises."""
-    ball = dc.sphere("ball", 0.5, 0.1)
-    contact = dc.rolling(
+    ball = dc.bodies.sphere("ball", 0.5, 0.1)
+    contact = dc.constraints.rolling(
         "contact",
         "ball",
         tube=0.1,
@@ -69,7 +69,7 @@ def driven(how: str) -> tuple[dc.Mechanism, dc.State]:
     if how == "joint":
         joints[0] = dc.revolute("input", "ground", "crank", "z", motion=law)
     else:
-        constraints.append(dc.holonomic("held", f"q.input - ({law})"))
+        constraints.append(dc.constraints.holonomic("held", f"q.input - ({law})"))
     joints.append(dc.revolute("swing", "coupler", "bob", "z", position=[0.5, 0, 0]))
     bob = dc.point_mass("bob", 0.7, [0.3, 0, 0])
     mechanism = dc.Mechanism(

@@ -41,7 +41,7 @@ def pushed(law: str) -> dc.Mechanism:
     return dc.Mechanism(
         [dc.point_mass("block", 1.0)],
         [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("push", "x", law)],
+        [dc.forces.joint_torque("push", "x", law)],
     )
 
 
@@ -80,7 +80,7 @@ def test_a_finite_blow_up_is_no_completed_run() -> None:
 
 
 def test_a_blow_up_that_events_keep_in_bounds_is_told() -> None:
-    mechanism = spring(dc.joint_stop("stop", "x", lower=-10, upper=10, restitution=0.5))
+    mechanism = spring(dc.events.joint_stop("stop", "x", lower=-10, upper=10, restitution=0.5))
     state = mechanism.state({"x": 0.5})
     with pytest.warns(dc.StiffStep, match=r"0\.001 s \(an oscillation\).*steps below 0\.0028 s"):
         dc.simulate(mechanism, state, 0.1, 0.01, "ode4")
@@ -121,7 +121,7 @@ def test_the_ledger_shows_what_numerical_damping_takes_out() -> None:
         lost[solver] = ledger.delta_c["wang"][-1]
         energy = ledger.kinetic + ledger.potential_energy
         change = energy[-1] - energy[0] - run.integrals["wang"][-1]
-        assert lost[solver] == pytest.approx(change, abs=1e-9 * ledger.turnover)
+        assert lost[solver] == pytest.approx(change, abs=1e-9 * ledger.energy_exchanged)
     assert lost["ode1be"] < -0.3
     assert 1e-3 < abs(lost["generalized-alpha"]) < 0.1
     assert abs(lost["discrete-gradient"]) < 1e-8 * 680
@@ -135,7 +135,7 @@ def test_sundials_on_the_governor(solver: str) -> None:
         if reference.quantity.startswith(("slider", "arms", "rate")):
             assert reference.measure(run) == pytest.approx(reference.value, abs=1e-6)
     ledger = dc.balance(p.mechanism, run)
-    assert np.abs(ledger.delta_c["wang"]).max() < 1e-7 * ledger.turnover
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-7 * ledger.energy_exchanged
 
 
 @pytest.mark.parametrize("solver", SUNDIALS)
@@ -161,7 +161,7 @@ def test_sundials_with_constraints(solver: str, stabilisation: Any) -> None:
     run = dc.simulate(mechanism, state, 0.6, 0.05, solver, stabilisation=stabilisation)
     assert np.abs(run.q[-1] - end.q[-1]).max() < 1e-6
     ledger = dc.balance(mechanism, run)
-    assert np.abs(ledger.delta_c["wang"]).max() < 1e-6 * ledger.turnover
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-6 * ledger.energy_exchanged
 
 
 def test_many_unknowns_are_solved_sparse() -> None:
@@ -169,9 +169,9 @@ def test_many_unknowns_are_solved_sparse() -> None:
     n, k, h = 60, 1e5, 0.01
     bodies = [dc.point_mass(f"m{i}", 1.0) for i in range(n)]
     joints = [dc.prismatic(f"x{i}", "ground", f"m{i}", "x") for i in range(n)]
-    springs = [dc.tendon("s0", coordinates={"x0": 1.0}, stiffness=k)]
+    springs = [dc.forces.tendon("s0", coordinates={"x0": 1.0}, stiffness=k)]
     springs += [
-        dc.tendon(f"s{i}", coordinates={f"x{i}": 1.0, f"x{i - 1}": -1.0}, stiffness=k)
+        dc.forces.tendon(f"s{i}", coordinates={f"x{i}": 1.0, f"x{i - 1}": -1.0}, stiffness=k)
         for i in range(1, n)
     ]
     mechanism = dc.Mechanism(bodies, joints, springs)
@@ -193,7 +193,7 @@ def test_kinks_are_got_over() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("block", m)],
         [dc.prismatic("x", "ground", "block", "x")],
-        [dc.joint_torque("friction", "x", f"-{force}*Min(Max(u.x/{width}, -1), 1)")],
+        [dc.forces.joint_torque("friction", "x", f"-{force}*Min(Max(u.x/{width}, -1), 1)")],
     )
     run = dc.simulate(mechanism, mechanism.state(speeds={"x": 1.0}), 1.0, h, "ode1be", ())
     u = [1.0]
@@ -227,7 +227,7 @@ def test_failures_end_with_words_and_the_motion_so_far(solver: str) -> None:
 @pytest.mark.parametrize("solver", SUNDIALS)
 @pytest.mark.parametrize(
     ("law", "reason"),
-    [("exp(q.x)", "100000 internal steps"), ("-sqrt(q.x)", "the equations are not defined")],
+    [("exp(q.x)", "100000 internal steps|are not defined"), ("-sqrt(q.x)", "are not defined")],
 )
 def test_sundials_ends_in_our_words_alone(
     solver: str, law: str, reason: str, capfd: pytest.CaptureFixture[str]
@@ -235,7 +235,7 @@ def test_sundials_ends_in_our_words_alone(
     """ẍ = eˣ is infinite at 1.35 s; −√x has no value once x < 0. SUNDIALS' own text is not spilled."""
     mechanism = pushed(law)
     run, message = stopped(mechanism, mechanism.state({"x": 1.0}), 3.0, 0.01, solver)
-    assert reason in message and "SUNDIALS" not in message and "_ERR" not in message
+    assert re.search(reason, message) and "SUNDIALS" not in message and "_ERR" not in message
     assert f"stopped at t = {run.t[-1]:.9g} s" in message
     assert f"u.x = {run.u[-1, 0]:.4g}" in message and "Look at the laws there" in message
     assert capfd.readouterr().err == ""
@@ -275,7 +275,7 @@ def test_the_discrete_gradient_refuses_what_is_fed_in_time() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("m", 1.0)],
         [dc.prismatic("x", "ground", "m", "x")],
-        [dc.joint_spring("coil", "x", "3 + sin(t)")],
+        [dc.forces.joint_spring("coil", "x", "3 + sin(t)")],
     )
     message = refusal(mechanism, mechanism.state(), 1.0, 0.01, "discrete-gradient")
     assert "coil" in message and "depends on time" in message
@@ -311,7 +311,7 @@ def test_controllers_within_steps_are_refused(solver: str) -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("m", 1.0)],
         [dc.prismatic("x", "ground", "m", "x")],
-        [dc.joint_torque("push", "x", None)],
+        [dc.forces.joint_torque("push", "x", None)],
     )
     controller = dc.Controller(lambda t, q, u: {"push": 1.0}, hold=False)
     message = refusal(mechanism, mechanism.state(), 1.0, 0.01, solver, controller=controller)

@@ -22,7 +22,7 @@ def slider(law: str) -> dc.Mechanism:
     return dc.Mechanism(
         bodies=[dc.point_mass("mass", 1.0)],
         joints=[dc.prismatic("x", "ground", "mass", axis="x")],
-        forces=[dc.joint_torque("motor", "x", law)],
+        forces=[dc.forces.joint_torque("motor", "x", law)],
     )
 
 
@@ -97,8 +97,8 @@ def test_switches_and_impacts_together() -> None:
     mechanism = dc.Mechanism(
         bodies=[dc.point_mass("mass", 1.0)],
         joints=[dc.prismatic("x", "ground", "mass", axis="x")],
-        forces=[dc.joint_torque("motor", "x", "-1.0 - 0.3*sign(u.x)")],
-        events=[dc.joint_stop("wall", "x", lower=0.0, restitution=0.9)],
+        forces=[dc.forces.joint_torque("motor", "x", "-1.0 - 0.3*sign(u.x)")],
+        events=[dc.events.joint_stop("wall", "x", lower=0.0, restitution=0.9)],
     )
     start = mechanism.state({"x": 1.0}, speeds={"x": -0.1})
     run = dc.simulate(mechanism, start, 4.0, 0.05, "ode4", switches=True)

@@ -87,7 +87,7 @@ def test_controllers_and_equations_called_from_python_in_threads() -> None:
     mechanism = dc.Mechanism(
         [dc.point_mass("bob", 1.0, [1.0, 0, 0])],
         [dc.revolute("hinge", "ground", "bob", "z")],
-        [dc.joint_torque("motor", "hinge")],
+        [dc.forces.joint_torque("motor", "hinge")],
         gravity=[9.81, 0, 0],
     )
 

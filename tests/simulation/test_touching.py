@@ -18,11 +18,11 @@ def row(count: int, restitution: float, gravity: float = 0.0) -> dc.Mechanism:
     """Equal spheres on one line; neighbours collide."""
     names = "abcd"[:count]
     return dc.Mechanism(
-        [dc.sphere(name, 1.0, RADIUS) for name in names],
+        [dc.bodies.sphere(name, 1.0, RADIUS) for name in names],
         [dc.prismatic(name, "ground", name, axis="x") for name in names],
         gravity=(gravity, 0.0, 0.0),
         events=[
-            dc.impact(
+            dc.events.impact(
                 one + other,
                 shapes.sphere(one, RADIUS),
                 shapes.sphere(other, RADIUS),
@@ -88,7 +88,7 @@ def test_a_pair_pressed_together_later_is_in_lasting_contact() -> None:
     pushed = dc.Mechanism(
         pair.bodies,
         pair.joints,
-        forces=[dc.joint_torque("push", "a", "max(t - 1, 0)")],
+        forces=[dc.forces.joint_torque("push", "a", "max(t - 1, 0)")],
         events=pair.events,
     )
     with pytest.warns(dc.SimulationStopped, match="'impact ab' is in lasting contact"):

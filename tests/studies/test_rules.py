@@ -12,13 +12,14 @@ from deltac.studies.thesis.experiments import (
     Rule,
     above,
     below,
+    power_of_ten,
     rounded,
     within,
-    within_factor,
 )
 
 CASES: list[tuple[Rule, Reported, list[float], list[float]]] = [
-    (within_factor(3), 6.0, [2.0, 6.0, 18.0], [1.99, 18.01, -6.0, 0.0]),
+    (power_of_ten(), 1e-7, [3.2e-8, 1e-7, 3.1e-7], [3.1e-8, 3.2e-7, -1e-7, 0.0]),
+    (rounded(0.05), 7.7, [7.66, 7.74], [7.6, 3.83, 15.3]),
     (rounded(5e-4), 2.721, [2.721, 2.7206, 2.7214], [2.722, 2.72]),
     (above(1.0), "more than one", [1.1, math.inf], [1.0, -2.0]),
     (below(10.0), None, [9.9, 0.0], [10.0, math.inf]),
@@ -40,7 +41,6 @@ def test_a_rule_accepts_and_refuses(
 
 
 def test_words_state_the_bound() -> None:
-    assert within_factor(3).words == "within a factor 3 of the thesis's number"
     assert above(1.0, "falls with h").words == "falls with h: above 1"
     assert below(10.0).words == "below 10"
 

@@ -13,7 +13,7 @@ from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import terms
 from deltac.importers.names import body_names
-from deltac.mechanism import Mechanism
+from deltac.mechanism.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 

@@ -23,17 +23,15 @@ from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_constrained import ConstrainedTextbook
-from deltac.dynamics.textbook_kinematics import tree
+from deltac.dynamics.textbook.constrained import ConstrainedTextbook
+from deltac.dynamics.textbook.kinematics import tree
+from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
-from deltac.mechanism import (
-    GROUND,
-    Mechanism,
+from deltac.mechanism.bodies import body, rod
+from deltac.mechanism.constraints import (
+    Constraint,
     angle,
-    body,
     distance,
-    free,
     gear,
     holonomic,
     loop_prismatic,
@@ -45,22 +43,20 @@ from deltac.mechanism import (
     point_in_plane,
     point_on,
     point_on_line,
-    revolute,
-    rod,
     rolling,
-    rotation,
     skate,
-    spherical,
-    universal,
 )
-from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.joints import free, revolute, spherical, universal
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.quantities import rotation_matrix
+from deltac.mechanism.scope import GROUND
 from tests.systems.random_mechanisms import Options, Sample, random_state, samples
 
 Array = NDArray[Any]
 
 # --- one example of every kind ------------------------------------------------------------------------
 
-TURNED = rotation((0.3, -0.5, 0.8), 0.7)
+TURNED = rotation_matrix((0.3, -0.5, 0.8), 0.7)
 
 EXAMPLES: dict[str, tuple[Constraint, int]] = {
     "spherical loop": (
@@ -166,7 +162,7 @@ def four_bar(
     """
     along = {"z": "x", "x": "y", "y": "z"}[axis]
     x = np.array([float(along == e) for e in "xyz"])
-    standing = rotation((0.3, -0.5, 0.8), 0.7) if spatial else rotation("z", 0.0)
+    standing = rotation_matrix((0.3, -0.5, 0.8), 0.7) if spatial else rotation_matrix("z", 0.0)
     far = tuple(np.array(standing) @ x)
     turned = tuple(np.array(standing) @ np.array([float(axis == e) for e in "xyz"]))
     if closure is None:
@@ -236,6 +232,16 @@ class Tied:
     def __repr__(self) -> str:
         kinds = ", ".join(type(c).__name__ for c in self.sample.mechanism.constraints)
         return f"Tied({self.sample!r}; {kinds})"
+
+
+def condition(tied: Tied) -> float:
+    """How much the constrained system magnifies rounding: that of G M⁻¹ Gᵀ, and of M."""
+    ties = tied.ties
+    M = tied.book.mass_matrix
+    G = ties.G[list(tied.independent)]
+    S = G @ np.linalg.solve(M, G.T)
+    d = 1 / np.sqrt(np.diag(S))
+    return float(np.linalg.cond(M) * np.linalg.cond(d[:, None] * S * d))
 
 
 def tied(options: Options, *, moving: bool = True, most: int = 2) -> SearchStrategy[Tied]:

@@ -39,7 +39,7 @@ class EquationsCase:
 
 def bare(run: dc.Trajectory) -> dc.Trajectory:
     """A log as a foreign simulator writes it: states and accelerations, no forces."""
-    return replace(run, forces={}, integrals={})
+    return replace(run, forces={}, works={}, integrals={})
 
 
 # --- logs ---------------------------------------------------------------------------------------------
@@ -59,8 +59,8 @@ def missing_lever_arm(damping: tuple[float, float, float] = (0.4, 0.4, 0.4)) -> 
     def machine(**where: Any) -> dc.Mechanism:
         return dc.Mechanism(
             bodies=[slosh],
-            joints=[dc.spherical("ball", "ground", "slosh")],
-            forces=[dc.point_force("drag", "slosh", frame="body", **where)],
+            joints=[dc.joints.spherical("ball", "ground", "slosh")],
+            forces=[dc.forces.point_force("drag", "slosh", frame="body", **where)],
             gravity=(0, 0, -9.81),
             name="sloshing fuel",
         )
@@ -81,12 +81,12 @@ def force_without_its_potential() -> LogCase:
     """A spring with the energy ½ k r² whose force has the size k, however long it is."""
     k, m = 2.0, 0.7
     bead = dc.Mechanism(
-        bodies=[dc.frame("slider"), dc.point_mass("bead", m)],
+        bodies=[dc.bodies.frame("slider"), dc.point_mass("bead", m)],
         joints=[
             dc.prismatic("x", "ground", "slider", axis="x"),
             dc.prismatic("y", "slider", "bead", axis="y"),
         ],
-        forces=[dc.spring_damper("tether", "ground", "bead", stiffness=k)],
+        forces=[dc.forces.spring_damper("tether", "ground", "bead", stiffness=k)],
         name="tethered bead",
     )
 

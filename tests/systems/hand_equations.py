@@ -73,7 +73,7 @@ def lagrange_top() -> Case:
     m, length, A, C = 2.0, 0.5, 0.7, 0.11  # A, C about the fixed point
     mechanism = dc.Mechanism(
         bodies=[dc.body("top", m, (A - m * length**2,) * 2 + (C,), (0, 0, length))],
-        joints=[dc.spherical("tip", "ground", "top")],
+        joints=[dc.joints.spherical("tip", "ground", "top")],
         gravity=(0, 0, -G),
     )
     c, s = "cos(q.theta/2)", "sin(q.theta/2)"
@@ -143,8 +143,8 @@ def chaplygin_sleigh() -> Case:
     m, inertia, a = (p.mechanism.parameters[k] for k in ("m", "I", "a"))
     quasi = dc.CoordinateMap(
         speeds=("v", "w"),
-        u={"ice.x": dc.u("v") * _cos("ice.angle"), "ice.y": dc.u("v") * _sin("ice.angle"),
-           "ice.angle": dc.u("w")},
+        u={"ice.x": dc.laws.u("v") * _cos("ice.angle"), "ice.y": dc.laws.u("v") * _sin("ice.angle"),
+           "ice.angle": dc.laws.u("w")},
     )  # fmt: skip
 
     def rhs(t: Any, q: Any, u: Any) -> Any:
@@ -170,13 +170,13 @@ def sleigh_in_joint_coordinates() -> Case:
 def _cos(name: str) -> Any:
     import sympy
 
-    return sympy.cos(dc.q(name))
+    return sympy.cos(dc.laws.q(name))
 
 
 def _sin(name: str) -> Any:
     import sympy
 
-    return sympy.sin(dc.q(name))
+    return sympy.sin(dc.laws.q(name))
 
 
 CASES: dict[str, Callable[[], Case]] = {

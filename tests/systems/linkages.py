@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 import deltac as dc
-from deltac.mechanism import Mechanism, State
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 
 ALL = ("wang", "liu-huston", "kane-levinson-1990")
 """The testing functions that hold on constrained mechanisms."""
@@ -32,7 +33,9 @@ def linkage(**options: Any) -> tuple[Mechanism, State]:
             dc.revolute("output", "ground", "rocker", "z", position=[1.0, 0, 0]),
         ],
         constraints=[
-            dc.loop_revolute("closure", "coupler", "rocker", point1=[1.0, 0, 0], point2=[0.9, 0, 0])
+            dc.constraints.loop_revolute(
+                "closure", "coupler", "rocker", point1=[1.0, 0, 0], point2=[0.9, 0, 0]
+            )
         ],
         gravity=[0, -9.81, 0],
         name="crank-rocker",
@@ -44,9 +47,9 @@ def linkage(**options: Any) -> tuple[Mechanism, State]:
 
 def disc(**options: Any) -> tuple[Mechanism, State]:
     """A disc that wobbles as it rolls: three speeds left of six, no steady circle."""
-    constraints = options.pop("constraints", [dc.rolling("contact", "disc", 0.3)])
+    constraints = options.pop("constraints", [dc.constraints.rolling("contact", "disc", 0.3)])
     mechanism = Mechanism(
-        [dc.disc("disc", 1.2, 0.3, "y", 0.04)],
+        [dc.bodies.disc("disc", 1.2, 0.3, "y", 0.04)],
         [dc.free("base", "disc")],
         constraints=constraints,
         gravity=[0, 0, -9.81],
@@ -80,7 +83,7 @@ def four_bars(count: int) -> tuple[Mechanism, State]:
         bodies,
         joints,
         constraints=[
-            dc.loop_spherical(
+            dc.constraints.loop_spherical(
                 f"closure{k}", f"coupler{k}", f"crank{k + 1}", point1=[1, 0, 0], point2=[1, 0, 0]
             )
             for k in range(count)

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from deltac.mechanism import (
-    Mechanism,
-    State,
-    body,
-    box,
-    frame,
-    free,
+from deltac.mechanism.bodies import body, box, frame, point_mass, sphere
+from deltac.mechanism.forces import (
     joint_damper,
     joint_spring,
     joint_torque,
     point_force,
-    point_mass,
-    prismatic,
-    revolute,
-    screw,
-    sphere,
-    spherical,
     spring_damper,
-    universal,
 )
+from deltac.mechanism.joints import free, prismatic, revolute, screw, spherical, universal
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 
 
 def pendulum(**options: Any) -> Mechanism:

@@ -9,23 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
 from numpy.typing import NDArray
 
-from deltac.mechanism import (
-    GROUND,
-    Mechanism,
-    contact,
-    friction_law,
-    gravity_compensation,
-    joint_damper,
-    joint_friction,
-    joint_spring,
-    joint_torque,
-    point_force,
-    point_friction,
-    shapes,
-    spring_damper,
-    tendon,
-)
-from deltac.mechanism.contact import Contact
+from deltac.mechanism import shapes
+from deltac.mechanism.contact import Contact, contact
 from deltac.mechanism.forces import (
     GravityCompensation,
     JointDamper,
@@ -34,9 +19,24 @@ from deltac.mechanism.forces import (
     PointForce,
     SpringDamper,
     Tendon,
+    gravity_compensation,
+    joint_damper,
+    joint_spring,
+    joint_torque,
+    point_force,
+    spring_damper,
+    tendon,
 )
-from deltac.mechanism.friction import JointFriction, PointFriction
+from deltac.mechanism.friction import (
+    JointFriction,
+    PointFriction,
+    friction_law,
+    joint_friction,
+    point_friction,
+)
 from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 from tests.systems.random_geometry import random_direction, random_rotation
 
 Array = NDArray[Any]

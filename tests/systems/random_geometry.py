@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.mechanism import rotation
+from deltac.mechanism.quantities import rotation_matrix
 
 
 def random_direction(rng: np.random.Generator) -> Any:
@@ -18,4 +18,4 @@ def random_direction(rng: np.random.Generator) -> Any:
 
 def random_rotation(rng: np.random.Generator) -> Any:
     """A random rotation matrix."""
-    return rotation(tuple(rng.normal(size=3)), float(rng.uniform(-3, 3)))
+    return rotation_matrix(tuple(rng.normal(size=3)), float(rng.uniform(-3, 3)))

@@ -17,31 +17,24 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 from deltac.dynamics.system import System
-from deltac.dynamics.textbook import Textbook
-from deltac.dynamics.textbook_kinematics import prescribed
-from deltac.mechanism import (
-    GROUND,
-    Body,
+from deltac.dynamics.textbook.kinematics import prescribed
+from deltac.dynamics.textbook.tree import Textbook
+from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, rod, sphere
+from deltac.mechanism.joints import (
+    KINDS,
     Joint,
-    Mechanism,
-    body,
-    box,
     cylindrical,
-    disc,
     fixed,
-    frame,
     free,
     planar,
-    point_mass,
     prismatic,
     revolute,
-    rod,
     screw,
-    sphere,
     spherical,
     universal,
 )
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 from tests.systems.random_forces import drawn_forces
 from tests.systems.random_geometry import random_direction, random_rotation
 

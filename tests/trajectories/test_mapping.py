@@ -9,7 +9,8 @@ import numpy as np
 import polars
 import pytest
 
-from deltac import Mechanism, frame, free, prismatic, revolute, sphere
+from deltac import Mechanism, free, prismatic, revolute
+from deltac.bodies import frame, sphere
 from deltac.errors import InputError
 from deltac.trajectories import MechanismNames, explain, read_mapping, read_trajectory
 from deltac.trajectories.trajectory import Trajectory

@@ -158,10 +158,10 @@ def test_gaps_are_found_and_changing_steps_are_not() -> None:
 def test_runs_of_deltac_raise_no_suspicion() -> None:
     mechanism = dc.Mechanism(
         bodies=[
-            dc.box("box", mass=1.0, size=(0.1, 0.2, 0.3)),
-            dc.box("arm", mass=0.5, size=(0.1, 0.1, 0.4)),
+            dc.bodies.box("box", mass=1.0, size=(0.1, 0.2, 0.3)),
+            dc.bodies.box("arm", mass=0.5, size=(0.1, 0.1, 0.4)),
         ],
-        joints=[dc.free("base", "box"), dc.spherical("ball", "box", "arm")],
+        joints=[dc.free("base", "box"), dc.joints.spherical("ball", "box", "arm")],
         gravity=(0, 0, -9.81),
     )
     speeds = {"base": [1.0, 0.5, 2.0, 3.0, 0.1, 0.2], "ball": [0.5, 4.0, 1.0]}

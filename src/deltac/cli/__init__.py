@@ -1,6 +1,6 @@
 """The command line: parse, call, print. Each command is a module that loads what it needs itself.
 
-Exit status: 0 all is well; 1 it is not (numbers disagree); 2 bad usage or bad input; 3 unresolved;
+Exit code: 0 all is well; 1 it is not (numbers disagree); 2 bad usage or bad input; 3 unresolved;
 70 an error of deltac itself (its traceback is shown with DELTAC_DEBUG=1); 130 interrupted.
 """
 
@@ -10,14 +10,28 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import (
+    audit,
+    cache,
+    check,
+    describe,
+    examine,
+    mutate,
+    problems,
+    recommend,
+    reproduce,
+    study,
+)
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
+
+USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
+"""Codes of errors that are no InputError: of the command line itself, and of deltac."""
 
 app = typer.Typer(
     name="deltac",
@@ -29,11 +43,13 @@ app = typer.Typer(
 )
 app.command("reproduce")(reproduce.command)
 app.command("problems")(problems.command)
+app.command("examine")(examine.command)
 app.command("study")(study.command)
 app.command("audit")(audit.command)
 app.command("recommend")(recommend.command)
 app.command("check")(check.command)
 app.command("mutate")(mutate.command)
+app.command("describe")(describe.command)
 app.command("cache")(cache.command)
 
 
@@ -60,11 +76,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        app(arguments, prog_name="deltac")
+        app(given, prog_name="deltac")
+    except SystemExit as left:
+        if left.code == BAD_INPUT:  # said on standard error already
+            _as_json(given, USAGE, "wrong usage; standard error says what", BAD_INPUT)
+        raise
     except InputError as error:
-        _complain(str(error))
-        sys.exit(BAD_INPUT)
+        _complain(f"{error} [{error.code}]")
+        _as_json(given, error.code, str(error), BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except Exception as error:
@@ -72,12 +93,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
             import traceback
 
             traceback.print_exc()
+        message = f"{type(error).__name__}: {error}"
         _complain(
-            f"internal error: {type(error).__name__}: {error}\n"
+            f"internal error: {message}\n"
             "This should not happen. Please report it, with the command and the traceback that "
             "DELTAC_DEBUG=1 shows."
         )
-        sys.exit(INTERNAL_ERROR)
+        _as_json(given, INTERNAL, message, INTERNAL_ERROR)
+
+
+def _as_json(given: Sequence[str], code: str, message: str, exit_code: int) -> NoReturn:
+    """End with an exit code; where JSON was asked for, with the error on standard output."""
+    if "--json" in given:
+        from deltac.cli.output import print_json
+
+        print_json("Error", {"exit_code": exit_code, "error": {"code": code, "message": message}})
+    sys.exit(exit_code)
 
 
 def _complain(message: str) -> None:

@@ -9,29 +9,22 @@ import typer
 
 from deltac.cli.output import (
     Json,
-    new_table,
-    number,
+    Model,
+    checked_figure,
+    deliver,
     print_json,
-    print_table,
-    print_text,
+    print_sections,
+    write,
 )
+from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
-    from deltac.diagnosis.explain.result import Explanation
-    from deltac.importers import ImportReport
-
-SHOWN = 6
-"""Remarks of an import that are printed; --json has all of them."""
+    from deltac.trajectories.formats.reading import ColumnReading
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of its motion.")],
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
@@ -63,93 +56,36 @@ def command(
         return
     from deltac.diagnosis.audit.audit import audit
 
-    if figure is not None:
-        from deltac.report import check_figure
-
-        check_figure(figure)
+    checked_figure(figure)
     found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
-    explanation = None
+    explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
 
-        explanation = explain_residual(model, log, mapping=mapping)
-    if as_json:
-        told = {} if explanation is None else {"explanation": explanation.to_dict()}
-        shown = None if figure is None else str(figure)
-        print_json({**found.to_dict(), **told, "figure": shown})
-    else:
-        _print(found, figure)
-        if explanation is not None:
-            _print_explanation(explanation)
-    raise typer.Exit(found.status)
-
-
-def _print(found: Audit, figure: Path | None) -> None:
-    table = new_table()
-    table.add_column("channel")
-    for column in ("energy (J)", "share"):
-        table.add_column(column, no_wrap=True, justify="right")
-    table.add_column("basis")
-    for row in found.rows():
-        if row.name == "ΔK":
-            table.add_section()
-        table.add_row(row.name, number(row.energy), f"{100 * row.share:.3g} %", row.basis)
-    print_table(table)
-    typer.echo("")
-    typer.echo(found.verdict.explain())
-    if found.import_report is not None:
-        _print_import(found.import_report)
-    if figure is not None:
-        typer.echo(f"figure: {figure}")
-
-
-def _print_explanation(found: Explanation) -> None:
-    """The outcome in words, then cause by cause."""
-    typer.echo("")
-    print_text(f"{found.sentence}.")
-    if found.causes:
-        table = new_table()
-        for column in ("cause", "of", "in the run", "±", "in the model", "unit", "explains"):
-            table.add_column(column)
-        for row in found.rows():
-            table.add_row(*row)
-        print_table(table)
-    if found.unseen:
-        shown = ", ".join(found.unseen[:SHOWN]) + (", …" if len(found.unseen) > SHOWN else "")
-        print_text(f"Not seen in this log: {shown}.")
-
-
-def _print_import(report: ImportReport) -> None:
-    """What the model is an import of, in short."""
-    counts = f"{len(report.read)} elements read, {len(report.ignored)} left to the log"
-    print_text(f"Model: {report.source}, {counts}, {len(report.assumed)} assumed.")
-    for heading, remarks in (("Left to the log", report.ignored), ("Assumed", report.assumed)):
-        shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
-        if remarks:
-            print_text(f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}.")
+        explanations.append(explain_residual(model, log, mapping=mapping))
+    deliver(found, as_json, *explanations, figure=figure)
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)
     if as_json:
-        print_json([vars(reading) for reading in readings])
+        print_json("Readings", {"columns": [plain(reading) for reading in readings]})
         return
-    table = new_table()
-    for column in ("column", "is read as", "unit", "factor", "note"):
-        table.add_column(column)
-    for r in readings:
-        factor = "" if r.factor == 1.0 and not r.offset else number(r.factor, digits=6)
-        table.add_row(r.column, r.meaning or "–", r.unit, factor, r.note)
-    print_table(table)
+
+    def factor(r: ColumnReading) -> str:
+        return "" if r.factor == 1.0 and not r.offset else number(r.factor, digits=6)
+
+    rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
+    print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
 
 
 def _draw(found: Audit, title: str, path: Path) -> None:
-    from deltac.report import audit_figure, write_figure
+    from deltac.report import audit_figure
 
-    allowed = found.tolerance * found.ledger.turnover
-    write_figure(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)
+    allowed = found.tolerance * found.ledger.energy_exchanged
+    write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)

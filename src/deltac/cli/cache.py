@@ -7,29 +7,30 @@ from typing import Annotated
 import typer
 
 from deltac.cli.output import Json, print_json
+from deltac.results import plain
 
 
 def command(
     clear: Annotated[bool, typer.Option("--clear", help="Empty it.")] = False,
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify", help="Check every file; status 1 if one is not as it was written."
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Show the cache of compiled kernels, or clear it."""
-    from deltac.kernels import cache_info, clear_cache
+    from deltac.kernels import cache_info, clear_cache, verify_cache
 
     if clear:
         clear_cache()
     info = cache_info()
+    problems = verify_cache() if verify else {}
     if as_json:
-        print_json(
-            {
-                "path": None if info.path is None else str(info.path),
-                "enabled": info.enabled,
-                "writable": info.writable,
-                "entries": info.entries,
-                "size_bytes": info.size_bytes,
-                "limit_bytes": info.limit_bytes,
-            }
-        )
+        print_json("Cache", plain(info) | ({"problems": problems} if verify else {}))
+        if problems:
+            raise typer.Exit(1)
         return
     where = "nowhere: there is no home folder" if info.path is None else str(info.path)
     state = "" if info.enabled else " (off)"
@@ -40,3 +41,9 @@ def command(
         f"size:    {info.size_bytes / 2**20:.1f} MB of at most {info.limit_bytes / 2**20:.0f} MB, "
         f"{info.entries} kernels"
     )
+    if verify:
+        for file, problem in problems.items():
+            typer.echo(f"problem: {file} {problem}")
+        typer.echo(f"checked: {info.entries} kernels, {len(problems)} problems")
+        if problems:
+            raise typer.Exit(1)

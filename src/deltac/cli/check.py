@@ -11,21 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, new_table, number, print_json, print_table
-from deltac.errors import InputError
+from deltac.cli.output import Json, Model, deliver
+from deltac.errors import InputError, LimitError
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.check.check import EquationCheck
-    from deltac.repair import Repair
+    from deltac.repair.outcome import NoRepair, Repair
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str,
         typer.Argument(
@@ -72,7 +66,7 @@ def command(
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
     repaired, refused = (
-        _repair(model, equations, rhs, chosen, seed) if repair or write else (None, "")
+        _repair(model, equations, rhs, chosen, seed) if repair or write else (None, None)
     )
     with time_limit(limit, f"{equations} has not answered"):
         try:
@@ -90,41 +84,32 @@ def command(
             raise
     if write is not None and repaired is not None and repaired.fixes:
         write.write_text(repaired.fixes[0].diff, encoding="utf-8")
-    if as_json:
-        more: dict[str, Any] = {} if repaired is None else {"repair": repaired.to_dict()}
-        if refused:
-            more["repair"] = {"refused": refused}
-        print_json({**found.to_dict(), **more})
-    else:
-        _print(found)
-        if repaired is not None:
-            typer.echo(f"\nRepair. {repaired.explain()}")
-        elif refused:
-            typer.echo(f"\nNo repair was sought. {refused}")
-    raise typer.Exit(found.status)
+    more = [report for report in (repaired, refused) if report is not None]
+    deliver(found, as_json, *more)
 
 
 def _repair(
     model: str, text: str, rhs: Any, coordinates: Any, seed: int
-) -> tuple[Repair | None, str]:
+) -> tuple[Repair | None, NoRepair | None]:
     """Seek the edit in the function that the text names, as it is loaded; or say why not."""
+    from deltac.repair.outcome import NoRepair
     from deltac.repair.repair import repair_loaded
     from deltac.repair.tracing.interpreter import Endless
 
     try:
-        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed), ""
+        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed), None
     except Endless:
         raise
     except InputError as error:
-        return None, str(error)
+        return None, NoRepair(str(error))
 
 
 @contextmanager
 def time_limit(seconds: float, what: str) -> Iterator[None]:
-    """Raise InputError where a block takes longer, on systems that have alarms."""
+    """Raise LimitError where a block takes longer, on systems that have alarms."""
 
     def late(number: int, frame: Any) -> None:
-        raise InputError(
+        raise LimitError(
             f"{what} within {seconds:g} s; look for a loop that does not end, or --time-limit"
         )
 
@@ -138,22 +123,3 @@ def time_limit(seconds: float, what: str) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-
-
-def _print(found: EquationCheck) -> None:
-    table = new_table()
-    table.add_column("test")
-    table.add_column("relative residual", no_wrap=True, justify="right")
-    table.add_column("")
-    worst = found.to_dict()["relative_residual"]
-    for k, (speed, value) in enumerate(worst.items()):
-        wrong = any(entry.number == k + 1 for entry in found.blame)
-        table.add_row(
-            f"equation {k + 1} ({speed})", number(value, digits=2), "fails" if wrong else ""
-        )
-    table.add_section()
-    for seen in found.seen[1:]:
-        table.add_row(seen.test, number(seen.relative, digits=2), "fails" if seen.sees else "")
-    print_table(table)
-    typer.echo("")
-    typer.echo(found.explain())

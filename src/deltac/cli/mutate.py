@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, new_table, print_json, print_table, progress_bar
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from deltac.repair.mutate.report import MutationReport
+from deltac.cli.output import Json, Model, deliver, progress_bar
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
     ],
@@ -64,38 +54,4 @@ def command(
             most=most,
             progress=progress,
         )
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        _print(found)
-    raise typer.Exit(found.status)
-
-
-def _print(found: MutationReport) -> None:
-    print_table(_table(found))
-    typer.echo("")
-    typer.echo(found.explain())
-
-
-def _table(found: MutationReport) -> Table:
-    table = new_table()
-    table.add_column("mutants", no_wrap=True)
-    for column in ("made", "equivalent", *found.tests):
-        table.add_column(HEADS.get(column, column), justify="right")
-    for kind, row in found.table().items():
-        if kind == "all":
-            table.add_section()
-        table.add_row(kind, *(str(value) for value in row.values()))
-    return table
-
-
-HEADS = {
-    "equivalent": "equal",
-    "kane-levinson-1988": "kane\n1988",
-    "kane-levinson-1990": "kane\n1990",
-    "liu-huston": "liu",
-    "momentum": "mom.",
-    "coordinate residual": "F + F*",
-    "constraints": "ties",
-}
-"""Heads of short words, on two lines: all columns have room in a terminal of 80 columns."""
+    deliver(found, as_json)

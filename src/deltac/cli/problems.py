@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, new_table, number, print_json, print_table, print_text
+from deltac.cli.output import Json, print_json, print_sections
+from deltac.results import Table, number
 
 if TYPE_CHECKING:
     from deltac.problems import Problem
@@ -61,28 +62,25 @@ def _options(given: list[str]) -> dict[str, Any]:
 
 def _list(library: list[Problem], as_json: bool) -> None:
     if as_json:
-        print_json([_description(problem) for problem in library])
+        print_json("Problems", {"problems": [_description(problem) for problem in library]})
         return
-    table = new_table()
-    for column in ("name", "class", "dof", "conserved", "refs"):
-        table.add_column(column, no_wrap=column == "name")  # a name is to be copied
-    for problem in library:
-        known = _description(problem)
-        table.add_row(
+    rows = (
+        (
             problem.name,
-            problem.classification,
-            str(known["dof"]),
+            problem.title,
+            str(problem.freedom),
             ", ".join(problem.conserved) or "–",
             str(len(problem.reference)),
         )
-    print_table(table)
+        for problem in library
+    )
+    print_sections([Table(("name", "what", "dof", "conserved", "refs"), tuple(rows))])
 
 
 def _description(problem: Problem) -> dict[str, Any]:
     return {
         "name": problem.name,
         "title": problem.title,
-        "class": problem.classification,
         "dof": problem.freedom,
         "conserved": list(problem.conserved),
         "source": problem.source,
@@ -103,30 +101,33 @@ def _print_json(problem: Problem, compared: tuple[Comparison, ...]) -> None:
     description = _description(problem)
     for entry, row in zip(description["reference"], compared, strict=True):
         entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
-    print_json(description)
+    from deltac.analysis.classify import classify
+
+    print_json("Problem", description | {"class": classify(problem).kind})
 
 
 def _print(problem: Problem, compared: tuple[Comparison, ...]) -> None:
-    print_text(f"{problem.title} ({problem.classification})")
-    print_text(f"source: {problem.source}")
-    print_text(f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s")
-    print()
-    table = new_table()
-    table.add_column("quantity")
-    for column in ("reference", "we measure"):
-        table.add_column(column, no_wrap=True, justify="right")
-    for column in ("unit", "|Δ|", "allowed", "kind", "agrees?"):
-        table.add_column(column, no_wrap=True)
-    for row in compared:
-        reference = row.reference
-        table.add_row(
-            reference.quantity,
-            f"{reference.value:.10g}",
+    from deltac.analysis.classify import classify
+
+    heads = ("quantity", "reference", "we measure", "unit", "|Δ|", "allowed", "kind", "agrees?")
+    rows = (
+        (
+            row.reference.quantity,
+            f"{row.reference.value:.10g}",
             f"{row.value:.10g}",
-            "" if reference.unit == "1" else reference.unit,
-            number(abs(row.value - reference.value), digits=2),
+            "" if row.reference.unit == "1" else row.reference.unit,
+            number(abs(row.value - row.reference.value), digits=2),
             number(row.tolerance, digits=2),
-            reference.kind,
-            "yes" if row.agrees else "[bold red]NO[/]",
+            row.reference.kind,
+            "yes" if row.agrees else "NO",
         )
-    print_table(table)
+        for row in compared
+    )
+    print_sections(
+        [
+            f"{problem.title} ({classify(problem).kind})",
+            f"source: {problem.source}",
+            f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s",
+            Table(heads, tuple(rows)),
+        ]
+    )

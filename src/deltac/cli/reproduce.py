@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from deltac.cli.output import (
-    Json,
-    new_table,
-    number,
-    print_json,
-    print_table,
-    print_text,
-    progress_bar,
-)
-
-if TYPE_CHECKING:
-    from deltac.studies.thesis import Reproduction, Result
-    from deltac.studies.thesis.drawing import Written
+from deltac.cli.output import Json, deliver, print_sections, progress_bar
+from deltac.results import plain
 
 RUNS = 0.85
 """The share of the runs in the time that it all takes; the rest is drawing."""
@@ -29,12 +18,17 @@ def command(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            "--only", metavar="FIGURE", help="Only these figures: 4.7, or 4.1,4.2; repeatable."
+            "--only",
+            metavar="FIGURE",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: what inexact accelerations do.",
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Where figures and results.json go.")
     ] = Path("results/thesis"),
+    thesis_axes: Annotated[
+        bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
@@ -49,69 +43,19 @@ def command(
         figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
     output_folder(out)
     with progress_bar() as progress:
-        reproduction = reproduce(figures, lambda done, what: progress(RUNS * done, what))
+        reproduction = reproduce(figures, lambda done: progress(RUNS * done))
         written = write(
-            reproduction, out, lambda done, what: progress(RUNS + (1 - RUNS) * done, what)
+            reproduction,
+            out,
+            lambda done: progress(RUNS + (1 - RUNS) * done),
+            thesis_axes=thesis_axes,
         )
-    (_print_json if as_json else _print)(reproduction, written)
-    raise typer.Exit(0 if reproduction.agrees else 1)
-
-
-def _print_json(reproduction: Reproduction, written: Written) -> None:
-    print_json(
-        {
-            "results": [row.to_dict() for row in reproduction.results],
-            "known_differences": [
-                {
-                    "figure": row.figure,
-                    "run": row.run,
-                    "quantity": row.quantity,
-                    "why": row.difference,
-                }
-                for row in reproduction.differences
-                if row.difference
-            ],
-            "agrees": reproduction.agrees,
-            "figures": [str(path) for path in written.figures],
-            "results_file": str(written.results),
-        }
-    )
-
-
-def _print(reproduction: Reproduction, written: Written) -> None:
-    reasons = list(dict.fromkeys(r.difference for r in reproduction.differences if r.difference))
-    table = new_table()
-    table.expand = True
-    table.add_column("experiment", ratio=9)
-    table.add_column("the thesis reports", ratio=9)
-    table.add_column("we measure", ratio=20)
-    table.add_column("agrees?", no_wrap=True)
-    for experiment in reproduction.experiments:
-        name, said = f"{experiment.figure}  {experiment.title}", ""
-        for row in reproduction.results:
-            if row.figure == experiment.figure and row.judged:
-                again, said = said, _reported(row)
-                reported = "" if said == again else said
-                table.add_row(name, reported, _measured(row), _verdict(row, reasons))
-                name = ""
-        table.add_section()
-    print_table(table)
-    for k, reason in enumerate(reasons, 1):
-        print_text(f"[{k}] {reason}")
-    folder = written.results.parent
-    typer.echo(f"figures: {folder / 'figure_4_*.png'} ({len(written.figures)})")
-    typer.echo(f"results: {written.results} ({len(reproduction.results)} numbers)")
-
-
-def _reported(row: Result) -> str:
-    return number(row.thesis, row.unit) if isinstance(row.thesis, float) else row.thesis or "–"
-
-
-def _measured(row: Result) -> str:
-    return f"{row.run}: {row.quantity} = {number(row.value, row.unit)}"
-
-
-def _verdict(row: Result, reasons: list[str]) -> str:
-    if row.agrees:
-        return "yes"
-    return f"no \\[{reasons.index(row.difference) + 1}]" if row.difference else "[bold red]NO[/]"
+    if as_json:
+        deliver(
+            reproduction, as_json, figures=plain(written.figures), results_file=str(written.results)
+        )
+    print_sections(reproduction.sections())
+    if written.figures:
+        print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
+    print(f"results: {written.results} ({len(reproduction.results)} numbers)")
+    raise typer.Exit(reproduction.exit_code)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, new_table, number, print_json, print_table, progress_bar
+from deltac.cli.output import Json, Model, StartState, checked_figure, deliver, progress_bar, write
 
 if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     steps: Annotated[
         str | None,
         typer.Option(
@@ -55,6 +50,7 @@ def command(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
     ] = None,
+    state: StartState = None,
     as_json: Json = False,
 ) -> None:
     """Study a motion at several steps: how fast the energy error falls, and whose error it is.
@@ -64,13 +60,11 @@ def command(
     """
     from deltac.diagnosis.study.study import study
 
-    if figure is not None:
-        from deltac.report import check_figure
-
-        check_figure(figure)
+    checked_figure(figure)
     with progress_bar() as progress:
         found = study(
             model,
+            state,
             duration=duration,
             steps=_numbers(steps, "--steps"),
             solver=solver or "",
@@ -83,11 +77,7 @@ def command(
         )
     if figure is not None:
         _draw(found, figure)
-    if as_json:
-        print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
-    else:
-        _print(found, figure)
-    raise typer.Exit(found.status)
+    deliver(found, as_json, figure=figure)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
@@ -112,34 +102,7 @@ def _equations(text: str) -> Equations:
     return found if isinstance(found, Equations) else Equations(found, name=text)
 
 
-def _print(found: Study, figure: Path | None) -> None:
-    table = new_table()
-    adaptive = not found.measures.unit
-    table.add_column("tolerance" if adaptive else "step (s)", no_wrap=True)
-    names = [n for n in found.observed_order if n != "state"]
-    for name in names:
-        table.add_column(f"|ΔC| {name} (J)", justify="right")
-    table.add_column("state, to the next", justify="right")
-    for row in found.rows():
-        if row["failure"]:
-            table.add_row(number(row["step"]), "no run", *("" for _ in names))
-            continue
-        sizes = [number(row["delta_c"][n], digits=3) if n in row["delta_c"] else "" for n in names]
-        difference = row["state_difference"]
-        table.add_row(
-            number(row["step"]), *sizes, "" if difference is None else number(difference, digits=3)
-        )
-    table.add_section()
-    state = found.observed_order["state"]
-    table.add_row("", *(str(found.observed_order[n]) for n in names), str(state))
-    print_table(table)
-    typer.echo("")
-    typer.echo(found.verdict.explain())
-    if figure is not None:
-        typer.echo(f"figure: {figure}")
-
-
 def _draw(found: Study, path: Path) -> None:
-    from deltac.report import study_figure, write_figure
+    from deltac.report import study_figure
 
-    write_figure(study_figure(f"{found.mechanism.name}: {found.solver}", found), path)
+    write(study_figure(f"{found.mechanism.name}: {found.solver}", found), path)

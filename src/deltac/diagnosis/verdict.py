@@ -1,47 +1,14 @@
-"""Findings: one thing that an audit noticed, what it rests on, and what to do about it."""
+"""The verdict on a motion: can it be trusted, and if not, what is wrong?"""
 
 from __future__ import annotations
 
-import textwrap
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-Weight = Literal["cause", "doubt", "note"]
+from deltac.results import Finding, Report, Weight, percent, told_findings
 
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was noticed.
-
-    kind      a short fixed name, for programs: "gravity", "mass-scale", "missing-damper", …
-    what      what it is, in a sentence
-    evidence  the numbers it rests on
-    remedy    what to change or to record
-    weight    "cause": it explains what is wrong; "doubt": the log cannot be judged as it stands; "note"
-    element   the joint, body or channel, where there is one
-    factor    what to multiply by (a force, a mass), or the coefficient found, with its standard `error`
-    """
-
-    kind: str
-    what: str
-    evidence: str
-    remedy: str
-    weight: Weight = "note"
-    element: str = ""
-    factor: float | None = None
-    error: float | None = None
-
-    def __str__(self) -> str:
-        return f"{self.what} ({self.evidence}). {self.remedy}"
-
-
-def percent(share: float) -> str:
-    """A share in per cent, without exponents where it is large: "0.0021 %", "101 %"."""
-    value = 100.0 * float(share)
-    return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
-
-
-# --- the verdict: can this motion be trusted, and if not, what is wrong? -------------------------
+__all__ = ["Confidence", "Finding", "Judged", "Kind", "Verdict", "Weight", "percent"]
 
 Kind = Literal["consistent", "integration-error", "equation-error", "unresolved"]
 Confidence = Literal["high", "medium", "low"]
@@ -52,9 +19,16 @@ MEANINGS: dict[Kind, str] = {
     "integrator is to blame, not the model.",
     "equation-error": "The motion does not obey the model's equations: a parameter, a force or a missing "
     "channel is to blame, not the integrator.",
-    "unresolved": "The log does not tell.",
+    "unresolved": "The log does not decide between these.",
 }
 """What each kind means of a log; other tests say it in words of their own."""
+
+EXIT_CODES: dict[Kind, int] = {
+    "consistent": 0,
+    "integration-error": 1,
+    "equation-error": 1,
+    "unresolved": 3,
+}
 
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as one wrong mass used in both",
@@ -65,8 +39,8 @@ LIMITS: tuple[str, ...] = (
 """What no energy test sees; printed with every verdict."""
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, repr=False)
+class Verdict(Report):
     """What a test of a motion came to.
 
     kind        "consistent", "integration-error", "equation-error" or "unresolved"
@@ -84,13 +58,44 @@ class Verdict:
     limits: tuple[str, ...] = LIMITS
     meaning: str = ""
 
-    def explain(self, width: int = 96) -> str:
-        """The verdict in words, with evidence, findings and limits, a paragraph each."""
-        lines = [
-            f"{self.kind} (confidence {self.confidence}). {self.meaning or MEANINGS[self.kind]}"
-        ]
-        lines += [f"- {sentence}." for sentence in self.evidence]
-        for heading, weights in (("Cause", ("cause",)), ("Doubt", ("doubt",)), ("Note", ("note",))):
-            lines += [f"{heading}: {f}." for f in self.findings if f.weight in weights]
-        lines.append(f"Not seen by this test: {'; '.join(self.limits)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 consistent, 1 an error, 3 unresolved."""
+        return EXIT_CODES[self.kind]
+
+    def summary(self) -> str:
+        """Kind, confidence and meaning."""
+        return f"{self.kind} (confidence {self.confidence}). {self.meaning or MEANINGS[self.kind]}"
+
+    def sections(self, details: Iterable[str] = ()) -> Iterator[str]:
+        """The verdict in words: evidence, `details` of it, findings and limits, a paragraph each."""
+        yield self.summary()
+        yield from (f"- {sentence}." for sentence in self.evidence)
+        yield from details
+        yield from told_findings(self.findings)
+        yield f"Not seen by this test: {'; '.join(self.limits)}."
+
+
+class Judged(Report):
+    """A report that has a verdict; the verdict's parts stand at the top of its JSON."""
+
+    verdict: Verdict
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed, causes first."""
+        return self.verdict.findings
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 consistent, 1 an error, 3 unresolved."""
+        return self.verdict.exit_code
+
+    def contents(self) -> dict[str, Any]:
+        """What the JSON holds, in terms of JSON."""
+        v = self.verdict
+        held = {name: item for name, item in super().contents().items() if name != "verdict"}
+        exit_code = held.pop("exit_code")
+        told = {"confidence": v.confidence, "meaning": v.meaning or MEANINGS[v.kind]}
+        parts = {"evidence": list(v.evidence), "limits": list(v.limits)}
+        return {"exit_code": exit_code, "verdict": v.kind, **told, **parts, **held}

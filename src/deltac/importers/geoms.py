@@ -8,7 +8,7 @@ from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
 from deltac.mechanism import shapes
-from deltac.mechanism.quantities import rotation_matrix
+from deltac.mechanism.quantities import as_rotation
 from deltac.mechanism.shapes import Shape
 
 PLANE, SPHERE, CAPSULE, BOX = 0, 2, 3, 6
@@ -16,7 +16,7 @@ PLANE, SPHERE, CAPSULE, BOX = 0, 2, 3, 6
 
 
 def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], tuple[Remark, ...]]:
-    """The shapes of a model's geoms by their names, for `deltac.contact`, and remarks on those left out.
+    """The shapes of a model's geoms by their names, for contacts, and remarks on those left out.
 
     The bodies are those of `read_mechanism`. MuJoCo's own contact, a soft constraint, is not taken over:
     which pairs shall touch, how stiffly and with what friction is yours to say. Cylinders, ellipsoids,
@@ -29,7 +29,7 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
     Raises:
         InputError: as `read_mechanism`.
     """
-    model, _, _ = load_model(source, base)
+    model, _, _, _ = load_model(source, base)
     bodies, found, left_out = body_names(model), {}, []
     for i, name in enumerate(geom_names(model)):
         if not (model.geom_contype[i] or model.geom_conaffinity[i]):
@@ -47,7 +47,7 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
 
 def _shape(model: Any, i: int, body: str) -> Shape | None:
     position = [float(x) for x in model.geom_pos[i]]
-    turned = rotation_matrix([float(x) for x in model.geom_quat[i]], f"geom {i}")
+    turned = as_rotation([float(x) for x in model.geom_quat[i]], f"geom {i}")
     z = [row[2] for row in turned]
     a, b, c = (float(x) for x in model.geom_size[i])
     match int(model.geom_type[i]):

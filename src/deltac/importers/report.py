@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.state import State
+
+SHOWN = 6
+"""Remarks of a kind that a report shows; `summary` has all of them."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,8 @@ class ImportReport:
     names, or it will show as an energy error.
 
     `equalities`: those of `ignored` equalities that have a counterpart, as the exact constraints that
-    they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`).
+    they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`);
+    `starts`: the states of the model's keyframes by their names, then MuJoCo's reference, "qpos0".
     """
 
     source: str
@@ -38,6 +43,7 @@ class ImportReport:
     assumed: tuple[Remark, ...] = ()
     equalities: tuple[Constraint, ...] = ()
     strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    starts: Mapping[str, State] = field(default_factory=dict)
 
     def summary(self) -> str:
         """All remarks, one a line, under their three headings."""
@@ -50,3 +56,12 @@ class ImportReport:
             lines.append(f"{heading}:" + ("" if remarks else " nothing"))
             lines.extend(f"  {remark}" for remark in remarks)
         return "\n".join(lines)
+
+    def sections(self) -> Iterator[str]:
+        """The same in short, a paragraph each: the first remarks of each kind."""
+        counts = f"{len(self.read)} elements read, {len(self.ignored)} left to the log"
+        yield f"Model: {self.source}, {counts}, {len(self.assumed)} assumed."
+        for heading, remarks in (("Left to the log", self.ignored), ("Assumed", self.assumed)):
+            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
+            if remarks:
+                yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."

@@ -9,14 +9,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, WrongType, closest
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import Equations
 
 
@@ -63,7 +65,7 @@ def equations_from_sympy(
         found = as_law(found.xreplace(named).doit(), f"{what} of {name}")
         known = {"t", *(s.name for s in state.values())}
         for symbol in sorted(symbol_names(found) - known):
-            raise InputError(
+            raise UnknownName(
                 f"{name}: no value for {symbol!r}; give it in parameters="
                 f"{{{symbol!r}: …}}{closest(symbol, [str(s) for s in values]) if values else ''}"
             )
@@ -103,7 +105,7 @@ def _formed(method: Any) -> tuple[Any, list[Any], list[Any], dict[Any, Any], Any
         q, u = list(method.q), [v.diff(t) for v in method.q]
         forming, rates = "form_lagranges_equations", {}
     else:
-        raise InputError(
+        raise WrongType(
             f"equations_from_sympy: found {type(method).__name__}, expected a KanesMethod or a "
             "LagrangesMethod of sympy.physics.mechanics"
         )
@@ -115,7 +117,7 @@ def _formed(method: Any) -> tuple[Any, list[Any], list[Any], dict[Any, Any], Any
         else:
             M, f = method.mass_matrix, method.forcing
     except (ValueError, AttributeError, TypeError) as error:
-        raise InputError(
+        raise ModelError(
             f"the {type(method).__name__} has no equations yet ({error}); call {forming}() first"
         ) from None
     return t, q, u, rates, M, f
@@ -234,17 +236,19 @@ class SymbolicEquations:
         return lines
 
 
-def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> SymbolicEquations:
-    """Write a mechanism's equations of motion out in its coordinates, speeds and parameters.
+@renamed_keywords(mechanism="model")
+def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEquations:
+    """Write a model's equations of motion out in its coordinates, speeds and parameters.
 
     They are the recursions that the kernels run, carried over to SymPy, so that what is read is what is
     computed. `simplify` expands them and gathers sines and cosines, which takes seconds from 3 speeds on.
 
     Raises InputError for more than `LARGEST` free speeds.
     """
+    mechanism = load_model(model).mechanism
     free = mechanism.free
     if len(free.u) > LARGEST:
-        raise InputError(
+        raise ModelError(
             f"symbolic equations: {mechanism.name} has {len(free.u)} free speeds, expected {LARGEST} "
             "at most; equations of larger systems fill pages"
         )

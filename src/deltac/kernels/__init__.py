@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from deltac.kernels.cache import CacheInfo, cache_info, clear_cache, compiled, prepare_heyoka
+from deltac.kernels.cache import (
+    CacheInfo,
+    CacheWarning,
+    cache_info,
+    clear_cache,
+    compiled,
+    prepare_heyoka,
+    verify_cache,
+)
 from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_name
 from deltac.kernels.kernel import Kernel
 from deltac.kernels.lowering import to_heyoka, to_sympy
 
 __all__ = [
     "CacheInfo",
+    "CacheWarning",
     "Evaluator",
     "Kernel",
     "cache_info",
@@ -19,4 +28,5 @@ __all__ = [
     "prepare_heyoka",
     "to_heyoka",
     "to_sympy",
+    "verify_cache",
 ]

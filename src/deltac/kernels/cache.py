@@ -1,27 +1,36 @@
-"""The disk cache of compiled code: a file each, placed, bounded, and silent.
+"""The disk cache of compiled code: a file each, placed, bounded, sealed, and silent.
 
 Environment: `DELTAC_CACHE_DIR` names the folder (default: `deltac` in the user's cache folder, by
 the XDG rules); `DELTAC_CACHE=off` turns the disk cache off.
 
 A file is named after all that its code was made from: the instructions, the compiler and its version, the
-processor. It appears whole or not at all, so processes share a folder without locks. It begins with a
-digest of the rest: a flipped bit in machine code is wrong numbers or a crash, and what is not as it was
-written is removed and compiled anew. No state of the cache fails a run; a folder that cannot be written
-costs time only, and `deltac cache` says so.
+processor. It appears whole or not at all, so processes share a folder without locks. No state of the cache
+fails a run; a folder that cannot be written costs time only, and `deltac cache` says so.
 
-heyoka's objects are kept whole, pickled: its own cache keeps machine code only, and writing out what it
-looks up there takes 0.7 s for a robot of 30 joints, five times as long as all of this. Machine
-code or pickle, what is read is run: so files of other users are not.
+What is read here is run, so only what this user wrote is read. Folder and files must be the user's own
+and closed to the writing of others, links are not followed, and each file is sealed: it begins with a keyed
+digest (BLAKE2b, RFC 7693) of its name and its content. The key is a random secret of the user, kept apart
+from the cache (`deltac/kernels.key` in the user's state folder, by the XDG rules). So whoever can write into
+the cache, restores it from elsewhere, or exchanges two of its files, cannot seal what he puts there. What is
+not as it was sealed is removed and compiled anew, with a warning.
+
+Of heyoka's objects their own archives are kept, and parsed by heyoka; nothing is unpickled. heyoka's own
+cache keeps machine code only, and writing out what it looks up there takes 0.7 s for a robot of 30 joints,
+five times as long as all of this.
 """
 
 from __future__ import annotations
 
 import hashlib
+import hmac
+import importlib
+import json
 import os
-import pickle
 import re
+import secrets
+import stat
 import tempfile
-import time
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,6 +39,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from deltac.errors import InputError
+from deltac.files import UNFINISHED, appearing, remove_abandoned
 from deltac.kernels.simd import processor
 
 T = TypeVar("T")
@@ -41,13 +51,17 @@ KEPT = LIMIT // 4 * 3
 """Bytes that are left after that."""
 
 FINISHED = re.compile(r"[0-9a-f]{40}\.kernel")
-UNFINISHED = re.compile(r"deltac-\w+\.part")
 """Names of our files: the folder may be the user's, with other things in it."""
 
-ABANDONED = 3600.0
-"""Age (s) from which an unfinished file is taken to be left over from a process that was killed."""
+_COMPILED = re.compile(r"(cfunc|taylor_adaptive)_\w+")
+"""Classes of heyoka that are kept."""
 
-_DIGEST = 32
+_SEAL = 32  # bytes of the digest, and of the key
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+class CacheWarning(UserWarning):
+    """Something in the cache of compiled kernels is not as it was written there; it is compiled anew."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +136,41 @@ def compiled(source: str, make: Callable[[], T], folder: Path | None = None) -> 
 
     Args:
         source: all that decides what is made, but for the processor.
-        make: what it returns can be pickled.
+        make: it returns an object of heyoka's, bytes, or what JSON holds.
         folder: another one than the cache's.
     """
     folder = folder or (cache_folder() if cache_wanted() else None)
-    if folder is None:
+    secret = _secret() if folder is not None and _private(folder) else None
+    if folder is None or secret is None:
         return make()
     key = hashlib.blake2b(repr((source, processor())).encode(), digest_size=20).hexdigest()
     file = folder / f"{key}.kernel"
-    found: T | None = _read(file)
+    try:
+        found: T | None = _read(file, secret)
+    except _Unsealed as problem:
+        _warn(f"{file}: {problem}; it is compiled anew")
+        _removed(file)
+        found = None
     if found is None:
         found = make()
-        _write(file, found)
+        _write(file, found, secret)
+    return found
+
+
+def verify_cache() -> dict[str, str]:
+    """Files of the cache that would not be used -> what is wrong with them; runs nothing."""
+    folder = cache_folder()
+    found = {}
+    if folder is not None and folder.exists() and (problem := _open_to_others(folder)):
+        found[str(folder)] = problem
+    secret = _secret()
+    for file, _, _ in _files(folder, FINISHED):
+        try:
+            if secret is None:
+                raise _Unsealed("there is no key that it could be sealed with")
+            _content(file, secret)
+        except _Unsealed as problem:
+            found[str(file)] = str(problem)
     return found
 
 
@@ -149,50 +186,182 @@ def prepare_heyoka() -> str:
     return f"heyoka {hy.__version__}, {digest.hexdigest()}"
 
 
-def _read(file: Path) -> Any:
-    """What the file holds; None if there is none, or it is not what was written."""
-    try:
-        if hasattr(os, "getuid") and file.stat().st_uid != os.getuid():
-            return None  # nobody runs another user's code
-        content = file.read_bytes()
-    except OSError:
+# -- sealed files --------------------------------------------------------------------------------
+
+
+class _Unsealed(Exception):
+    """A file is not as this user wrote it; the text says how."""
+
+
+def _read(file: Path, secret: bytes) -> Any:
+    """What the file holds; None if there is none. _Unsealed if it is not as it was written."""
+    content = _content(file, secret)
+    if content is None:
         return None
-    digest, code = content[:_DIGEST], memoryview(content)[_DIGEST:]
-    if hashlib.blake2b(code, digest_size=_DIGEST).digest() == digest:
-        with suppress(Exception):  # whatever pickle and heyoka may find wrong with it
-            found = pickle.loads(code)
-            with suppress(OSError):
-                os.utime(file)  # last used now
-            return found
+    try:
+        found = _unpacked(content)
+    except Exception as error:  # another version's
+        raise _Unsealed(f"cannot be read ({type(error).__name__}: {error})") from None
     with suppress(OSError):
-        file.unlink()
+        os.utime(file)  # last used now
+    return found
+
+
+def _content(file: Path, secret: bytes) -> bytes | None:
+    """The content of a sealed file, once the seal is found whole; None if there is no file."""
+    try:
+        flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        handle = os.open(file, flags | getattr(os, "O_BINARY", 0))
+    except FileNotFoundError:
+        return None
+    except OSError:
+        if file.is_symlink():
+            raise _Unsealed("is a link") from None
+        return None
+    with os.fdopen(handle, "rb", closefd=True) as stream:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise _Unsealed("is no regular file")
+        if problem := _foreign(about):
+            raise _Unsealed(problem)
+        seal, content = stream.read(_SEAL), stream.read(LIMIT + 1)
+    if not hmac.compare_digest(seal, _seal(file.name, content, secret)):
+        raise _Unsealed("is damaged, or was not written by this user under this name")
+    return content
+
+
+def _write(file: Path, made: Any, secret: bytes) -> None:
+    """Put it in the file, then make room; a folder that is full or cannot be written stays as it is."""
+    content = _packed(made)
+    with suppress(OSError, InputError):
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with appearing(file, mode=0o600) as stream:
+            stream.write(_seal(file.name, content, secret))
+            stream.write(content)
+        _evict(file.parent)
+
+
+def _seal(name: str, content: bytes, secret: bytes) -> bytes:
+    digest = hashlib.blake2b(name.encode() + b"\n", key=secret, digest_size=_SEAL)
+    digest.update(content)
+    return digest.digest()
+
+
+def _packed(made: Any) -> bytes:
+    """A compiled object as the name of its class and heyoka's archive of it; bytes; else JSON."""
+    if type(made).__module__.startswith("heyoka."):
+        archive, attributes = made.__getstate__()
+        assert not attributes, "heyoka's objects have no attributes of their own"
+        return f"heyoka {type(made).__name__}\n".encode() + bytes(archive)
+    if isinstance(made, bytes):
+        return b"bytes\n" + made
+    return b"json\n" + json.dumps(made).encode()
+
+
+def _unpacked(content: bytes) -> Any:
+    kind, _, rest = content.partition(b"\n")
+    if kind == b"bytes":
+        return rest
+    if kind == b"json":
+        return json.loads(rest)
+    name = kind.decode().removeprefix("heyoka ")
+    if not _COMPILED.fullmatch(name):
+        raise ValueError(f"no class of compiled objects: {name!r}")
+    made = getattr(importlib.import_module("heyoka._core"), name)
+    found = made.__new__(made)
+    found.__setstate__((rest, {}))
+    return found
+
+
+# -- whose they are ------------------------------------------------------------------------------
+
+
+def _foreign(about: os.stat_result) -> str:
+    """Why a file or folder may not be only this user's; empty if it is."""
+    if not hasattr(os, "getuid"):
+        return ""
+    if about.st_uid != os.getuid():
+        return "belongs to another user"
+    return "can be written by others" if about.st_mode & _OTHERS_WRITE else ""
+
+
+def _open_to_others(folder: Path) -> str:
+    """Why others may have written into the folder; empty if only this user may."""
+    try:
+        about = folder.stat()
+    except OSError:
+        return ""
+    if folder.is_symlink() and hasattr(os, "getuid") and folder.lstat().st_uid != os.getuid():
+        return "is a link of another user"
+    return _foreign(about) if stat.S_ISDIR(about.st_mode) else ""
+
+
+def _private(folder: Path) -> bool:
+    """Whether the folder is this user's alone, or yet to be made; else it is not used, with a warning."""
+    if problem := _open_to_others(folder):
+        _warn(
+            f"the folder of compiled kernels {folder} {problem}: it is not used. Close it (chmod go-w), or "
+            "name another in DELTAC_CACHE_DIR"
+        )
+    return not problem
+
+
+def key_file() -> Path | None:
+    """Where this user's key is kept; None for a user without a home."""
+    xdg = Path(os.environ.get("XDG_STATE_HOME", ""))
+    with suppress(RuntimeError):
+        return (
+            (xdg if xdg.is_absolute() else Path.home() / ".local" / "state")
+            / "deltac"
+            / "kernels.key"
+        )
     return None
 
 
-def _write(file: Path, made: Any) -> None:
-    """Put it in the file, then make room; a folder that is full or cannot be written stays as it is."""
-    code = pickle.dumps(made, protocol=5)
-    part: Path | None = None
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(".part", "deltac-", file.parent)
-        part = Path(name)
-        with open(handle, "wb") as stream:
-            stream.write(hashlib.blake2b(code, digest_size=_DIGEST).digest())
-            stream.write(code)
-        part.replace(file)
-        _evict(file.parent)
-    except OSError:
-        if part is not None:
-            _removed(part)
+def _secret() -> bytes | None:
+    """The key that seals this user's files, made at first use; None where none can be kept."""
+    file = key_file()
+    return None if file is None else _secret_in(file)
+
+
+@cache
+def _secret_in(file: Path) -> bytes | None:
+    with suppress(OSError, InputError):
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for _ in range(2):
+            try:
+                handle = os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+            except FileNotFoundError:
+                pass
+            else:
+                with os.fdopen(handle, "rb") as stream:
+                    about, secret = os.fstat(handle), stream.read(_SEAL + 1)
+                mine = not _foreign(about) and not (about.st_mode & 0o077 and hasattr(os, "getuid"))
+                if mine and len(secret) == _SEAL:
+                    return secret
+            if file.is_symlink():
+                file.unlink()
+            with appearing(file, mode=0o600, replace=file.exists()) as stream:
+                stream.write(secrets.token_bytes(_SEAL))
+    return None
+
+
+def _warn(message: str) -> None:
+    """One line, once in a process: where one file is damaged the others often are."""
+    if not _warned:
+        _warned.append(message)
+        warnings.warn_explicit(f"{message}. See: deltac cache --verify", CacheWarning, "deltac", 0)
+
+
+_warned: list[str] = []
+
+
+# -- room ----------------------------------------------------------------------------------------
 
 
 def _evict(folder: Path) -> None:
     """Remove what was used longest ago if there is too much, and what was never finished."""
-    now = time.time()
-    for file, _, used in _files(folder, UNFINISHED):
-        if now - used > ABANDONED:
-            _removed(file)
+    remove_abandoned(folder)
     files = sorted(_files(folder, FINISHED), key=lambda entry: entry[2])
     size = sum(entry[1] for entry in files)
     if size <= LIMIT:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
@@ -21,7 +21,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class Body(Part):
             _check_inertia([[scope.number(e) for e in row] for row in self.inertia], self.name)
 
 
+@constructor
 def body(
     name: str,
     mass: Any,
@@ -72,7 +73,7 @@ def body(
         first, second, third = (vector(row, where) for row in rows)
         tensor = (first, second, third)
     else:
-        raise InputError(
+        raise ModelError(
             f"{where}: expected three principal moments or a 3 by 3 matrix, found {inertia!r}"
         )
     made = Body(
@@ -87,6 +88,7 @@ def body(
     return made
 
 
+@constructor
 def rod(
     name: str,
     mass: Any,
@@ -103,6 +105,7 @@ def rod(
     return body(name, m, _about_axis(m * l**2 / 12, 0.0, n), centre)
 
 
+@constructor
 def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = ZERO) -> Body:
     """A uniform box with edges `size` along the body axes, centred at `mass_centre`."""
     m = positive(mass, f"mass of body {name!r}")
@@ -112,6 +115,7 @@ def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = 
     return body(name, m, moments, mass_centre)
 
 
+@constructor
 def disc(
     name: str,
     mass: Any,
@@ -128,6 +132,7 @@ def disc(
     return body(name, m, _about_axis(m * (3 * r**2 + h**2) / 12, m * r**2 / 2, n), mass_centre)
 
 
+@constructor
 def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO) -> Body:
     """A uniform solid sphere centred at `mass_centre`; I = 2/5 m r²."""
     m = positive(mass, f"mass of body {name!r}")
@@ -136,11 +141,13 @@ def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO)
     return body(name, m, (moment, moment, moment), mass_centre)
 
 
+@constructor
 def point_mass(name: str, mass: Any, at: Sequence[Any] = ZERO) -> Body:
     """A particle at the point `at` of its body frame; it has no inertia of its own."""
     return body(name, mass, ZERO, at)
 
 
+@constructor
 def frame(name: str) -> Body:
     """A massless frame: carries joints and points, as an intermediate of composed joints.
 
@@ -151,7 +158,7 @@ def frame(name: str) -> Body:
 
 def _name(name: Any) -> str:
     if name == GROUND:
-        raise InputError("no body may be called 'ground': that is the inertial frame's name")
+        raise ModelError("no body may be called 'ground': that is the inertial frame's name")
     Body.called(name)
     return str(name)
 
@@ -175,14 +182,14 @@ def _check_inertia(tensor: list[list[float]], name: str) -> None:
     if scale == 0.0:
         return
     if np.abs(inertia - inertia.T).max() > 1e-9 * scale:
-        raise InputError(f"{where}: the matrix is not symmetric:\n{inertia}")
+        raise ModelError(f"{where}: the matrix is not symmetric:\n{inertia}")
     principal = np.linalg.eigvalsh(inertia)
     # A thin plate or rod meets the bounds with equality, so rounding must be allowed for.
     if principal[0] < -1e-9 * scale:
-        raise InputError(f"{where}: the principal moment {principal[0]:.6g} kg·m² is negative")
+        raise ModelError(f"{where}: the principal moment {principal[0]:.6g} kg·m² is negative")
     if principal[2] > principal[0] + principal[1] + 1e-9 * scale:
         a, b, c = principal
-        raise InputError(
+        raise ModelError(
             f"{where}: principal moments {a:.6g}, {b:.6g}, {c:.6g} kg·m² break the triangle "
             f"inequality ({a:.6g} + {b:.6g} < {c:.6g}); no rigid body has them. "
             "Is the inertia about the mass centre, and are the units kg·m²?"

@@ -12,19 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law, symbol_names, symbol_of
 from deltac.mechanism.quantities import (
     IDENTITY,
     ZERO,
     Matrix,
     Vector,
+    as_rotation,
     positive,
-    rotation_matrix,
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 
 Axis: TypeAlias = tuple[float, float, float]
 
@@ -70,7 +70,7 @@ def _loop(
 ) -> Loop:
     where = Loop.called(name)
     if body1 == body2:
-        raise InputError(f"{where} connects body {body1!r} with itself")
+        raise ModelError(f"{where} connects body {body1!r} with itself")
     return Loop(
         name,
         kind,
@@ -80,10 +80,11 @@ def _loop(
         vector(point2, f"point2 of {where}"),
         unit_vector(axis1, f"axis1 of {where}"),
         unit_vector(axis1 if axis2 is None else axis2, f"axis2 of {where}"),
-        IDENTITY if rotation is None else rotation_matrix(rotation, f"rotation of {where}"),
+        IDENTITY if rotation is None else as_rotation(rotation, f"rotation of {where}"),
     )
 
 
+@constructor
 def loop_spherical(
     name: str,
     body1: str,
@@ -96,6 +97,7 @@ def loop_spherical(
     return _loop("spherical", name, body1, body2, point1, point2)
 
 
+@constructor
 def loop_revolute(
     name: str,
     body1: str,
@@ -110,6 +112,7 @@ def loop_revolute(
     return _loop("revolute", name, body1, body2, point1, point2, axis1, axis2)
 
 
+@constructor
 def loop_universal(
     name: str,
     body1: str,
@@ -124,6 +127,7 @@ def loop_universal(
     return _loop("universal", name, body1, body2, point1, point2, axis1, axis2)
 
 
+@constructor
 def loop_prismatic(
     name: str,
     body1: str,
@@ -138,6 +142,7 @@ def loop_prismatic(
     return _loop("prismatic", name, body1, body2, point1, point2, axis1, rotation=rotation)
 
 
+@constructor
 def loop_weld(
     name: str,
     body1: str,
@@ -172,6 +177,7 @@ class Distance(Part):
         scope.laws([self.length], scope.in_time, f"length of {self.where}")
 
 
+@constructor
 def distance(
     name: str,
     body1: str,
@@ -217,9 +223,10 @@ class PointOn(Part):
         scope.laws(self.equations, (*"xyz", *scope.in_time), f"equation of {self.where}")
         for law in self.equations:
             if not symbol_names(law) & {"x", "y", "z"}:
-                raise InputError(f"equation of {self.where}: {law} holds none of x, y, z")
+                raise ModelError(f"equation of {self.where}: {law} holds none of x, y, z")
 
 
+@constructor
 def point_on(
     name: str,
     body: str,
@@ -243,6 +250,7 @@ def point_on(
     )
 
 
+@constructor
 def point_in_plane(
     name: str,
     body: str,
@@ -263,6 +271,7 @@ def point_in_plane(
     )
 
 
+@constructor
 def point_on_line(
     name: str,
     body: str,
@@ -301,6 +310,7 @@ class Angle(Part):
         scope.laws([self.angle], scope.in_time, f"angle of {self.where}")
 
 
+@constructor
 def angle(
     name: str,
     body1: str,
@@ -336,14 +346,16 @@ class Holonomic(Part):
         """InputError for unknown symbols, and a law without coordinates."""
         scope.laws([self.law], scope.in_place, f"law of {self.where}")
         if not any(name.startswith("q.") for name in symbol_names(self.law)):
-            raise InputError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
+            raise ModelError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
 
 
+@constructor
 def holonomic(name: str, law: Any) -> Holonomic:
     """Keep any law of t and coordinates at zero (one row); see `Holonomic`."""
     return Holonomic(name, as_law(law, Holonomic.called(name)))
 
 
+@constructor
 def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any = 0.0) -> Holonomic:
     """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
     where = Holonomic.called(name)
@@ -370,16 +382,17 @@ class MotionConstraint(Part):
         scope.laws([self.law], scope.in_motion, f"law of {self.where}")
         speeds = [s for s in getattr(self.law, "free_symbols", ()) if s.name.startswith("u.")]
         if not speeds:
-            raise InputError(f"law of {self.where}: {self.law} holds no speed u.<name>")
+            raise ModelError(f"law of {self.where}: {self.law} holds no speed u.<name>")
         for a in speeds:
             for b in speeds:
                 if sympy.simplify(sympy.diff(self.law, a, b)) != 0:
-                    raise InputError(
+                    raise ModelError(
                         f"law of {self.where}: {self.law} is not linear in {a}; only "
                         "A(q, t) v + b(q, t) = 0 is a simple nonholonomic constraint"
                     )
 
 
+@constructor
 def motion_constraint(name: str, law: Any) -> MotionConstraint:
     """Keep any law linear in the speeds at zero (one row); see `MotionConstraint`."""
     return MotionConstraint(name, as_law(law, MotionConstraint.called(name)))
@@ -420,6 +433,7 @@ class Rolling(Part):
         scope.laws(self.surface_velocity, velocity, f"surface velocity of {self.where}")
 
 
+@constructor
 def rolling(
     name: str,
     body: str,
@@ -439,11 +453,11 @@ def rolling(
     """
     where = Rolling.called(name)
     if body == on:
-        raise InputError(f"{where}: body {body!r} cannot roll on itself")
+        raise ModelError(f"{where}: body {body!r} cannot roll on itself")
     circle = positive(radius, f"radius of {where}", allow_zero=True)
     edge = positive(tube, f"tube of {where}", allow_zero=True)
     if circle == 0.0 and edge == 0.0:
-        raise InputError(
+        raise ModelError(
             f"{where}: give a radius (disc, wheel) or a tube radius (sphere) above zero"
         )
     return Rolling(
@@ -485,6 +499,7 @@ class Skate(Part):
         scope.laws([self.drift], scope.in_time, f"drift of {self.where}")
 
 
+@constructor
 def skate(
     name: str,
     body: str,
@@ -515,7 +530,7 @@ def _bodies(scope: Scope, where: str, *names: str) -> None:
     for name in names:
         scope.body(name, where)
     if all(name == GROUND for name in names):
-        raise InputError(f"{where} connects the ground with itself")
+        raise ModelError(f"{where} connects the ground with itself")
 
 
 def _along(n: Axis) -> Any:

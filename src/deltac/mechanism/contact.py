@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from deltac.errors import InputError
+from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Part, Scope
+from deltac.mechanism.scope import Part, Scope, constructor
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
@@ -58,7 +58,7 @@ class Contact(Part):
         scope.positive(self.stiffness, f"stiffness of {self.where}")
         exponent = scope.number(self.exponent)
         if exponent < 1.0:
-            raise InputError(
+            raise ModelError(
                 f"exponent of {self.where}: found {exponent:g}, expected 1 or more; below 1 the stiffness "
                 "is without bound as the shapes meet"
             )
@@ -69,6 +69,7 @@ class Contact(Part):
             self.friction.check(scope, self.where, scope.constants, source=source)
 
 
+@constructor
 def contact(
     name: str,
     first: Shape,
@@ -104,7 +105,7 @@ def contact(
     where = Contact.called(name)
     check_pair(first, second, where)
     if model not in get_args(Model):
-        raise InputError(
+        raise UnknownName(
             f"{where}: unknown model {model!r}; known: {', '.join(map(repr, get_args(Model)))}"
         )
     return Contact(

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import as_law, check_symbols
 from deltac.mechanism.laws import q as symbol
@@ -56,11 +56,11 @@ class CoordinateMap:
         object.__setattr__(self, "coordinates", _names(self.coordinates, "coordinates"))
         object.__setattr__(self, "speeds", _names(self.speeds, "speeds") or self.coordinates)
         if not self.q and not self.u:
-            raise InputError("a coordinate map needs q= (own coordinates) or u= (own speeds)")
+            raise ModelError("a coordinate map needs q= (own coordinates) or u= (own speeds)")
         if self.q and not self.coordinates:
-            raise InputError("a coordinate map with q= must name its own coordinates")
+            raise ModelError("a coordinate map with q= must name its own coordinates")
         if self.u and not self.speeds:
-            raise InputError("a coordinate map with u= must name its own speeds")
+            raise ModelError("a coordinate map with u= must name its own speeds")
 
     def check(self, mechanism: Mechanism) -> None:
         """InputError unless the map gives every free coordinate and speed of the mechanism."""
@@ -75,12 +75,12 @@ class CoordinateMap:
         if self.u:
             _cover(self.u, u_free, "u", "speed")
         elif not _fits(len(own_q), len(u_free), mechanism):
-            raise InputError(
+            raise ModelError(
                 f"the coordinate map has {len(own_q)} coordinates for {len(u_free)} speeds: rates "
                 "cannot serve as speeds; give u="
             )
         if self.u and not _fits(len(self.speeds), len(u_free), mechanism):
-            raise InputError(
+            raise ModelError(
                 f"the coordinate map names {len(self.speeds)} speeds; the mechanism has "
                 f"{len(u_free)} free ones: {', '.join(u_free)}"
             )
@@ -102,24 +102,24 @@ def _fits(own: int, free: int, mechanism: Mechanism) -> bool:
 
 def _names(value: Sequence[str], what: str) -> tuple[str, ...]:
     if isinstance(value, str):
-        raise InputError(
+        raise ModelError(
             f"{what} of a coordinate map: expected a sequence of names, found {value!r}"
         )
     names = tuple(value)
     if len(set(names)) != len(names):
-        raise InputError(f"{what} of a coordinate map: a name occurs twice in {names}")
+        raise ModelError(f"{what} of a coordinate map: a name occurs twice in {names}")
     return names
 
 
 def _cover(laws: Mapping[str, Any], expected: Sequence[str], what: str, noun: str) -> None:
     for name in laws:
         if name not in expected:
-            raise InputError(
+            raise UnknownName(
                 f"{what} of the coordinate map: unknown {noun} {name!r}{closest(name, expected)}"
             )
     missing = [name for name in expected if name not in laws]
     if missing:
-        raise InputError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")
+        raise ModelError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")
 
 
 def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
@@ -145,12 +145,12 @@ def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
         else:
             laws[name] = symbol(name) - symbol(before.name)
     if all(law == symbol(name) for name, law in laws.items()):
-        raise InputError(
+        raise ModelError(
             f"mechanism {mechanism.name!r} has no two hinges with parallel axes in series, so absolute "
             "angles are its joints' own; leave coordinates out"
         )
     if len(names) != len(mechanism.free.u):
-        raise InputError(
+        raise ModelError(
             f"mechanism {mechanism.name!r} has joints whose speeds are not rates of coordinates; write a "
             "CoordinateMap with u="
         )

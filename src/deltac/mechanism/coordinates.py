@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
-from deltac.errors import InputError, closest
+from deltac.errors import UnknownName, closest
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +53,7 @@ class Entries:
             for entry in self.entries:
                 if entry.name == key:
                     return entry
-            raise InputError(f"unknown coordinate or speed {key!r}{closest(key, self.names)}")
+            raise UnknownName(f"unknown coordinate or speed {key!r}{closest(key, self.names)}")
         return self.entries[key]
 
     def of(self, joint: str) -> slice:

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Part, Scope
+from deltac.mechanism.scope import Part, Scope, constructor, require_name
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Direction: TypeAlias = Literal["both", "rising", "falling"]
@@ -97,6 +97,7 @@ Happening: TypeAlias = JointStop | Impact | Event
 """What a mechanism's `events` are made of."""
 
 
+@constructor
 def joint_stop(
     name: str,
     joint: str,
@@ -121,15 +122,16 @@ def joint_stop(
     """
     where = JointStop.called(name)
     if lower is None and upper is None:
-        raise InputError(f"{where} has no limit; give lower=, upper= or both")
+        raise ModelError(f"{where} has no limit; give lower=, upper= or both")
     low = None if lower is None else as_law(lower, f"lower of {where}")
     high = None if upper is None else as_law(upper, f"upper of {where}")
     if isinstance(low, float) and isinstance(high, float) and low >= high:
-        raise InputError(f"{where}: lower is {low:g}, upper {high:g}; lower must be the smaller")
+        raise ModelError(f"{where}: lower is {low:g}, upper {high:g}; lower must be the smaller")
     e = _restitution(restitution, where, allow_energy_source)
     return JointStop(name, joint, low, high, e, allow_energy_source)
 
 
+@constructor
 def impact(
     name: str,
     first: Shape,
@@ -159,6 +161,7 @@ def impact(
     return Impact(name, first, second, e, mu, allow_energy_source)
 
 
+@constructor
 def event(
     name: str, expression: Any, *, direction: Direction = "both", terminal: bool = False
 ) -> Event:
@@ -169,33 +172,34 @@ def event(
     """
     where = Event.called(name)
     if direction not in get_args(Direction):
-        raise InputError(
+        raise ModelError(
             f"direction of {where} is {direction!r}; expected {', '.join(get_args(Direction))}"
         )
     law = as_law(expression, f"expression of {where}")
     if isinstance(law, float):
-        raise InputError(f"{where}: the expression is the number {law:g}, which never passes zero")
+        raise ModelError(f"{where}: the expression is the number {law:g}, which never passes zero")
     return Event(name, law, direction, bool(terminal))
 
 
 def _check_coordinate(scope: Scope, name: str, where: str) -> None:
+    require_name(name, "joint", where)
     names = scope.coordinates.names
     if name not in names:
         several = names[scope.coordinates.of(name)]
         if several:
-            raise InputError(
+            raise ModelError(
                 f"{where}: joint {name!r} has the coordinates {', '.join(map(repr, several))}; "
                 "name one of them"
             )
-        raise InputError(f"{where}: unknown joint or coordinate {name!r}{closest(name, names)}")
+        raise UnknownName(f"{where}: unknown joint or coordinate {name!r}{closest(name, names)}")
     entry = scope.coordinates[name]
     if not scope.rate_is_speed(name):
-        raise InputError(
+        raise ModelError(
             f"{where}: the rate of {name!r} is no speed of joint {entry.joint!r}, which has a quaternion; "
             "a stop limits a coordinate of a joint without one"
         )
     if entry.prescribed:
-        raise InputError(
+        raise ModelError(
             f"{where}: joint {entry.joint!r} follows its motion and cannot be stopped; free the joint"
         )
 
@@ -214,9 +218,9 @@ def _restitution(value: Any, where: str, allowed: bool) -> Quantity:
 
 def _require_restitution(e: float, where: str, allowed: bool) -> None:
     if not math.isfinite(e) or e < 0.0:
-        raise InputError(f"restitution of {where} is {e:g}; expected a number from 0 to 1")
+        raise ModelError(f"restitution of {where} is {e:g}; expected a number from 0 to 1")
     if e > 1.0 and not allowed:
-        raise InputError(
+        raise ModelError(
             f"restitution of {where} is {e:g}: above 1 every impact makes energy. Give a number from 0 to "
             "1, or allow_energy_source=True if that is meant (the energy is booked)"
         )

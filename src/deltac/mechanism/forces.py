@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.laws import as_law, symbol_names
@@ -22,7 +22,7 @@ from deltac.mechanism.quantities import (
     positive,
     vector,
 )
-from deltac.mechanism.scope import Part, Scope, require_count
+from deltac.mechanism.scope import Part, Scope, constructor, require_count
 
 
 @dataclass(frozen=True)
@@ -219,16 +219,16 @@ class Tendon(Part):
         scope.laws(quantities, scope.constants, self.where)
         low, high = (scope.number(end) for end in self.length)
         if low > high:
-            raise InputError(
+            raise ModelError(
                 f"length of {self.where}: the band from {low:g} to {high:g} is empty; swap them"
             )
 
     def _check_coordinate(self, scope: Scope, name: str) -> None:
         known = scope.coordinates.names
         if name not in known:
-            raise InputError(f"{self.where}: unknown coordinate {name!r}{closest(name, known)}")
+            raise UnknownName(f"{self.where}: unknown coordinate {name!r}{closest(name, known)}")
         if not scope.rate_is_speed(name):
-            raise InputError(
+            raise ModelError(
                 f"{self.where}: the rate of {name!r} is no speed of joint "
                 f"{scope.coordinates[name].joint!r}; a tendon takes coordinates of joints without "
                 "quaternions"
@@ -276,6 +276,7 @@ Element: TypeAlias = (
 )
 
 
+@constructor
 def joint_spring(
     name: str,
     joint: str,
@@ -294,7 +295,7 @@ def joint_spring(
     where = JointSpring.called(name)
     given = [stiffness is not None, torque is not None, potential is not None]
     if sum(given) != 1:
-        raise InputError(f"{where}: give exactly one of stiffness, torque and potential")
+        raise ModelError(f"{where}: give exactly one of stiffness, torque and potential")
     if stiffness is not None:
         k = _each(stiffness, f"stiffness of {where}")
         q0 = _each(rest, f"rest of {where}")
@@ -304,6 +305,7 @@ def joint_spring(
     return JointSpring(name, joint, potential=as_law(potential, f"potential of {where}"))
 
 
+@constructor
 def joint_damper(
     name: str, joint: str, damping: Any, *, allow_energy_source: bool = False
 ) -> JointDamper:
@@ -312,12 +314,14 @@ def joint_damper(
     return JointDamper(name, joint, _each(damping, f"damping of {where}"), allow_energy_source)
 
 
+@constructor
 def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
     """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
     where = JointTorque.called(name)
     return JointTorque(name, joint, None if torque is None else _each(torque, f"law of {where}"))
 
 
+@constructor
 def point_force(
     name: str,
     body: str,
@@ -330,7 +334,7 @@ def point_force(
     """A force at a point of a body, and a moment on it; see `PointForce`."""
     where = PointForce.called(name)
     if frame not in ("world", "body"):
-        raise InputError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
+        raise ModelError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
     return PointForce(
         name,
         body,
@@ -341,6 +345,7 @@ def point_force(
     )
 
 
+@constructor
 def spring_damper(
     name: str,
     body1: str,
@@ -355,7 +360,7 @@ def spring_damper(
     """A spring and damper between points of two bodies (or "ground"); see `SpringDamper`."""
     where = SpringDamper.called(name)
     if body1 == body2:
-        raise InputError(f"{where} connects body {body1!r} with itself, so it does nothing")
+        raise ModelError(f"{where} connects body {body1!r} with itself, so it does nothing")
     return SpringDamper(
         name,
         body1,
@@ -368,6 +373,7 @@ def spring_damper(
     )
 
 
+@constructor
 def tendon(
     name: str,
     path: Sequence[tuple[str, Sequence[Any]]] = (),
@@ -393,7 +399,7 @@ def tendon(
     given = [*([(path, 1.0)] if len(path) else []), *branches]
     ends = length if isinstance(length, list | tuple) else (length, length)
     if len(ends) != 2:
-        raise InputError(f"length of {where}: expected one length or two, found {length!r}")
+        raise ModelError(f"length of {where}: expected one length or two, found {length!r}")
     low, high = (as_law(end, f"length of {where}") for end in ends)
     made = Tendon(
         name,
@@ -407,17 +413,17 @@ def tendon(
         (low, high),
     )
     if not made.coordinates and not made.branches:
-        raise InputError(f"{where} has no length; give a path of points, or coordinates")
+        raise ModelError(f"{where} has no length; give a path of points, or coordinates")
     return made
 
 
 def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str) -> Branch:
     if len(points) < 2:
-        raise InputError(f"{where}: a path needs two points or more, found {len(points)}")
+        raise ModelError(f"{where}: a path needs two points or more, found {len(points)}")
     try:
         pairs = [(body, point) for body, point in points]
     except (TypeError, ValueError):
-        raise InputError(
+        raise ModelError(
             f"{where}: a path is made of (body, point) pairs, found {points!r}"
         ) from None
     return Branch(
@@ -426,6 +432,7 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
     )
 
 
+@constructor
 def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
     """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
     where = GravityCompensation.called(name)
@@ -449,7 +456,7 @@ def _integral(torque: Any, joint: str, where: str) -> Any:
     coordinate = sympy.Symbol(f"q.{joint}", real=True)
     potential = -sympy.integrate(torque, (coordinate, 0, coordinate))
     if potential.has(sympy.Integral):
-        raise InputError(
+        raise ModelError(
             f"{where}: no closed form was found for the potential of the stiffness curve {torque}; "
             "give potential= instead of torque="
         )

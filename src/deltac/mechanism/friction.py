@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     ZERO,
@@ -21,7 +21,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, require_count
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor, require_count
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
@@ -71,7 +71,7 @@ class FrictionLaw:
         if scope.is_constant(self.coulomb) and scope.is_constant(self.static):
             c, s = scope.number(self.coulomb), scope.number(self.static)
             if s < c:
-                raise InputError(
+                raise ModelError(
                     f"friction of {where}: static {s:g} is below coulomb {c:g}; friction about rest is at "
                     "least that in slip"
                 )
@@ -133,6 +133,7 @@ class PointFriction(Part):
         self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
 
 
+@constructor
 def friction_law(
     coulomb: Any,
     *,
@@ -147,7 +148,7 @@ def friction_law(
     """
     where = "friction law"
     if (static is None) != (stribeck is None):
-        raise InputError(
+        raise ModelError(
             f"{where}: static friction needs the speed over which it falls to Coulomb's; give both static "
             "and stribeck, or neither"
         )
@@ -166,6 +167,7 @@ def as_friction(value: Any, where: str) -> FrictionLaw:
     return value if isinstance(value, FrictionLaw) else friction_law(as_law(value, where))
 
 
+@constructor
 def joint_friction(
     name: str,
     joint: str,
@@ -189,7 +191,7 @@ def joint_friction(
     count = max((len(c) for c in columns if isinstance(c, list | tuple)), default=1)
     for c in columns:
         if isinstance(c, list | tuple) and len(c) != count:
-            raise InputError(f"{where}: expected {count} values, found {c!r}")
+            raise ModelError(f"{where}: expected {count} values, found {c!r}")
     rows = zip(*(list(c) if isinstance(c, list | tuple) else [c] * count for c in columns))
     laws = tuple(
         friction_law(c, static=s, stribeck=v, viscous=b, width=w) for c, s, v, b, w in rows
@@ -197,6 +199,7 @@ def joint_friction(
     return JointFriction(name, joint, laws, allow_energy_source)
 
 
+@constructor
 def point_friction(
     name: str,
     body: str,
@@ -216,7 +219,7 @@ def point_friction(
     """
     where = PointFriction.called(name)
     if body == on:
-        raise InputError(f"{where}: body {body!r} does not slide on itself")
+        raise ModelError(f"{where}: body {body!r} does not slide on itself")
     return PointFriction(
         name,
         body,

@@ -7,10 +7,11 @@ import difflib
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
-from deltac.errors import InputError
+from deltac.errors import FileError, ModelError
 from deltac.mechanism.laws import (
     ALLOWED,
     FUNCTIONS,
@@ -61,7 +62,7 @@ class _Reader:
         at = place if isinstance(place, int) else self.index(getattr(place, "col_offset", 0))
         first, last = max(0, at - 60), at + 60
         before, after = "…" * (first > 0), "…" * (last < len(self.text))
-        raise InputError(
+        raise ModelError(
             f"{self.where}: {problem}\n"
             f"    {before}{self.text[first:last]}{after}\n"
             f"    {' ' * (len(before) + at - first)}^\n"
@@ -74,9 +75,9 @@ class _Reader:
 
     def law(self) -> Law:
         if not self.text:
-            raise InputError(f"{self.where}: the text is empty; write a number or an expression")
+            raise ModelError(f"{self.where}: the text is empty; write a number or an expression")
         if len(self.text) > MAX_LENGTH:
-            raise InputError(
+            raise ModelError(
                 f"{self.where}: the text has {len(self.text)} characters, at most {MAX_LENGTH} are "
                 "read; build long laws as SymPy expressions"
             )
@@ -93,12 +94,14 @@ class _Reader:
         if "#" in bare:
             self.fail(bare.index("#"), "a law has no comments")
         try:
-            return ast.parse(self.text, mode="eval").body
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SyntaxWarning)  # what it warns of is no law either
+                return ast.parse(self.text, mode="eval").body
         except SyntaxError as error:
             at = min(max((error.offset or 1) - 1, 0), len(self.text))
             self.fail(at, f"this is not an expression ({error.msg})")
         except (ValueError, RecursionError, MemoryError) as error:
-            raise InputError(f"{self.where}: the text cannot be read ({error})") from None
+            raise FileError(f"{self.where}: the text cannot be read ({error})") from None
 
     def number(self, node: ast.expr) -> Expr:
         """The expression that a syntax node says, checked."""
@@ -218,6 +221,12 @@ class _Reader:
         import sympy
 
         if not isinstance(node.func, ast.Name):
+            if re.match(r"np\.\w+\(", self.text[self.index(node.col_offset) :]):
+                self.fail(
+                    node,
+                    "this is how NumPy 2 shows a number; where the text is made, write float(x): "
+                    "f'{float(x)}*t'",
+                )
             self.fail(node, "only the functions of the grammar can be called")
         name, arguments = node.func.id, node.args
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in arguments):

@@ -9,10 +9,10 @@ but spherical and free the speeds are the rates of the coordinates.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict, Unpack
 
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
     IDENTITY,
@@ -20,12 +20,12 @@ from deltac.mechanism.quantities import (
     Matrix,
     Quantity,
     Vector,
+    as_rotation,
     positive,
-    rotation_matrix,
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Constructor, Part, Scope, constructor, require_name
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,6 @@ def _joint(
     rotation: Any = None,
     child_position: Sequence[Any] = ZERO,
     child_rotation: Any = None,
-    pitch: Any = 0.0,
     stiffness: Any = None,
     rest: Any = None,
     damping: Any = None,
@@ -150,29 +149,31 @@ def _joint(
     motion: Any = None,
 ) -> Joint:
     where = f"of {Joint.called(name)}"
+    for end in (parent, child):
+        require_name(end, "body", f"joint {name!r}")
     if parent == child:
-        raise InputError(f"joint {name!r} connects body {child!r} with itself")
+        raise ModelError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:
         order = "free(name, child)" if kind == "free" else f"{kind}(name, parent, child)"
-        raise InputError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
+        raise ModelError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
     shape = KINDS[kind]
     # A quaternion turns as one: one stiffness, and no law of its own.
     springs = len(shape.coordinates) - (3 if shape.quaternion is not None else 0)
     if motion is not None and not shape.rates:
-        raise InputError(
+        raise ModelError(
             f"motion {where}: the motion of a {kind} joint cannot be prescribed; compose it of "
             "revolute and prismatic joints with massless frames between them"
         )
     if motion is not None and (stiffness is not None or damping is not None) and not shape.speeds:
-        raise InputError(f"joint {name!r} has no motion to prescribe")
+        raise ModelError(f"joint {name!r} has no motion to prescribe")
     if rest is not None and shape.quaternion is not None and springs == 1:
-        raise InputError(
+        raise ModelError(
             f"rest {where}: the spring of a quaternion pulls to the identity; turn the joint's frame "
             "with rotation= to place its rest elsewhere"
         )
     stiff = _laws(stiffness, springs, f"stiffness {where}")
     if rest is not None and not stiff:
-        raise InputError(f"rest {where} is given without a stiffness")
+        raise ModelError(f"rest {where} is given without a stiffness")
     return Joint(
         name=name,
         kind=kind,
@@ -180,10 +181,9 @@ def _joint(
         child=child,
         axes=tuple(unit_vector(axis, f"axis {where}") for axis in axes),
         position=vector(position, f"position {where}"),
-        rotation=rotation_matrix(rotation, f"rotation {where}"),
+        rotation=as_rotation(rotation, f"rotation {where}"),
         child_position=vector(child_position, f"child position {where}"),
-        child_rotation=rotation_matrix(child_rotation, f"child rotation {where}"),
-        pitch=as_law(pitch, f"pitch {where}"),
+        child_rotation=as_rotation(child_rotation, f"child rotation {where}"),
         stiffness=stiff,
         rest=_laws(0.0 if rest is None else rest, springs, f"rest {where}") if stiff else (),
         damping=_laws(damping, len(shape.speeds), f"damping {where}"),
@@ -195,26 +195,50 @@ def _joint(
     )
 
 
+class JointOptions(TypedDict, total=False):
+    """What every joint takes by keyword; see `revolute`."""
+
+    position: Any
+    rotation: Any
+    child_position: Any
+    child_rotation: Any
+    stiffness: Any
+    rest: Any
+    damping: Any
+    armature: Any
+    motion: Any
+
+
+def _joint_constructor(made: Constructor) -> Constructor:
+    return constructor(made, options=_joint)
+
+
 def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
     """One law per slot: a single value goes to every slot, a sequence must have the right length."""
     if value is None:
         return ()
     if count == 0:
-        raise InputError(f"{where}: the joint has no motion, so it takes none")
+        raise ModelError(f"{where}: the joint has no motion, so it takes none")
     if isinstance(value, list | tuple):
         if len(value) != count:
-            raise InputError(f"{where}: expected {count} values, found {len(value)}")
+            raise ModelError(f"{where}: expected {count} values, found {len(value)}")
         return tuple(as_law(entry, where) for entry in value)
     return (as_law(value, where),) * count
 
 
-def fixed(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def fixed(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """A rigid connection; `options` are the placements of `revolute`."""
     return _joint("fixed", name, parent, child, **options)
 
 
+@_joint_constructor
 def revolute(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "z", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "z",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A hinge: the child turns by the angle q (rad, right-handed) about `axis` of the joint frame.
 
@@ -226,13 +250,19 @@ def revolute(
     return _joint("revolute", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def prismatic(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "x", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "x",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A slide: the child moves by q (m) along `axis` of the joint frame."""
     return _joint("prismatic", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def screw(
     name: str,
     parent: str,
@@ -240,49 +270,59 @@ def screw(
     axis: str | Sequence[float] = "z",
     *,
     pitch: Any,
-    **options: Any,
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A screw: turns by q (rad) about `axis` and advances by `pitch` q/(2π); `pitch` in m per turn."""
-    return _joint("screw", name, parent, child, axis, pitch=pitch, **options)
+    made = _joint("screw", name, parent, child, axis, **options)
+    return replace(made, pitch=as_law(pitch, f"pitch of {made.where}"))
 
 
+@_joint_constructor
 def cylindrical(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "z", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "z",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.angle` (rad) about `axis` and slides by `.slide` (m) along it."""
     return _joint("cylindrical", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def universal(
     name: str,
     parent: str,
     child: str,
     first: str | Sequence[float] = "x",
     second: str | Sequence[float] = "y",
-    **options: Any,
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.first` about the axis `first`, then by `.second` about the turned axis `second`."""
     made = _joint("universal", name, parent, child, first, second, **options)
     a, b = made.axes
     sine = sum((a[i] * b[j] - a[j] * b[i]) ** 2 for i, j in ((0, 1), (1, 2), (2, 0))) ** 0.5
     if sine < 1e-6:
-        raise InputError(f"joint {name!r}: the two axes of a universal joint must not be parallel")
+        raise ModelError(f"joint {name!r}: the two axes of a universal joint must not be parallel")
     return made
 
 
-def planar(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def planar(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """Moves by `.x`, `.y` (m) in the x–y plane of the joint frame and turns by `.angle` about its z."""
     return _joint("planar", name, parent, child, **options)
 
 
-def spherical(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def spherical(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """A ball joint: a unit quaternion (scalar first); speeds: angular velocity, body components."""
     made = _joint("spherical", name, parent, child, **options)
     _require_unturned_child(made)
     return made
 
 
-def free(name: str, child: str, parent: str = GROUND, **options: Any) -> Joint:
+@_joint_constructor
+def free(name: str, child: str, parent: str = GROUND, **options: Unpack[JointOptions]) -> Joint:
     """Six degrees of freedom: position of the body frame's origin, then its orientation.
 
     Speeds: velocity of the origin in components of the parent's joint frame (the world's, for the
@@ -291,7 +331,7 @@ def free(name: str, child: str, parent: str = GROUND, **options: Any) -> Joint:
     made = _joint("free", name, parent, child, **options)
     _require_unturned_child(made)
     if made.child_position != ZERO:
-        raise InputError(
+        raise ModelError(
             f"joint {name!r}: a free joint describes the body frame's own origin, so it takes no "
             "child_position; move the body's mass centre and points instead"
         )
@@ -300,7 +340,7 @@ def free(name: str, child: str, parent: str = GROUND, **options: Any) -> Joint:
 
 def _require_unturned_child(joint: Joint) -> None:
     if joint.child_rotation != IDENTITY:
-        raise InputError(
+        raise ModelError(
             f"joint {joint.name!r}: angular velocity is in body components, so a {joint.kind} joint "
             "takes no child_rotation; turn the parent's side with rotation instead"
         )

@@ -22,7 +22,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import ModelError, UnknownName, WrongType
 
 Expr: TypeAlias = Any
 """A SymPy expression (SymPy is untyped, and loaded lazily)."""
@@ -135,9 +135,9 @@ def as_law(value: object, where: str) -> Law:
         try:
             return _checked(_normalised(value, where), where)
         except RecursionError:
-            raise InputError(f"{where}: the expression is nested too deeply for SymPy") from None
+            raise ModelError(f"{where}: the expression is nested too deeply for SymPy") from None
     hint = "; write the function as a SymPy expression" if callable(value) else ""
-    raise InputError(
+    raise WrongType(
         f"{where}: found {type(value).__name__} {value!r:.80}, expected a number, a text or a "
         f"SymPy expression{hint}"
     )
@@ -156,7 +156,7 @@ def check_symbols(law: Law, allowed: Collection[str], where: str) -> None:
         match = difflib.get_close_matches(name, allowed, n=1)
         hint = f"; did you mean {match[0]!r}?" if match else ""
         may = ", ".join(sorted(allowed)) or "nothing: it must be a number"
-        raise InputError(f"{where}: unknown symbol {name!r}{hint}; the law may depend on {may}")
+        raise UnknownName(f"{where}: unknown symbol {name!r}{hint}; the law may depend on {may}")
 
 
 def is_smooth(law: Law) -> bool:
@@ -183,7 +183,7 @@ def evaluate(law: Law, values: Mapping[str, float]) -> float:
     value = real_value(law.xreplace(point))
     if not math.isfinite(value):
         at = ", ".join(f"{symbol} = {float(x):g}" for symbol, x in point.items())
-        raise InputError(f"the law {law} has no finite real value at {at}")
+        raise ModelError(f"the law {law} has no finite real value at {at}")
     return value
 
 
@@ -247,9 +247,9 @@ def _checked(expr: Expr, where: str) -> Law:
     import sympy
 
     if not isinstance(expr, sympy.Expr):
-        raise InputError(f"{where}: found {expr!s:.80}, expected an expression with a real value")
+        raise ModelError(f"{where}: found {expr!s:.80}, expected an expression with a real value")
     if problem := problem_of(expr, set()):
-        raise InputError(f"{where}: {problem}\n    in {expr!s:.200}\n{ALLOWED}")
+        raise ModelError(f"{where}: {problem}\n    in {expr!s:.200}\n{ALLOWED}")
     return expr if expr.free_symbols else real_value(expr)
 
 
@@ -260,16 +260,16 @@ def _normalised(expr: Expr, where: str) -> Expr:
     ours = {}
     for symbol in expr.free_symbols:
         if not isinstance(symbol, sympy.Symbol) or isinstance(symbol, sympy.Dummy | sympy.Wild):
-            raise InputError(f"{where}: {type(symbol).__name__} {symbol} is not a plain symbol")
+            raise ModelError(f"{where}: {type(symbol).__name__} {symbol} is not a plain symbol")
         if symbol.is_extended_real is False or not symbol.is_commutative:
-            raise InputError(f"{where}: the symbol {symbol} is not declared as a real number")
+            raise ModelError(f"{where}: the symbol {symbol} is not declared as a real number")
         if symbol != symbol_of(symbol.name):
             ours[symbol] = symbol_of(symbol.name)
     # Rebuilding costs time and may change the form: only where there is something to replace.
     try:
         return expr.xreplace(ours) if ours else expr
     except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: {expr!s:.200} is no real expression ({error})") from None
+        raise ModelError(f"{where}: {expr!s:.200} is no real expression ({error})") from None
 
 
 def symbol_of(name: str) -> Expr:
@@ -285,7 +285,7 @@ def _finite(number: Any, where: str) -> float:
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
-        raise InputError(f"{where}: found {number!s:.80}, expected a finite number")
+        raise ModelError(f"{where}: found {number!s:.80}, expected a finite number")
     return value
 
 

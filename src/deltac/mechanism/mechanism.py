@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -18,7 +18,7 @@ from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorq
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
+@constructor
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """Bodies, the tree of joints that connects them to the ground, forces and constraints.
@@ -56,16 +57,16 @@ class Mechanism:
             object.__setattr__(self, attribute, value)
 
         if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"name of the mechanism: expected a text, found {self.name!r}")
+            raise ModelError(f"name of the mechanism: expected a text, found {self.name!r}")
         for attribute, kind, example in (
             ("bodies", Body, "deltac.body(...)"),
             ("joints", Joint, "deltac.revolute(...)"),
-            ("forces", Element, "deltac.joint_torque(...)"),
-            ("constraints", Constraint, "deltac.distance(...)"),
+            ("forces", Element, "deltac.forces.joint_torque(...)"),
+            ("constraints", Constraint, "deltac.constraints.distance(...)"),
             (
                 "events",
                 Happening,
-                "deltac.joint_stop(...), deltac.impact(...) or deltac.event(...)",
+                "deltac.events.joint_stop(...), deltac.events.impact(...) or deltac.events.event(...)",
             ),
         ):
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
@@ -162,7 +163,7 @@ class Mechanism:
         """The same mechanism with other values of some parameters."""
         for name in values:
             if name not in self.parameters:
-                raise InputError(f"unknown parameter {name!r}{closest(name, self.parameters)}")
+                raise UnknownName(f"unknown parameter {name!r}{closest(name, self.parameters)}")
         return replace(self, parameters={**self.parameters, **values})
 
     def digest(self, without: Iterable[str] = ()) -> str:
@@ -206,19 +207,6 @@ class Mechanism:
         )
 
 
-def require_mechanism(given: object) -> None:
-    """InputError unless it is a mechanism; tells where the one that was meant is."""
-    if isinstance(given, Mechanism):
-        return
-    remedy = ""
-    if isinstance(getattr(given, "mechanism", None), Mechanism):
-        remedy = "; use problem.mechanism"
-    elif isinstance(given, str):
-        remedy = "; of a problem by its name, use deltac.problems.load(name).mechanism"
-    found = repr(given) if isinstance(given, str) else type(given).__name__
-    raise InputError(f"mechanism: expected a Mechanism, found {found}{remedy}")
-
-
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
     made: list[Entry] = []
     for joint in joints:
@@ -233,30 +221,37 @@ def _named(parts: Sequence[Any], name: str, what: str) -> Any:
     for part in parts:
         if part.name == name:
             return part
-    raise InputError(f"unknown {what} {name!r}{closest(name, [part.name for part in parts])}")
+    raise UnknownName(f"unknown {what} {name!r}{closest(name, [part.name for part in parts])}")
 
 
 def _of_kind(given: Any, what: str, kind: Any, example: str) -> tuple[Any, ...]:
     """The parts as a tuple; InputError unless each is of its kind."""
     if not isinstance(given, Iterable) or isinstance(given, str):
-        raise InputError(
-            f"{what} of the mechanism: found {given!r}, expected a sequence of what {example} returns"
+        raise ModelError(
+            f"{what} of the mechanism: found {_described(given)}, expected a sequence of what {example} "
+            "returns"
         )
     parts = tuple(given)
     for part in parts:
         if not isinstance(part, kind):
-            raise InputError(
-                f"{what} of the mechanism: found {part!r}, expected what {example} returns"
+            raise ModelError(
+                f"{what} of the mechanism: found {_described(part)}, expected what {example} returns"
             )
     return parts
 
 
+def _described(value: object) -> str:
+    return value.where if isinstance(value, Part) else shown(value)
+
+
 def _parameters(given: Mapping[str, float]) -> dict[str, float]:
     """The parameters as floats; their names must be usable in laws."""
+    if not isinstance(given, Mapping):
+        raise ModelError(f"parameters: found {shown(given)}, expected values by name: {{'k': 2.0}}")
     values: dict[str, float] = {}
     for name, value in given.items():
         if not isinstance(name, str) or not name.isidentifier() or name in ("t", "q", "u", "pi"):
-            raise InputError(
+            raise ModelError(
                 f"parameter {name!r}: a name of letters, digits and underscores is expected, "
                 "other than t, q, u and pi"
             )
@@ -265,7 +260,7 @@ def _parameters(given: Mapping[str, float]) -> dict[str, float]:
         except (TypeError, ValueError):
             number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"parameter {name!r} is {value!r}; expected a finite number")
+            raise ModelError(f"parameter {name!r} is {value!r}; expected a finite number")
         values[name] = number
     return values
 
@@ -279,11 +274,11 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end != GROUND and end not in names:
-                raise InputError(
+                raise UnknownName(
                     f"joint {joint.name!r}: unknown body {end!r}{closest(end, [*names, GROUND])}"
                 )
         if joint.child in carrier:
-            raise InputError(
+            raise ModelError(
                 f"body {joint.child!r} is the child of two joints, "
                 f"{carrier[joint.child].name!r} and {joint.name!r}; in a tree each body is carried by "
                 "one joint. Close a loop by a constraint instead"
@@ -291,7 +286,7 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
         carrier[joint.child] = joint
     for name in names:
         if name not in carrier:
-            raise InputError(
+            raise ModelError(
                 f"body {name!r} is carried by no joint; connect it, for example by "
                 f"deltac.free('base', {name!r})"
             )
@@ -304,7 +299,7 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
             cycle = ", ".join(
                 f"{joint.name!r} ({joint.parent} → {joint.child})" for joint in waiting
             )
-            raise InputError(
+            raise ModelError(
                 f"the joints {cycle} form a cycle that is not connected to the ground; the joints of a "
                 "mechanism must form a tree rooted at 'ground'"
             )
@@ -321,7 +316,7 @@ def _distinct(parts: Iterable[Part], what: str) -> None:
     seen: set[str] = set()
     for part in parts:
         if part.name in seen:
-            raise InputError(f"two {what} are called {part.name!r}; names must differ")
+            raise ModelError(f"two {what} are called {part.name!r}; names must differ")
         seen.add(part.name)
 
 
@@ -331,7 +326,7 @@ def _check_names_of_coordinates(mechanism: Mechanism) -> None:
         owner: dict[str, str] = {}
         for entry in entries:
             if entry.name in owner:
-                raise InputError(
+                raise ModelError(
                     f"joints {owner[entry.name]!r} and {entry.joint!r} both have a coordinate or speed "
                     f"{entry.name!r}; rename one of the joints"
                 )
@@ -344,7 +339,7 @@ def _check_channels(parts: Iterable[Part]) -> None:
     for part in parts:
         for kind in part.channel_kinds:
             if owner := owners.get((kind, part.name)):
-                raise InputError(
+                raise ModelError(
                     f"{owner.where} and {part.where} would both use the channel '{kind} {part.name}'; "
                     "give one of them another name"
                 )
@@ -361,7 +356,7 @@ def _check_mass_carried(mechanism: Mechanism) -> None:
         carried[joint.name] = heavy
         moves = bool(joint.speeds) and not joint.prescribed
         if moves and not heavy and not any(mechanism.number(a) > 0.0 for a in joint.armature):
-            raise InputError(
+            raise ModelError(
                 f"joint {joint.name!r} moves the massless frame {joint.child!r} and nothing else, so "
                 "its motion is undetermined; give a body on it a mass, or the joint an armature"
             )

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.laws import as_law
 
 Quantity: TypeAlias = Any
@@ -34,7 +34,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 def part_name(name: Any, what: str) -> str:
     """The name of a part; InputError says what `what` (as in "a joint") needs."""
     if not isinstance(name, str) or not name.strip() or name != name.strip():
-        raise InputError(f"{what} needs a name without surrounding blanks, found {name!r}")
+        raise ModelError(f"{what} needs a name without surrounding blanks, found {name!r}")
     return name
 
 
@@ -42,7 +42,7 @@ def vector(value: Sequence[Any], where: str) -> Vector:
     """Three quantities; InputError names `where` when there are not three."""
     entries = () if isinstance(value, str) or not hasattr(value, "__len__") else tuple(value)
     if len(entries) != 3:
-        raise InputError(f"{where}: expected three components, found {value!r}")
+        raise ModelError(f"{where}: expected three components, found {value!r}")
     x, y, z = (as_law(entry, f"{where}, component {c}") for entry, c in zip(entries, "xyz"))
     return (x, y, z)
 
@@ -51,19 +51,19 @@ def unit_vector(value: str | Sequence[float], where: str) -> tuple[float, float,
     """A direction: ``"x"``, ``"-z"``, … or three numbers of any length but zero (normalised)."""
     if isinstance(value, str):
         if value not in AXES:
-            raise InputError(f"{where}: unknown axis {value!r}; known: {', '.join(AXES)}")
+            raise UnknownName(f"{where}: unknown axis {value!r}; known: {', '.join(AXES)}")
         return AXES[value]
     entries = vector(value, where)
     if not all(isinstance(entry, float) for entry in entries):
-        raise InputError(f"{where}: an axis must be of plain numbers, found {value!r}")
+        raise ModelError(f"{where}: an axis must be of plain numbers, found {value!r}")
     length = math.hypot(*entries)
     if not length > 0.0:
-        raise InputError(f"{where}: the axis {tuple(entries)} has no direction (length 0)")
+        raise ModelError(f"{where}: the axis {tuple(entries)} has no direction (length 0)")
     x, y, z = (entry / length for entry in entries)
     return (x, y, z)
 
 
-def rotation_matrix(value: Any, where: str) -> Matrix:
+def as_rotation(value: Any, where: str) -> Matrix:
     """A rotation from three by three numbers, or from a unit quaternion (scalar first).
 
     Its columns are the turned axes. InputError when it is not a rotation to 1e-6.
@@ -75,22 +75,22 @@ def rotation_matrix(value: Any, where: str) -> Matrix:
     if len(rows) == 4 and not any(isinstance(row, list) for row in rows):
         return _from_quaternion([float(entry) for entry in value], where)
     if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
-        raise InputError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
+        raise ModelError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
     r = [[float(entry) for entry in list(row)] for row in rows]
     gram = [[sum(r[k][i] * r[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
     off = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
     if not (off < 1e-6 and _determinant(r) > 0.0):
-        raise InputError(
+        raise ModelError(
             f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {off:.3g}, "
             f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or "
-            "deltac.rotation(axis, angle)"
+            "deltac.rotation_matrix(axis, angle)"
         )
     a, b, c = ((row[0], row[1], row[2]) for row in r)
     return (a, b, c)
 
 
-def rotation(axis: str | Sequence[float], angle: float) -> Matrix:
-    """The matrix of a turn by `angle` (rad, right-handed) about `axis`, for joints' placements."""
+def rotation_matrix(axis: str | Sequence[float], angle: float) -> Matrix:
+    """The matrix of a turn by `angle` (rad, right-handed) about `axis`: for joints, shapes, loops."""
     n = unit_vector(axis, "rotation")
     half = 0.5 * float(angle)
     w, s = math.cos(half), math.sin(half)
@@ -100,7 +100,7 @@ def rotation(axis: str | Sequence[float], angle: float) -> Matrix:
 def _from_quaternion(q: list[float], where: str) -> Matrix:
     norm = math.hypot(*q)
     if not abs(norm - 1.0) < 1e-6:
-        raise InputError(
+        raise ModelError(
             f"{where}: the quaternion {tuple(q)} has length {norm:.6g}; expected 1 (scalar first)"
         )
     w, x, y, z = (entry / norm for entry in q)
@@ -132,4 +132,4 @@ def require_positive(value: float, where: str, *, allow_zero: bool = False) -> N
     if value > 0.0 or (allow_zero and value == 0.0):
         return
     expected = "zero or a positive number" if allow_zero else "a positive number"
-    raise InputError(f"{where}: found {value:g}, expected {expected}")
+    raise ModelError(f"{where}: found {value:g}, expected {expected}")

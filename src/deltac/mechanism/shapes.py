@@ -11,19 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
     Quantity,
     Vector,
+    as_rotation,
     part_name,
     positive,
-    rotation_matrix,
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Scope
+from deltac.mechanism.scope import GROUND, Scope, constructor
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,14 @@ class HalfSpace:
 Shape: TypeAlias = Sphere | Capsule | Box | HalfSpace
 
 
+@constructor
 def point(body: str, position: Sequence[Any] = ZERO) -> Sphere:
     """A point of a body (or of the ground), as a sphere of radius 0."""
     where = f"point shape of body {part_name(body, 'the body of a shape')!r}"
     return Sphere(body, vector(position, f"position of {where}"), 0.0)
 
 
+@constructor
 def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
     """A sphere of `radius` (m) about `position` in the body's frame."""
     where = f"sphere shape of body {part_name(body, 'the body of a shape')!r}"
@@ -102,6 +104,7 @@ def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
     )
 
 
+@constructor
 def capsule(
     body: str,
     radius: Any,
@@ -123,6 +126,7 @@ def capsule(
     )
 
 
+@constructor
 def box(
     body: str, size: Sequence[Any], position: Sequence[Any] = ZERO, rotation: Any = None
 ) -> Box:
@@ -135,11 +139,12 @@ def box(
     return Box(
         body,
         vector(position, f"position of {where}"),
-        rotation_matrix(rotation, f"rotation of {where}"),
+        as_rotation(rotation, f"rotation of {where}"),
         (a, b, c),
     )
 
 
+@constructor
 def half_space(
     body: str = "ground", normal: str | Sequence[float] = "z", position: Sequence[Any] = ZERO
 ) -> HalfSpace:
@@ -157,24 +162,24 @@ def check_pair(first: Shape, second: Shape, where: str) -> None:
     """InputError for two shapes between which no contact is defined."""
     for shape in (first, second):
         if not isinstance(shape, Shape):
-            raise InputError(
+            raise ModelError(
                 f"{where}: expected a shape such as deltac.shapes.sphere('ball', 0.1), found {shape!r}"
             )
     if first.body == second.body:
-        raise InputError(
+        raise ModelError(
             f"{where}: both shapes belong to {first.body!r}, so they cannot move against each other"
         )
     if isinstance(first, HalfSpace) and isinstance(second, HalfSpace):
-        raise InputError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
+        raise ModelError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
     if _is_point(first) and _is_point(second):
-        raise InputError(f"{where}: two points never touch; give one of them a radius")
+        raise ModelError(f"{where}: two points never touch; give one of them a radius")
 
 
 def check_shape(scope: Scope, shape: Shape, where: str) -> None:
     """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
     names = [GROUND, *scope.bodies]
     if shape.body not in names:
-        raise InputError(
+        raise UnknownName(
             f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
         )
     of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"

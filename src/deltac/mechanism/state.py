@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltac.errors import InputError, closest
-from deltac.mechanism.coordinates import Entries
+from deltac.errors import StateError, SuspicionWarning, UnknownName, closest
+from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate, rate
 from deltac.mechanism.scope import Scope
@@ -40,7 +41,7 @@ def make_state(
     """The state of a mechanism's joints; see `Mechanism.state`."""
     t = _scalar(t, "t", "time")
     if not math.isfinite(t):
-        raise InputError(f"time of the state is {t}; expected a finite number of seconds")
+        raise StateError(f"time of the state is {t}; expected a finite number of seconds")
     q, named_q = _fill(scope.coordinates, coordinates, "coordinate")
     u, named_u = _fill(scope.speeds, speeds, "speed")
     for joint in joints:
@@ -71,7 +72,7 @@ def _fill(
         entire = list(given) if isinstance(given, Iterable) else given
         array = _array(entire, f"{what}s of the state")
         if array.shape != values.shape:
-            raise InputError(
+            raise StateError(
                 f"{what}s of the state: expected {len(entries)} values "
                 f"({', '.join(entries.names)}), found an array of shape {array.shape}"
             )
@@ -82,11 +83,12 @@ def _fill(
         if name in entries.names:
             values[entries[name].index] = _scalar(value, name, what)
             named.add(name)
+            _suspect_degrees(entries[name], values[entries[name].index])
         elif name in joints:
             place = entries.of(name)
             array = _array(value, f"{what}s of joint {name!r}")
             if array.shape != (place.stop - place.start,):
-                raise InputError(
+                raise StateError(
                     f"{what}s of joint {name!r}: expected {place.stop - place.start} values "
                     f"({', '.join(entries.names[place])}), found {value!r}"
                 )
@@ -94,8 +96,19 @@ def _fill(
             named.update(entries.names[place])
         else:
             options = list(dict.fromkeys([*entries.names, *sorted(joints)]))
-            raise InputError(f"unknown {what} {name!r} of the state{closest(name, options)}")
+            raise UnknownName(f"unknown {what} {name!r} of the state{closest(name, options)}")
     return _checked_finite(values, entries, what), named
+
+
+def _suspect_degrees(entry: Entry, value: float) -> None:
+    """Warn of an angle beyond a turn that is a round number: 60 rad is seldom meant, 60° often."""
+    if entry.unit == "rad" and abs(value) > 2 * math.pi and value % 5 == 0:
+        warnings.warn(
+            f"coordinate {entry.name!r} of the state is {value:g} rad, {value / (2 * math.pi):.3g} turns; if "
+            f"degrees were meant, write math.radians({value:g})",
+            SuspicionWarning,
+            stacklevel=5,
+        )
 
 
 def _array(value: Any, where: str) -> NDArray[np.float64]:
@@ -104,14 +117,14 @@ def _array(value: Any, where: str) -> NDArray[np.float64]:
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{where}: expected numbers, found {value!r}") from None
+        raise StateError(f"{where}: expected numbers, found {value!r}") from None
 
 
 def _scalar(value: Any, name: str, what: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise InputError(
+        raise StateError(
             f"{what} {name!r} of the state: expected a number, found {value!r}"
         ) from None
 
@@ -121,7 +134,7 @@ def _checked_finite(
 ) -> NDArray[np.float64]:
     for entry, value in zip(entries, values):
         if not math.isfinite(value):
-            raise InputError(
+            raise StateError(
                 f"{what} {entry.name!r} of the state is {value}; expected a finite number"
             )
     return values
@@ -133,7 +146,7 @@ def _unit(q: NDArray[np.float64], joint: str, named: set[str]) -> NDArray[np.flo
         q[0] = 1.0
         return q
     if abs(norm - 1.0) > 1e-3:
-        raise InputError(
+        raise StateError(
             f"the quaternion of joint {joint!r}, {tuple(map(float, q))}, has length {norm:.6g}; "
             "expected a unit quaternion, scalar first. Divide it by its length"
         )
@@ -145,7 +158,7 @@ def _settle(
 ) -> None:
     """Put the law's value in place; a given value must agree with it."""
     if name in named and abs(vector[index] - value) > 1e-6 * max(1.0, abs(value)):
-        raise InputError(
+        raise StateError(
             f"{name!r} is prescribed: its law gives {value:.9g} at t = {t:g}, the state says "
             f"{vector[index]:.9g}. Leave it out of the state"
         )

@@ -11,7 +11,7 @@ from importlib import import_module
 from inspect import signature
 from typing import Any
 
-from deltac.errors import InputError, closest
+from deltac.errors import UnknownName, closest
 from deltac.problems.problem import Problem, Reference
 
 __all__ = ["Problem", "Reference", "load", "names"]
@@ -64,10 +64,10 @@ def load(name: str, **options: Any) -> Problem:
     Raises InputError for an unknown name or option.
     """
     if name not in names():
-        raise InputError(f"unknown problem {name!r}{closest(name, names())}")
+        raise UnknownName(f"unknown problem {name!r}{closest(name, names())}")
     make: Callable[..., Problem] = import_module(f"{__name__}.{name.replace('-', '_')}").problem
     known = list(signature(make).parameters)
     for option in options:
         if option not in known:
-            raise InputError(f"problem {name!r} has no option {option!r}{closest(option, known)}")
+            raise UnknownName(f"problem {name!r} has no option {option!r}{closest(option, known)}")
     return make(**options)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import (
-    Mechanism,
-    body,
-    joint_torque,
-    loop_revolute,
-    revolute,
-    spring_damper,
-)
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import loop_revolute
+from deltac.mechanism.forces import joint_torque, spring_damper
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, coordinate, energy, instant, speed
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -157,7 +154,6 @@ def problem() -> Problem:
         solver="ode8",
         source="W. Schiehlen (ed.), Multibody Systems Handbook, 1990; F. Mazzia, C. Magherini, Test "
         "Set for Initial Value Problem Solvers, release 2.4, University of Bari, 2008",
-        classification="holonomic, scleronomic (closed loops)",
         freedom=1,
         invariants={"energy less the work of the torque": balance},
         reference=tuple(reference),

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, contact, prismatic, shapes, sphere
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import sphere
+from deltac.mechanism.contact import contact
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, instant, largest
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -67,7 +71,6 @@ def problem(exponent: float = 1.0) -> Problem:
         tolerance=1e-11,
         source="closed form: in contact x = (g/ω²)(1 − cos ω t) + (v/ω) sin ω t, ω² = k/m, for "
         "(2/ω)(π − arctan(ω v/g)); of any exponent: k xⁿ⁺¹/(n + 1) = m g (h + x) at the deepest x",
-        classification="holonomic, scleronomic, with unilateral contact",
         invariants={"energy": energy},
         reference=(deepest, *heights),
         notes="Nothing is lost: the elastic energy is the potential 'spring floor'.",

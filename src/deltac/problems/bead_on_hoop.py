@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, frame, point_mass, revolute
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, energy, instant, work
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -50,7 +52,6 @@ def problem() -> Problem:
         solver="ode8",
         source="H. Goldstein, Classical Mechanics, chapter 2 (an energy function that is not the "
         "energy)",
-        classification="holonomic, rheonomic (prescribed motion)",
         invariants={"Jacobi integral": _jacobi_integral},
         reference=tuple(reference),
         notes="K + V is not constant: the motor works. K + V − Q is, and so is K2 − K0 + V.",

@@ -7,7 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, free, revolute, rolling
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import rolling
+from deltac.mechanism.joints import free, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -100,7 +103,6 @@ def problem(speed: float = SPEED, nudge: float = NUDGE) -> Problem:
         source="J. P. Meijaard, J. M. Papadopoulos, A. Ruina, A. L. Schwab, Linearized dynamics "
         "equations for the balance and steer of a bicycle: a benchmark and review, Proc. R. Soc. A 463 "
         "(2007) 1955-1982",
-        classification="nonholonomic, scleronomic, catastatic (rolling, and a closed loop)",
         freedom=3,
         invariants={"energy": energy(mechanism)},
         reference=tuple(reference),

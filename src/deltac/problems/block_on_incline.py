@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, friction_law, point_friction, point_mass, prismatic
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.friction import friction_law, point_friction
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import coordinate, instant, speed, work
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -59,7 +62,6 @@ def problem(width: float = 5e-3) -> Problem:
         solver="ode5",
         source="closed form: heat μ m g cos α s; with tanh friction the time to the speed v is "
         "w [a y + b ln(a cosh y − b sinh y)]/(a² − b²), y = v/w, a = g sin α, b = μ g cos α",
-        classification="holonomic, scleronomic, with friction",
         reference=(
             instant("s", early, coordinate("s"), distance, "m", "exact", 1e-14),
             instant(

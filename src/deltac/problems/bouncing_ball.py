@@ -7,7 +7,11 @@ import math
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, event, impact, point_mass, prismatic, shapes
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.events import event, impact
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -65,7 +69,6 @@ def problem(restitution: float = RESTITUTION) -> Problem:
         step=step,
         solver="ode5",
         source="Newton's law of restitution; a textbook example of accumulating events (Zeno)",
-        classification="holonomic, scleronomic, with impacts",
         invariants={"energy and losses": _energy_and_losses},
         reference=tuple(reference),
         notes="Each impact takes 1 − e² of the energy; heights are e^(2k) h0, and all bounces together "

@@ -7,7 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.mechanism import Mechanism, box, loop_revolute, revolute
+from deltac.mechanism.bodies import box
+from deltac.mechanism.constraints import loop_revolute
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -77,7 +80,6 @@ def problem() -> Problem:
         solver="ode8",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A04 Bricard mechanism",
-        classification="holonomic, scleronomic (a closed loop, one redundant constraint)",
         freedom=1,
         invariants={"energy": _energy},
         reference=tuple(reference),

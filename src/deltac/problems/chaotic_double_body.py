@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, revolute
+from deltac.mechanism.bodies import body
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -58,7 +60,6 @@ def problem() -> Problem:
         solver="ode8",
         source="T. R. Kane, P. C. Mitiguy, The swinging babyboot (the motivating example of Autolev "
         "and MotionGenesis)",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         equations=Equations(_rhs, name="the published equations of the babyboot"),

@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, planar, skate
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import skate
+from deltac.mechanism.joints import planar
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -49,7 +52,6 @@ def problem() -> Problem:
         solver="ode8",
         source="S. A. Chaplygin, On the theory of motion of nonholonomic systems, Math. Sb. 28 "
         "(1911); A. M. Bloch, Nonholonomic Mechanics and Control, §1.7",
-        classification="nonholonomic, scleronomic, catastatic",
         freedom=2,
         invariants={"energy": _energy, "lateral velocity of the blade": _lateral},
         reference=tuple(reference),

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, disc, joint_friction, revolute
+from deltac.mechanism.bodies import disc
+from deltac.mechanism.friction import joint_friction
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import instant, speed, work
 from deltac.problems.problem import Problem, Reference
 
@@ -47,7 +50,6 @@ def problem() -> Problem:
         solver="ode5",
         source="momentum and energy of two discs; of tanh friction: d/dt ln sinh(r/w) = −T/(I w), r the "
         "slip speed, I the reduced moment of inertia",
-        classification="holonomic, scleronomic, with friction",
         invariants={
             "angular momentum": lambda run: (
                 (DRIVING + DRIVEN) * run.speed("shaft") + DRIVEN * run.speed("slip")

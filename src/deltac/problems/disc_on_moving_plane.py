@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, disc, free, rolling
+from deltac.mechanism.bodies import disc
+from deltac.mechanism.constraints import rolling
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed, work
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -70,7 +73,6 @@ def problem(lean: float = LEAN) -> Problem:
         solver="ode8",
         source="Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, chapter III (the disc); "
         "the plane's motion is added",
-        classification="nonholonomic, acatastatic (b ≠ 0)",
         freedom=3,
         invariants={"lowest point": _lowest},
         reference=tuple(reference),

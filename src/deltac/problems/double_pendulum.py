@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, point_mass, revolute
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -45,7 +47,6 @@ def problem() -> Problem:
         step=1e-3,
         solver="ode8",
         source="L. D. Landau, E. M. Lifshitz, Mechanics, §5, problem 1",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         notes="θ are absolute angles from the downward vertical. The motion is chaotic: errors grow "

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, frame, point_mass, prismatic, spring_damper
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.forces import spring_damper
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -46,7 +49,6 @@ def problem() -> Problem:
         solver="ode8",
         source="A. Vitt, G. Gorelik, Oscillations of an elastic pendulum as an example of the "
         "oscillations of two parametrically coupled linear systems, J. Tech. Phys. 3 (1933)",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
     )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from deltac.mechanism import CoordinateMap, Mechanism, frame, point_mass, prismatic
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, delta_c_range, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -40,7 +43,6 @@ def problem() -> Problem:
         solver="ode4",
         source="T. R. Kane, D. A. Levinson, J. Appl. Mech. 55 (1988) 711-715 and 57 (1990) 248-249 "
         "(the smallest case in which they differ)",
-        classification="holonomic, scleronomic, in acatastatic generalized speeds",
         invariants={
             "energy": _energy,
             "linear momentum x": lambda run: MASS * run.speed("x"),

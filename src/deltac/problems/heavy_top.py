@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, spherical
+from deltac.mechanism.bodies import body
+from deltac.mechanism.joints import spherical
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, coordinate, energy, instant, rotated
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -49,7 +51,6 @@ def problem() -> Problem:
         solver="ode8",
         source="O. Brüls, A. Cardona, On the use of Lie group time integrators in multibody "
         "dynamics, J. Comput. Nonlinear Dyn. 5 (2010) 031002",
-        classification="holonomic, scleronomic",
         invariants={
             "energy": _energy,
             "angular momentum z": _vertical_momentum,

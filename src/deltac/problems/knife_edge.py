@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, body, planar, skate
+from deltac.mechanism.bodies import body
+from deltac.mechanism.constraints import skate
+from deltac.mechanism.joints import planar
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -44,7 +47,6 @@ def problem() -> Problem:
         solver="ode8",
         source="Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, chapter III; A. M. "
         "Bloch, Nonholonomic Mechanics and Control, §1.6",
-        classification="nonholonomic, scleronomic, catastatic",
         freedom=2,
         invariants={"energy": _energy, "ω": lambda run: run.speed("slope.angle")},
         reference=tuple(reference),

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Kind, Reference
 from deltac.trajectories import Trajectory
 
@@ -159,4 +160,4 @@ def _ledger(
 ) -> Ledger:
     from deltac.energy import balance
 
-    return balance(mechanism, run, work="samples", speeds=coordinates)
+    return balance(mechanism, run, work="samples", coordinates=coordinates)

@@ -7,7 +7,10 @@ import math
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import Mechanism, loop_revolute, revolute, rod
+from deltac.mechanism.bodies import rod
+from deltac.mechanism.constraints import loop_revolute
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -82,7 +85,6 @@ def problem(n: int = 2) -> Problem:
         solver="ode4",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A02 N-four-bar mechanism",
-        classification="holonomic, scleronomic (closed loops)",
         freedom=1,
         invariants={"energy": _energy(n)},
         reference=tuple(reference),

@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, disc, free, rolling
+from deltac.mechanism.bodies import disc
+from deltac.mechanism.constraints import rolling
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, rotated
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -76,7 +79,6 @@ def problem() -> Problem:
         solver="ode8",
         source="C. Le Saux, R. I. Leine, C. Glocker, Dynamics of a rolling disk in the presence of "
         "dry friction, J. Nonlinear Sci. 15 (2005) 27-61",
-        classification="nonholonomic, scleronomic, catastatic (rolling)",
         freedom=3,
         invariants={
             "energy": _energy,

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, point_mass, revolute
+from deltac.mechanism.bodies import point_mass
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, energy, instant, period
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -55,7 +57,6 @@ def problem() -> Problem:
         solver="ode8",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A01 Simple Pendulum",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         notes="The community's threshold is an energy error below 5e-5 J. At the start only the "

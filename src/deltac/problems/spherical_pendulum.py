@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, distance, frame, point_mass, prismatic
+from deltac.mechanism.bodies import frame, point_mass
+from deltac.mechanism.constraints import distance
+from deltac.mechanism.joints import prismatic
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -46,7 +49,6 @@ def problem() -> Problem:
         step=2e-3,
         solver="ode8",
         source="E. T. Whittaker, Analytical Dynamics of Particles and Rigid Bodies, §55",
-        classification="holonomic, scleronomic (a rod)",
         freedom=2,
         invariants={"energy": _energy, "angular momentum z": _vertical_momentum},
         reference=tuple(reference),

@@ -6,15 +6,10 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import (
-    Mechanism,
-    box,
-    fixed,
-    point_mass,
-    prismatic,
-    revolute,
-    spring_damper,
-)
+from deltac.mechanism.bodies import box, point_mass
+from deltac.mechanism.forces import spring_damper
+from deltac.mechanism.joints import fixed, prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -94,7 +89,6 @@ def problem() -> Problem:
         source="M. González, F. González, A. Luaces, J. Cuadrado, A collaborative benchmarking framework "
         "for multibody system dynamics, Eng. Comput. 26 (2010) 1-9; IFToMM Library of Computational "
         "Benchmark Problems, A05 Stiff fly-ball governor",
-        classification="holonomic, scleronomic; stiff",
         invariants={"angular momentum": _angular_momentum},
         reference=tuple(reference),
         notes="Published are the dimensions of the bars and the slider (3000 kg/m³), the balls of 5 kg, "

@@ -6,15 +6,11 @@ import math
 
 import numpy as np
 
-from deltac.mechanism import (
-    Mechanism,
-    joint_stop,
-    loop_spherical,
-    point_mass,
-    prismatic,
-    revolute,
-    rod,
-)
+from deltac.mechanism.bodies import point_mass, rod
+from deltac.mechanism.constraints import loop_spherical
+from deltac.mechanism.events import joint_stop
+from deltac.mechanism.joints import prismatic, revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.bouncing_ball import losses
 from deltac.problems.measures import FloatArray, Measure
 from deltac.problems.problem import Problem, Reference
@@ -90,7 +86,6 @@ def problem() -> Problem:
         solver="ode8",
         source="One degree of freedom: between impacts √A(θ) θ̇ is constant, and each impact multiplies it "
         "by −e; the times are quadratures of √A (by mpmath, 30 digits)",
-        classification="holonomic, scleronomic (closed loop), with impacts",
         freedom=1,
         invariants={"energy and losses": _energy_and_losses},
         reference=tuple(reference),

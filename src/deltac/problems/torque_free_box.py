@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.mechanism import Mechanism, box, free
+from deltac.mechanism.bodies import box
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant, rotated, speed
 from deltac.problems.problem import Problem
 from deltac.trajectories import Trajectory
@@ -58,7 +60,6 @@ def problem() -> Problem:
         solver="ode8",
         source="L. D. Landau, E. M. Lifshitz, Mechanics, §37 (the asymmetrical top, in Jacobi's "
         "elliptic functions)",
-        classification="holonomic, scleronomic",
         invariants={
             "energy": _energy,
             "horizontal momentum x": lambda run: MASS * run.speed("flight.vx"),

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.mechanism import CoordinateMap, Mechanism, joint_torque, revolute, rod
+from deltac.mechanism.bodies import rod
+from deltac.mechanism.constraints import motion_constraint
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.forces import joint_torque
+from deltac.mechanism.joints import revolute
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import FloatArray, Signal, energy, instant, kinetic, largest, work
 from deltac.problems.problem import Problem, Reference
 from deltac.problems.triple_pendulum_equations import HandEquations
@@ -24,6 +29,7 @@ WEIGHTS = (10.0, 30.0, 20.0)
 START = (0.0, math.radians(60), math.radians(15))
 REST = (0.0, 0.0, 0.0)
 AMPLITUDE, FREQUENCY = 1.0, 0.75
+DRIVES = ("torque", "motion", "constraint")
 
 ANGLES = {
     1.0: (-0.442202449807, -0.113570311274, -0.484708067247),
@@ -41,8 +47,9 @@ def problem(
     rates: Sequence[float] = REST,
     weights: Sequence[float] = WEIGHTS,
     damping: float | Sequence[float] = 0.0,
-    drive: Literal["torque", "motion"] | None = None,
+    drive: Literal["torque", "motion", "constraint"] | None = None,
     mistake: bool = False,
+    noise: float = 0.0,
 ) -> Problem:
     """The pendulum of fig. 4.1, or another of the thesis's experiments.
 
@@ -52,15 +59,19 @@ def problem(
         weights: of the three bars (N), at g = 9.8 m/s².
         damping: of the three joints' dampers, on relative rates (N·m·s/rad); one value serves all.
         drive: "motion": bar 1 moves as θ1 = A sin wt, and what drives it follows (figs. 4.4-4.6);
-            "torque": bar 1 is free, and a controller or a log supplies the joint torque "M1".
+            "torque": bar 1 is free, and a controller or a log supplies the joint torque "M1";
+            "constraint": bar 1 is free but for the motion constraint θ̇1 − Aw cos wt = 0.
         mistake: the hand-written equations have the sign mistake of fig. 4.7.
+        noise: relative size of an erratic error of the hand-written equations' accelerations.
 
     With a drive, the first angle and rate are those of its motion at t = 0: leave them at zero.
 
     Raises InputError for an unknown drive, a wrong number of values, and a start against the drive.
     """
-    if drive not in (None, "torque", "motion"):
-        raise InputError(f"triple pendulum: drive is {drive!r}; known: None, 'torque', 'motion'")
+    if drive not in (None, *DRIVES):
+        raise InputError(
+            f"triple pendulum: drive is {drive!r}; known: None, {', '.join(map(repr, DRIVES))}"
+        )
     theta, omega = _three(start, "start"), _three(rates, "rates")
     loads = _three(weights, "weights")
     dampers = _three((damping,) * 3 if isinstance(damping, int | float) else damping, "damping")
@@ -72,7 +83,7 @@ def problem(
             )
         omega = (AMPLITUDE * FREQUENCY, *omega[1:])
     mechanism = _mechanism(loads, dampers, drive)
-    hand = HandEquations.of(mechanism.parameters, mistake=mistake)
+    hand = HandEquations.of(mechanism.parameters, mistake=mistake, noise=noise)
     right = HandEquations.of(mechanism.parameters)
     conservative = drive is None and not any(dampers)
     return Problem(
@@ -86,12 +97,10 @@ def problem(
         source="K. Gugaratshan, Investigative study on an energy theorem for developing testing "
         "functions for numerical simulations of multibody dynamic systems, M.S.E. thesis, Western "
         "Michigan University, 2008, chapters 3 and 4",
-        classification="holonomic, rheonomic (prescribed motion)"
-        if drive == "motion"
-        else "holonomic, scleronomic",
         invariants={"energy": _energy(right)} if conservative else {},
         reference=_reference(mechanism, right, drive, (theta, omega, loads, dampers)),
         equations=_equations(hand, drive),
+        freedom=2 if drive == "constraint" else None,
         notes="The mechanism's coordinates are relative angles; the equations written by hand use "
         "absolute ones." + (" They have the sign mistake of fig. 4.7." if mistake else ""),
     )
@@ -125,6 +134,9 @@ def _mechanism(weights: Sequence[float], damping: Sequence[float], drive: str | 
         bodies=bodies,
         joints=joints,
         forces=[joint_torque("M1", "joint1")] if drive == "torque" else [],
+        constraints=[motion_constraint("drive", "u.joint1 - A*w*cos(w*t)")]
+        if drive == "constraint"
+        else [],
         gravity=(0.0, "-g", 0.0),
         parameters=parameters,
         name="triple pendulum",
@@ -167,13 +179,16 @@ def _reference(
     elif drive is None and omega == (10.0, 0.0, 0.0):
         known.append(instant("K", 0.0, kinetic(mechanism), 2.721, "J", "published", 5e-4))
         known += _angles(FAST_ANGLES, 0)
-    elif drive == "motion" and omega[1:] == (0.0, 0.0):
-        known.append(instant("K", 0.0, kinetic(mechanism), 0.0153, "J", "published", 5e-5))
+    elif drive in ("motion", "constraint") and omega[1:] == (0.0, 0.0):
+        inertia = sum(weights[1:]) / G + weights[0] / G / 3  # bars 2 and 3 ride on the end of bar 1
+        riding = 0.5 * inertia * (LENGTHS[0] * AMPLITUDE * FREQUENCY) ** 2
+        known.append(instant("K", 0.0, kinetic(mechanism), riding, "J", "exact", 1e-14))
         known += _angles(DRIVEN_ANGLES, 1)
-        motor = work(mechanism, "prescribed joint1")
+        driver = "prescribed joint1" if drive == "motion" else "constraint drive"
+        motor = work(mechanism, driver)
         known.append(instant("motor work Q", 10.0, motor, 2.291822080477, "J", "calculated", 1e-12))
-        known.append(_extreme_torque("least", -10.954016230, -1))
-        known.append(_extreme_torque("largest", 12.152178548, 1))
+        known.append(_extreme_torque("least", -10.954016230, -1, driver))
+        known.append(_extreme_torque("largest", 12.152178548, 1, driver))
     return tuple(known)
 
 
@@ -197,14 +212,14 @@ def _energy(hand: HandEquations) -> Signal:
     return signal
 
 
-def _extreme_torque(which: str, value: float, sign: int) -> Reference:
+def _extreme_torque(which: str, value: float, sign: int, driver: str) -> Reference:
     return Reference(
         quantity=f"{which} driving torque M1",
         value=value,
         unit="N·m",
         kind="calculated",
         accuracy=1e-9,
-        measure=largest(lambda run: run.forces["prescribed joint1"][:, 0], sign),
+        measure=largest(lambda run: run.forces[driver][:, 0], sign),
     )
 
 

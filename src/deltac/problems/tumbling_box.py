@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import Mechanism, box, contact, free, friction_law, shapes
+from deltac.mechanism import shapes
+from deltac.mechanism.bodies import box
+from deltac.mechanism.contact import contact
+from deltac.mechanism.friction import friction_law
+from deltac.mechanism.joints import free
+from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.measures import energy, instant, kinetic
 from deltac.problems.problem import Problem, Reference
 from deltac.trajectories import Trajectory
@@ -67,7 +72,6 @@ def problem() -> Problem:
         tolerance=1e-11,
         source="Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, at eight corners, with friction; "
         "at rest: weight on four springs",
-        classification="holonomic, scleronomic, with unilateral contact and friction",
         reference=(
             instant(
                 "height",

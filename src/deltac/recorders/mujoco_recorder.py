@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.errors import InputError, closest
+from deltac.deprecation import renamed_keywords
+from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
-from deltac.mechanism import State
+from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
     OCCASIONAL,
@@ -103,7 +104,7 @@ class MujocoRecorder:
     def __init__(self, model: Model, data: Data, channels: str = "all") -> None:
         mujoco = simulator("mujoco", "mujoco")
         if channels not in CHANNELS:
-            raise InputError(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
+            raise UnknownName(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
         if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
             raise InputError(
                 "the model lets bodies fall asleep, and what MuJoCo holds of those is old: switch it off "
@@ -315,12 +316,13 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
+@renamed_keywords(control="controller")
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
     *,
     data: Data | None = None,
-    control: Control | None = None,
+    controller: Control | None = None,
     step: float | None = None,
     integrator: str | None = None,
     channels: str = "all",
@@ -332,7 +334,7 @@ def run_mujoco(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
         duration: s; a whole number of steps.
         data: the initial state and inputs; the model's own initial state by default. Not changed.
-        control: called as control(model, data) before each step, to set data.ctrl or applied forces.
+        controller: called as controller(model, data) before each step, to set data.ctrl or applied forces.
         step: time step, s; by default the model's own.
         integrator: one of `integrator_names`; by default the model's own.
         channels: as in `record_mujoco`.
@@ -352,7 +354,7 @@ def run_mujoco(
     if integrator is not None:
         known = integrator_names()
         if integrator not in known:
-            raise InputError(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
+            raise UnknownName(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
         own.opt.integrator = known[integrator]
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -370,8 +372,8 @@ def run_mujoco(
         mujoco.mj_copyData(moving, own, data)
     with record_mujoco(own, moving, channels) as recorder:
         for k in range(steps):
-            if control is not None:
-                control(own, moving)
+            if controller is not None:
+                controller(own, moving)
             mujoco.mj_step(own, moving)
             trouble = recorder.trouble()
             if trouble:
@@ -379,8 +381,8 @@ def run_mujoco(
             recorder.sample()
             if progress is not None:
                 progress((k + 1) / steps)
-        if control is not None:
-            control(own, moving)
+        if controller is not None:
+            controller(own, moving)
     return recorder.trajectory()
 
 
@@ -396,7 +398,7 @@ def compiled_model(model: Model | str | Path) -> Model:
             return mujoco.MjModel.from_xml_path(str(model))
     except ValueError as error:
         raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
-    raise InputError(
+    raise WrongType(
         f"model: found {type(model).__name__}, expected an mjModel, an mjSpec or the path of a file"
     )
 
@@ -423,7 +425,7 @@ class MujocoSimulator:
     model: Any
     duration: float
     integrator: str
-    control: Callable[[Any, Any], object] | None
+    controller: Callable[[Any, Any], object] | None
     data: Any
 
     @property
@@ -442,18 +444,19 @@ class MujocoSimulator:
             self.model,
             self.duration,
             data=self.data,
-            control=self.control,
+            controller=self.controller,
             step=step,
             integrator=self.integrator,
         )
 
 
+@renamed_keywords(control="controller")
 def mujoco_simulator(
     model: Any,
     duration: float,
     *,
     integrator: str = "rk4",
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Callable[[Any, Any], object] | None = None,
     state: State | Any = None,
 ) -> MujocoSimulator:
     """A MuJoCo model as the `simulator` of a study.
@@ -462,7 +465,7 @@ def mujoco_simulator(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
         duration: s; each step must divide it.
         integrator: "euler", "rk4", "implicit", "implicitfast", or another of the installed MuJoCo.
-        control: called as control(model, data) before each step. It is held over the step, so a motion
+        controller: called as controller(model, data) before each step. It is held over the step, so a motion
             that depends on it is of first order in the step, whatever the integrator.
         state: where it starts: an mjData, or a state of the imported mechanism; by default the model's own
             initial state.
@@ -474,14 +477,14 @@ def mujoco_simulator(
     known = integrator_names()
     name = integrator.lower()
     if name not in known:
-        raise InputError(f"unknown integrator {integrator!r}{closest(name, known)}")
+        raise UnknownName(f"unknown integrator {integrator!r}{closest(name, known)}")
     own = copy.copy(compiled_model(model))
     data = mujoco.MjData(own)
     if isinstance(state, State):
         _set_state(own, data, state)
     elif state is not None:
         mujoco.mj_copyData(data, own, state)
-    return MujocoSimulator(own, duration, name, control, data)
+    return MujocoSimulator(own, duration, name, controller, data)
 
 
 def _set_state(model: Any, data: Any, state: State) -> None:

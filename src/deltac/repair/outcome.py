@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -14,10 +12,11 @@ from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
+from deltac.results import Record, Report, Section, Verbatim
 
 
 @dataclass(frozen=True)
-class Fix:
+class Fix(Record, omit=("text",)):
     """An edit, or two, that make the function right.
 
     lines     of the source, one for each edit
@@ -48,8 +47,8 @@ class Fix:
         )
 
 
-@dataclass(frozen=True)
-class Repair:
+@dataclass(frozen=True, repr=False)
+class Repair(Report, also=("right",)):
     """What a search for a mistake in equations of motion came to.
 
     file, function   what was searched
@@ -88,51 +87,55 @@ class Repair:
         return self.residual < RIGHT
 
     @property
-    def status(self) -> int:
-        """Exit status of the command line: 0 right, 1 wrong (repaired or not)."""
+    def exit_code(self) -> int:
+        """Exit code: 0 right, 1 wrong (repaired or not)."""
         return 0 if self.right else 1
 
-    def explain(self, width: int = 96) -> str:
+    def summary(self) -> str:
+        """Whether the function is right, and the first fix."""
+        name = f"{self.file}:{self.function}"
+        if self.right:
+            return f"{name} is right"
+        return f"{name} is wrong: {self.fixes[0] if self.fixes else 'no edit was found'}"
+
+    def sections(self) -> Iterator[Section]:
         """What was found, in words, with the diff of the first fix."""
         name = f"{self.file}:{self.function}"
         if self.right:
-            return (
-                f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
-            )
+            yield f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
+            return
         where = ", ".join(self.equations)
         wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
-        lines = [f"{name} is wrong: {self.undefined or wrong}."]
+        yield f"{name} is wrong: {self.undefined or wrong}."
         if self.fixes:
-            lines += self._fixes()
+            yield from self._fixes()
         elif self.suspects:
             one = "this line" if len(self.suspects) == 1 else "one of these lines"
-            lines.append(f"No edit was found. What is wrong is in {one}, or in what it uses:")
-            lines += [f"  {suspect}" for suspect in self.suspects]
+            yield f"No edit was found. What is wrong is in {one}, or in what it uses:"
+            yield from (f"  {suspect}" for suspect in self.suspects)
         elif self.undefined:
-            lines.append("No edit was found.")
+            yield "No edit was found."
         elif self.terms:
-            lines.append("No one or two edits were found that make it right. What is wrong there:")
-            lines += [f"  {term}" for term in self.terms]
+            yield "No one or two edits were found that make it right. What is wrong there:"
+            yield from (f"  {term}" for term in self.terms)
         elif self.residual > 0.3 and self.complete:
-            lines.append(
+            yield (
                 "No expression can be the only one that is wrong, and no two edits were found. Is it the "
                 "function of this model, in these coordinates and units (radians)?"
             )
         else:
-            lines.append("No edit was found, and no expression can be the only one that is wrong.")
+            yield "No edit was found, and no expression can be the only one that is wrong."
         for fix in self.contradicted:
-            lines.append(
+            yield (
                 f"Not offered: {fix}. By the source it is right, run by Python it is not: is there something "
                 "in the module that changes what is read?"
             )
         for reason in dict.fromkeys(fix.not_run for fix in self.fixes if fix.not_run):
-            lines.append(f"Read, but not run by Python: {reason}.")
+            yield f"Read, but not run by Python: {reason}."
         if not self.complete:
-            lines.append("The search ran out of time: there may be other edits.")
-        wrapped = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
+            yield "The search ran out of time: there may be other edits."
         if self.fixes:
-            wrapped += ["", self.fixes[0].diff.rstrip()]
-        return "\n".join(wrapped)
+            yield Verbatim(self.fixes[0].diff)
 
     def _fixes(self) -> list[str]:
         lines = []
@@ -154,38 +157,25 @@ class Repair:
             )
         return lines
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, for JSON."""
-        fixes = [
-            {
-                "file": f.file,
-                "lines": list(f.lines),
-                "words": list(f.words),
-                "kinds": list(f.kinds),
-                "cost": f.cost,
-                "diff": f.diff,
-                "others": list(f.others),
-                "ran": f.ran,
-                "not_run": f.not_run,
-            }
-            for f in self.fixes
-        ]
-        return {
-            "file": self.file,
-            "function": self.function,
-            "residual": self.residual if np.isfinite(self.residual) else None,
-            "right": self.right,
-            "equations": list(self.equations),
-            "fixes": fixes,
-            "certain": self.certain,
-            "varied": list(self.varied),
-            "suspects": list(self.suspects),
-            "terms": list(self.terms),
-            "undefined": self.undefined,
-            "contradicted": list(self.contradicted),
-            "complete": self.complete,
-            "seconds": self.seconds,
-        }
+
+@dataclass(frozen=True)
+class NoRepair(Report):
+    """Why no edit was sought: the function cannot be read; file and line are named."""
+
+    refused: str
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0, for the check has its own."""
+        return 0
+
+    def summary(self) -> str:
+        """Why."""
+        return f"no repair was sought: {self.refused}"
+
+    def sections(self) -> Iterator[Section]:
+        """Why."""
+        yield f"No repair was sought. {self.refused}."
 
 
 def suspects(source: Source, places: Iterable[int]) -> list[str]:

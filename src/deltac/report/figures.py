@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from deltac.diagnosis.recommend.result import Advice
+    from deltac.diagnosis.recommend.result import Recommendation
     from deltac.diagnosis.recommend.work_precision import Trial
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
@@ -85,10 +85,14 @@ def styled() -> AbstractContextManager[None]:
     return matplotlib.rc_context(settings)
 
 
-def testing_figure(title: str, curves: Sequence[Curve]) -> Figure:
+def testing_figure(
+    title: str, curves: Sequence[Curve], *, decades: int | None = None, last_angles: bool = False
+) -> Figure:
     """The panels of the thesis: the angles, |ΔC| of Liu-Huston, |ΔC| of Wang (log axes).
 
-    The panel of the angles has a strip for each of them. Colours name the runs throughout.
+    The panel of the angles has a strip for each of them; with `last_angles` it shows the last run
+    alone. `decades` are the powers of ten between two ticks of |ΔC|; without it as many as fit.
+    Colours name the runs throughout.
     """
     names = list(curves[0].angles)
     with styled():
@@ -97,16 +101,22 @@ def testing_figure(title: str, curves: Sequence[Curve]) -> Figure:
         gaps = [*(0.07 for _ in names[1:]), 0.26, 0.26]
         panels = _stacked(figure, heights, gaps)
         strips, tests = panels[: len(names)], panels[len(names) :]
-        strips[0].set_title("Angles from the vertical (where runs coincide, the last one shows)")
+        shown = list(zip(curves, COLOURS, WIDTHS, strict=False))
+        last = (
+            f"of the last run, {curves[-1].label}"
+            if last_angles
+            else "(where runs coincide, the last shows)"
+        )
+        strips[0].set_title(f"Angles from the vertical {last}")
         for strip, name in zip(strips, names, strict=True):
-            for curve, colour, width in zip(curves, COLOURS, WIDTHS, strict=False):
+            for curve, colour, width in shown[-1:] if last_angles else shown:
                 _angle(strip, curve, name, color=colour, linewidth=width)
             strip.set_ylabel(f"{name} (deg)")
         floor = EPS * max(curve.turnover for curve in curves)
         for panel, (function, name) in zip(tests, NAMES.items(), strict=True):
             _delta_c(panel, curves, function, floor)
             panel.set_title(f"|ΔC| of {name}'s function")
-        _same_decades(tests, floor)
+        _same_decades(tests, floor, decades)
         _legend(figure, curves)
         panels[-1].set_xlabel("time t (s)")
         for panel in panels:
@@ -155,6 +165,32 @@ def torque_figure(title: str, name: str, t: Array, torque: Array) -> Figure:
         panel.margins(x=0, y=0.12)
         panel.set_xlabel("time t (s)")
         panel.set_ylabel(f"{name} (N·m)")
+    return figure
+
+
+def chain_figure(title: str, x: Array, y: Array, theta: Array) -> Figure:
+    """A pinned chain of bars: joints at x, y (m), each bar's angle from the downward vertical (rad)."""
+    with styled():
+        figure = _figure(4.6, 5.6, title)
+        panel = figure.subplots()
+        panel.plot(x, y, "-o", color=COLOURS[1], linewidth=5, markersize=8, markerfacecolor="white")
+        for k, angle in enumerate(theta):
+            length = 0.55 * math.hypot(x[k + 1] - x[k], y[k + 1] - y[k])
+            panel.plot([x[k], x[k]], [y[k], y[k] - length], color="#888888", linestyle=(0, (4, 3)))
+            turn = np.linspace(0.0, angle, 40)
+            arc = (x[k] + 0.8 * length * np.sin(turn), y[k] - 0.8 * length * np.cos(turn))
+            panel.plot(*arc, color=COLOURS[0], linewidth=1.2)
+            panel.annotate(
+                f"θ{k + 1} = {math.degrees(angle):g}°",
+                (arc[0][-1], arc[1][-1]),
+                xytext=(8, -4),
+                textcoords="offset points",
+            )
+            panel.annotate(f"M{k + 1}", (x[k], y[k]), xytext=(8, 8), textcoords="offset points")
+        panel.set_aspect("equal")
+        panel.margins(0.25)
+        panel.set_xlabel("x (m)")
+        panel.set_ylabel("y (m)")
     return figure
 
 
@@ -222,14 +258,16 @@ def _delta_c(panel: Axes, curves: Sequence[Curve], function: str, floor: float) 
     panel.margins(x=0)
 
 
-def _same_decades(panels: Sequence[Axes], floor: float) -> None:
+def _same_decades(panels: Sequence[Axes], floor: float, every: int | None) -> None:
     """The same limits for all, at whole decades, with room for the note below the floor."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     highest = max(panel.get_ylim()[1] for panel in panels)
     top = int(np.ceil(np.log10(highest)))
     bottom = int(np.floor(np.log10(floor) - 0.08 * (top - np.log10(floor))))
-    stride = max(1, int(np.ceil((top - bottom) / 9)))
+    stride = every or max(1, int(np.ceil((top - bottom) / 9)))
+    if every:
+        bottom, top = every * math.floor(bottom / every), every * math.ceil(top / every)
     for panel in panels:
         panel.set_ylim(10.0**bottom, 10.0**top)
         panel.yaxis.set_major_locator(LogLocator(base=10.0**stride, numticks=20))
@@ -454,7 +492,7 @@ def _over_time(panel: Axes, study: Study) -> None:
 MARKS = "osD^vPX*<>ph"
 
 
-def recommendation_figure(title: str, advice: Advice) -> Figure:
+def recommendation_figure(title: str, advice: Recommendation) -> Figure:
     """Every trial by the time it takes, against the largest |ΔC| and, below, the error of the motion."""
     with styled():
         figure = _figure(7.6, 7.4, title)
@@ -468,7 +506,7 @@ def recommendation_figure(title: str, advice: Advice) -> Figure:
     return figure
 
 
-def _scatter(panel: Axes, advice: Advice, what: str, tolerance: float) -> None:
+def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -> None:
     solvers = sorted({t.solver for t in advice.trials})
     colours = _colours(len(solvers))
     for solver, colour, mark in zip(solvers, colours, MARKS * (1 + len(solvers) // len(MARKS))):

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
-from deltac.errors import InputError
+from deltac.errors import FileError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,18 +21,18 @@ def output_folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path} cannot be a folder for results: {error.strerror}") from error
+        raise FileError(f"{path} cannot be a folder for results: {error.strerror}") from error
     if not os.access(path, os.W_OK | os.X_OK):
-        raise InputError(f"the folder {path} cannot be written to; choose another one")
+        raise FileError(f"the folder {path} cannot be written to; choose another one")
     return path
 
 
 def check_figure(path: Path) -> None:
     """InputError, before the work is done, for a path that a figure could not be written to."""
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: figures are written as .png; name it so")
+        raise FileError(f"{path}: figures are written as .png; name it so")
     if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+        raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
 
 
 def write_figure(figure: Figure, path: Path) -> None:
@@ -57,13 +57,13 @@ def _replacing(path: Path) -> Iterator[Path]:
         with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
             temporary = Path(file.name)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from error
+        raise FileError(f"{path} cannot be written: {error.strerror}") from error
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())  # temporary files are private
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from error
+        raise FileError(f"{path} cannot be written: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -4,46 +4,54 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.system import trace
-from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
-from deltac.mechanism.state import State
-from deltac.simulation.adaptive import run_scipy, run_taylor
-from deltac.simulation.correction import check_correction_held
-from deltac.simulation.course import Course
-from deltac.simulation.equations import Controller, Equations, by_hand
-from deltac.simulation.events.running import Outcome
-from deltac.simulation.events.simulating import (
-    check_events,
-    eventful,
-    run_with_events,
-    with_occurrences,
-)
-from deltac.simulation.feasibility import constraint_start
-from deltac.simulation.fixed import LONG_RUN, FixedStepper, run_in_python
-from deltac.simulation.flow import Flow, Stabilisation, build_flow
-from deltac.simulation.implicit import ImplicitStepper, check_radius
-from deltac.simulation.observation import observer, recorded, while_assembled
-from deltac.simulation.preparation import (
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, StateLike, opened
+from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
+    check_derivatives,
+    check_events,
     check_request,
     count,
     positive,
-    sample_times,
+    sample_grid,
     whole_steps,
 )
+from deltac.simulation.constraints.energy import check_correction_held
+from deltac.simulation.constraints.feasibility import constraint_start
+from deltac.simulation.constraints.singular import CarefulStep
+from deltac.simulation.equations import Controller, Equations, by_hand
+from deltac.simulation.events.run import Eventful, EventRun, eventful
+from deltac.simulation.flow import Flow, Stabilisation, build_flow
+from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
 from deltac.simulation.solvers import Solver, find_solver
-from deltac.simulation.stiffness import explained
-from deltac.simulation.sundials import SUNDIALS, run_sundials
-from deltac.simulation.time_scales import check_start
+from deltac.simulation.step_size.stiffness import explained
+from deltac.simulation.step_size.time_scales import check_start
+from deltac.simulation.stepping.explicit import (
+    INSTRUCTIONS_PER_CALL,
+    INSTRUCTIONS_PER_CALL_OF_LONG_RUNS,
+    LONG_RUN,
+    FixedMethod,
+    FixedSteps,
+)
+from deltac.simulation.stepping.implicit import ImplicitMethod, ImplicitSteps, check_radius
+from deltac.simulation.stepping.interpreted import Finish, StageRate, numeric_masks
+from deltac.simulation.stepping.loop import Loop
+from deltac.simulation.stepping.protocol import StepGrid, Stepper
+from deltac.simulation.stepping.scipy import ScipySteps
+from deltac.simulation.stepping.sundials import SundialsSteps
+from deltac.simulation.stepping.taylor import TaylorSteps
 from deltac.trajectories import Provenance, Trajectory
 
 DEFAULT_TOLERANCE = 1e-9
@@ -53,10 +61,11 @@ class SimulationStopped(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def simulate(
-    mechanism: Mechanism,
-    state: State,
-    duration: float,
+    model: ModelLike,
+    state: StateLike = None,
+    duration: float | None = None,
     step: float | None = None,
     solver: str = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
@@ -65,7 +74,7 @@ def simulate(
     controller: Controller | None = None,
     tolerance: float | None = None,
     record_every: int = 1,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
     stabilisation: Stabilisation = "projection",
     correct: str | None = None,
     spectral_radius: float | None = None,
@@ -76,9 +85,9 @@ def simulate(
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
     Args:
-        mechanism: what moves.
-        state: where it starts (`mechanism.state(...)`).
-        duration: how long, s.
+        model: what moves: a Mechanism, a Problem, or what else `load_model` takes.
+        state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
+        duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
             samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
         solver: a name or alias of `solver_names()`.
@@ -88,7 +97,7 @@ def simulate(
         controller: sets the motors that have no law (`joint_torque` without torque).
         tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
         record_every: keep every so many steps of a fixed-step solver.
-        speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
         stabilisation: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), Baumgarte's (α, β) in 1/s, or "none".
         correct: "energy" brings the state back to ΔC = 0 of Wang's function after each step of a fixed-step
@@ -116,59 +125,68 @@ def simulate(
         EnergyLeft: corrections of the energy could not keep up with what the steps lost.
         StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
     """
-    require_mechanism(mechanism)
+    mechanism, state, duration = opened(model, state, duration)
     found = find_solver(solver)
     duration = positive(duration, "duration")
     every = count(record_every, "record_every")
     check_request(mechanism, state, found, equations, controller, step, tolerance)
     radius = check_radius(found, spectral_radius)
-    watching = check_events(mechanism, found, equations, switches)
+    watching = check_events(mechanism, equations, switches)
     check_correction(correct, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
     rows = constraint_start(mechanism, state, found, equations, stabilisation)
-    flow, stepper, observe = _compiled(
-        mechanism, found, testing, equations, speeds, vary, rows, stabilisation, correct, steps
+    made = _compiled(
+        mechanism,
+        found,
+        testing,
+        equations,
+        coordinates,
+        vary,
+        rows,
+        stabilisation,
+        correct,
+        steps,
+        watching,
+        switches,
     )
-    if found.family == "taylor" and not (flow.traced and controller is None):
-        raise InputError(
-            f"solver {found.name!r} needs equations in symbols; a function called from Python, or a "
-            "controller, cannot be differentiated. Use 'ode5' or 'DOP853'"
-        )
+    flow = made.flow
+    check_derivatives(flow, found, controller)
     p = np.array([mechanism.parameters[name] for name in vary])
     x0 = flow.start(state, p)
     check_accelerations(flow, mechanism, controller, state, x0, p)
-    tol = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    samples = None if step is None else sample_times(state.t, duration, step)
-    outcome = None
-    if watching:
-        grid = (duration / steps, steps, every) if found.family == "fixed" else samples
-        span, ready = (state.t, state.t + duration), eventful(flow, speeds, switches)
-        outcome = run_with_events(ready, found, controller, p, x0, span, grid, tol, progress)
-    match found.family:
-        case _ if outcome is not None:
-            motion = outcome.motion
-        case "fixed":
-            course = Course(p, x0, state.t, duration / steps, steps, every, progress)
-            compiled = controller is None and flow.traced
-            if not (isinstance(stepper, FixedStepper) and compiled and stepper.fusible):
-                motion = run_in_python(flow, found, controller, course)
-            else:
-                motion = stepper.run(course)
-        case "implicit":
-            assert isinstance(stepper, ImplicitStepper)
-            course = Course(p, x0, state.t, duration / steps, steps, every, progress)
-            motion = stepper.run(controller, course, radius)
-        case "adaptive" if found.name in SUNDIALS:
-            times = sample_times(state.t, duration, duration / 200 if step is None else step)
-            motion = run_sundials(flow, found, controller, p, x0, times, tol, progress)
-        case "adaptive":
-            span = (state.t, state.t + duration)
-            motion = run_scipy(flow, found, controller, p, x0, samples, span, tol, progress)
-        case _:
-            times = sample_times(state.t, duration, duration / 200 if step is None else step)
-            quad = found.name == "taylor-quad"
-            motion = run_taylor(flow, p, x0, times, tolerance, progress, quad=quad)
+    if found.takes_steps:
+        h = duration / steps
+        grid: StepGrid | None = StepGrid(state.t, h, steps, state.t + steps * h, every)
+    else:
+        grid = sample_grid(state.t, duration, step, found, watching=watching)
+    ready, moving = made.events, made.moving
+    rate = StageRate(moving, controller, p)
+    events = None
+    if ready is not None:
+        rate.hold(state.t, x0)
+        events = ready.run(rate, p, state.t, x0)
+        p_run = events.p
+    else:
+        p_run = p
+    compiled = flow.traced and controller is None
+    stepper = _stepper(made, found, rate, p_run, tolerance, radius, compiled=compiled)
+    careful = None
+    if found.step is not None and compiled and flow.bound is not None and equations is None:
+        careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
+    loop = Loop(
+        stepper,
+        rate,
+        Finish(moving, p_run),
+        state.t,
+        x0,
+        grid.end if grid is not None else state.t + duration,
+        grid,
+        careful,
+        events,
+        progress,
+    )
+    motion = loop.run()
     if found.family == "fixed":
         motion = explained(flow, found, duration / steps, p, x0, motion)
     motion = while_assembled(flow, motion, p)
@@ -185,17 +203,35 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, correct, outcome),
+        notes=_notes(mechanism, equations, controller, correct, events),
     )
-    run = recorded(mechanism, flow, observe, motion, p, provenance)
-    return run if outcome is None else with_occurrences(ready, outcome.events, run)
+    run = recorded(mechanism, flow, made.observe, motion, p, provenance)
+    if events is None:
+        return run
+    return with_occurrences(moving, made.observe_events, events.happened, run)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Stepper: TypeAlias = FixedStepper | ImplicitStepper | None
+Method: TypeAlias = FixedMethod | ImplicitMethod | None
 
-_KEPT: LRUCache[tuple[Flow, Stepper, Kernel]] = LRUCache(32)
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """What runs that differ in numbers alone share.
+
+    `moving` is the flow that the solver integrates: `flow`, with its branches held where they are events.
+    """
+
+    flow: Flow
+    moving: Flow
+    method: Method
+    events: Eventful | None
+    observe: Kernel
+    observe_events: Kernel
+
+
+_KEPT: LRUCache[Compiled] = LRUCache(32)
 
 
 def _compiled(
@@ -209,8 +245,10 @@ def _compiled(
     stabilisation: Stabilisation,
     correct: str | None,
     steps: int,
-) -> tuple[Flow, Stepper, Kernel]:
-    """The flow, its compiled step and its observer; made once for all that differs in code."""
+    watching: bool,
+    switches: bool,
+) -> Compiled:
+    """The flow, its solver's method and its observer; made once for all that differs in code."""
     written = None if equations is None else by_hand(trace(mechanism, vary), equations)
     key = (
         mechanism.digest(vary),
@@ -223,9 +261,11 @@ def _compiled(
         stabilisation,
         correct,
         steps >= LONG_RUN,
+        watching,
+        switches,
     )
 
-    def make() -> tuple[Flow, Stepper, Kernel]:
+    def make() -> Compiled:
         flow = build_flow(
             mechanism,
             testing,
@@ -236,14 +276,50 @@ def _compiled(
             stabilisation,
             correcting=correct == "energy",
         )
-        stepper: Stepper = None
+        events = eventful(flow, speeds, switches) if watching else None
+        moving = flow if events is None else events.flow
+        method: Method = None
         if solver.family == "fixed":
-            stepper = FixedStepper(flow, solver, steps >= LONG_RUN)
+            method = FixedMethod(moving, solver, _room(steps, watching=watching))
         elif solver.family == "implicit":
-            stepper = ImplicitStepper(flow, solver)
-        return flow, stepper, observer(flow)
+            method = ImplicitMethod(moving, solver)
+        observe = observer(flow)
+        return Compiled(
+            flow, moving, method, events, observe, observer(moving) if switches else observe
+        )
 
     return _KEPT.get(key, make)
+
+
+def _room(steps: int, *, watching: bool) -> int:
+    """Instructions that steps fused into one call may have; with events they are looked at one by one."""
+    if watching:
+        return 0
+    return INSTRUCTIONS_PER_CALL_OF_LONG_RUNS if steps >= LONG_RUN else INSTRUCTIONS_PER_CALL
+
+
+def _stepper(
+    made: Compiled,
+    solver: Solver,
+    rate: StageRate,
+    p: NDArray[np.float64],
+    tolerance: float | None,
+    radius: float,
+    *,
+    compiled: bool,
+) -> Stepper:
+    """What takes the steps of one run."""
+    flow, method = made.moving, made.method
+    if isinstance(method, FixedMethod):
+        return FixedSteps(method, rate, p, compiled=compiled)
+    if isinstance(method, ImplicitMethod):
+        return ImplicitSteps(method, rate, p, radius)
+    if solver.family == "taylor":
+        return TaylorSteps(flow, p, tolerance, quad=solver.name == "taylor-quad")
+    accepted = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    if solver.family == "sundials":
+        return SundialsSteps(flow, solver, p, accepted)
+    return ScipySteps(flow, solver, rate, p, accepted, compiled=compiled)
 
 
 def _notes(
@@ -251,13 +327,13 @@ def _notes(
     equations: Equations | None,
     controller: Controller | None,
     correct: str | None,
-    outcome: Outcome | None,
+    events: EventRun | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
     if correct is not None:
         notes["corrected"] = correct
-    if outcome is not None and outcome.ended:
-        notes["ended"] = outcome.ended
+    if events is not None and events.ended:
+        notes["ended"] = events.ended
     if equations is not None:
         notes["equations"] = equations.name
     if controller is not None and controller.hold:

@@ -36,7 +36,7 @@ def assert_balanced(
     from deltac.diagnosis.audit.audit import audit
 
     found = audit(model, run, tolerance=tolerance, work=work, mapping=mapping)
-    if found.status:
+    if found.exit_code:
         raise AssertionError(
             f"the energy balance does not hold: {found.verdict.explain()}\n\n{found.table()}"
         )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
@@ -124,7 +124,7 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
     Raises InputError for a suspicion that says no factor and no order.
     """
     if not suspicion.factors and not suspicion.reorder:
-        raise InputError(f"{suspicion.kind}: cannot be put right by factors; {suspicion.remedy}")
+        raise LogError(f"{suspicion.kind}: cannot be put right by factors; {suspicion.remedy}")
     q = np.array(run.q)
     factor = suspicion.factors.get
     q *= [factor(f"q.{name}", 1.0) for name in run.coordinates]

@@ -7,7 +7,8 @@ time holds the state after. Integrals over samples are taken in pieces, from one
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -15,8 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest
-from deltac.mechanism.channels import split
+from deltac.errors import LogError, UnknownName, closest, listed, shown
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
@@ -45,31 +46,43 @@ class Occurrence:
     u_after: FloatArray
     udot_before: FloatArray | None = None
     udot_after: FloatArray | None = None
-    forces_before: Mapping[str, FloatArray] = field(default_factory=dict)
-    forces_after: Mapping[str, FloatArray] = field(default_factory=dict)
-    impulses: Mapping[str, FloatArray] = field(default_factory=dict)
+    forces_before: ByChannel = field(default_factory=dict)
+    forces_after: ByChannel = field(default_factory=dict)
+    impulses: ByChannel = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        where = f"occurrence {', '.join(self.names)!r} at t = {self.t!r}"
+        if isinstance(self.names, str) or not isinstance(self.names, Iterable):
+            raise LogError(f"occurrence: names is {shown(self.names)}, expected a list of names")
+        names = tuple(self.names)
+        if not all(isinstance(name, str) for name in names):
+            raise LogError(f"occurrence: names is {shown(names)}, expected a list of names")
+        where = f"occurrence {listed(names)!r} at t = {shown(self.t)}"
+        real = isinstance(self.t, int | float | np.number) and not isinstance(self.t, bool)
+        if not real or not abs(self.t) <= sys.float_info.max:
+            raise LogError(f"{where}: expected a finite time in seconds")
+        object.__setattr__(self, "names", names)
         object.__setattr__(self, "t", float(self.t))
-        object.__setattr__(self, "names", tuple(self.names))
-        if not np.isfinite(self.t):
-            raise InputError(f"{where}: expected a finite time in seconds")
         object.__setattr__(self, "q", _array(self.q, None, f"q of {where}"))
-        nu = np.size(self.u_before)
+        object.__setattr__(self, "u_before", _array(self.u_before, None, f"u_before of {where}"))
+        nu = len(self.u_before)
         for name in ("u_before", "u_after", "udot_before", "udot_after"):
             value = getattr(self, name)
-            if value is not None:
+            if value is not None or name.startswith("u_"):
                 object.__setattr__(self, name, _array(value, nu, f"{name} of {where}"))
         for name in ("forces_before", "forces_after", "impulses"):
-            found = {}
-            for channel, value in getattr(self, name).items():
-                split(channel)
-                found[channel] = _array(value, nu, f"{name} of {channel!r} of {where}")
+            found, values = {}, getattr(self, name)
+            if not isinstance(values, Mapping):
+                raise LogError(f"{where}: {name} is {shown(values)}, expected arrays by channel")
+            for channel, value in values.items():
+                if not isinstance(channel, str):
+                    raise LogError(f"{where}: {name} has the channel {shown(channel)}, no text")
+                found[ChannelName.parse(channel)] = _array(
+                    value, nu, f"{name} of {channel!r} of {where}"
+                )
             object.__setattr__(self, name, MappingProxyType(found))
 
     @property
-    def work(self) -> dict[str, float]:
+    def work(self) -> dict[ChannelName, float]:
         """Work of each impulse on the system (J): its product with the mean of both speeds."""
         mean = 0.5 * (self.u_before + self.u_after)
         return {channel: float(impulse @ mean) for channel, impulse in self.impulses.items()}
@@ -77,7 +90,7 @@ class Occurrence:
     @property
     def energy_lost(self) -> float:
         """Kinetic energy that the impacts took out (J); negative where they put some in."""
-        return -sum(w for channel, w in self.work.items() if channel.startswith("impact "))
+        return -sum(w for channel, w in self.work.items() if channel.kind == "impact")
 
     def reordered(self, places_q: npt.ArrayLike, places_u: npt.ArrayLike) -> Occurrence:
         """With coordinates and speeds in another order: those at these places now."""
@@ -108,15 +121,17 @@ class Occurrence:
         """The occurrence that `to_dict` wrote; InputError for entries that are missing or unknown."""
         known = ("t", "names", *_ARRAYS, *_MAPPINGS)
         if not isinstance(values, Mapping):
-            raise InputError(f"metadata: an event is {values!r}, expected a mapping of its entries")
+            raise LogError(
+                f"metadata: an event is {shown(values)}, expected a mapping of its entries"
+            )
         for name in values:
             if name not in known:
-                raise InputError(
-                    f"metadata: unknown entry {name!r} of an event{closest(name, known)}"
+                raise UnknownName(
+                    f"metadata: unknown entry {shown(name)} of an event{closest(name, known)}"
                 )
         for name in known:
             if name not in values:
-                raise InputError(f"metadata: an event has no entry {name!r}")
+                raise LogError(f"metadata: an event has no entry {name!r}")
         return Occurrence(**values)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -133,14 +148,17 @@ _MAPPINGS = ("forces_before", "forces_after", "impulses")
 
 def _array(value: Any, size: int | None, where: str) -> FloatArray:
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: found {value!r}, expected numbers") from None
+        found = np.asarray(value)
+        if found.dtype.kind not in "iuf" and found.size:  # no texts, which NumPy would read
+            raise TypeError
+        array = np.array(found, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise LogError(f"{where}: found {shown(value)}, expected numbers") from None
     if array.ndim != 1 or (size is not None and array.size != size):
         expected = "a list of numbers" if size is None else f"{size} numbers"
-        raise InputError(f"{where}: found shape {array.shape}, expected {expected}")
+        raise LogError(f"{where}: found shape {array.shape}, expected {expected}")
     if not np.isfinite(array).all():
-        raise InputError(f"{where}: found {array.tolist()}, expected finite numbers")
+        raise LogError(f"{where}: found {shown(array.tolist())}, expected finite numbers")
     array.flags.writeable = False
     return array
 

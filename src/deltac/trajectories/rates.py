@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
@@ -123,7 +123,7 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
     found |= {j + k for _, _, j in kinematics.quaternions for k in range(3)}
     for index, name in enumerate(speeds):
         if index not in found:
-            raise InputError(
+            raise LogError(
                 f"no column 'u.{name}', and it cannot be derived: no coordinate is known that it moves. "
                 "Log the speed."
             )
@@ -132,13 +132,13 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
 
 def _check(t: FloatArray, values: FloatArray, what: str) -> None:
     if len(t) < _FEWEST:
-        raise InputError(
+        raise LogError(
             f"no column '{what}', and {len(t)} rows are too few to derive it (at least {_FEWEST}); "
             "log it"
         )
     # Named by column and row when the trajectory is made from them, all but what a spline needs.
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all() and np.isfinite(values).all()):
-        raise InputError(
+        raise LogError(
             f"no column '{what}', and it cannot be derived: times must increase, and all values be "
             f"finite numbers. {_first_bad(t, values)}"
         )

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest
-from deltac.mechanism.channels import split
+from deltac.errors import InputError, LogError, UnknownName, WrongType, closest, shown
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
@@ -87,6 +87,8 @@ class Trajectory:
     udot        (T, nu) time derivatives of the speeds, or None when not known
     forces      channel -> (T, nu) generalized force (N, N·m); its power, the product with u, is
                 positive when it adds energy to the system
+    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver,
+                from the first row on; that of impulses is told by `events`
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -103,7 +105,8 @@ class Trajectory:
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     udot: FloatArray | None = None
-    forces: Mapping[str, FloatArray] = field(default_factory=dict)
+    forces: ByChannel = field(default_factory=dict)
+    works: ByChannel = field(default_factory=dict)
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
@@ -111,8 +114,10 @@ class Trajectory:
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))
         _set(self, "speeds", _names("speeds", self.speeds))
-        for channel in _names("forces", self.forces):
-            split(channel)
+        for name in ("forces", "works"):
+            given = getattr(self, name)
+            _names(name, given)
+            _set(self, name, {ChannelName.parse(channel): given[channel] for channel in given})
         _names("integrals", self.integrals)
         if not isinstance(self.provenance, Provenance):
             raise _unfit("provenance", self.provenance, "a Provenance")
@@ -127,11 +132,12 @@ class Trajectory:
             for channel, values in self.forces.items()
         }
         _set(self, "forces", MappingProxyType(forces))
-        integrals = {
-            name: self._samples(f"integral.{name}", values, None)
-            for name, values in self.integrals.items()
-        }
-        _set(self, "integrals", MappingProxyType(integrals))
+        for name, prefix in (("works", "work"), ("integrals", "integral")):
+            sums = {
+                key: self._samples(f"{prefix}.{key}", values, None)
+                for key, values in getattr(self, name).items()
+            }
+            _set(self, name, MappingProxyType(sums))
         _set(self, "events", tuple(self.events))
         self._check_events()
 
@@ -139,20 +145,20 @@ class Trajectory:
         before = -math.inf
         for event in self.events:
             if not isinstance(event, Occurrence):
-                raise InputError(f"events: found {event!r}, expected an Occurrence")
+                raise LogError(f"events: found {event!r}, expected an Occurrence")
             if not max(before, self.t[0]) <= event.t <= self.t[-1]:
-                raise InputError(
+                raise LogError(
                     f"events: {event!r} is out of order, or outside the rows from {self.t[0]} to "
                     f"{self.t[-1]} s"
                 )
             sizes = (len(event.q), len(event.u_before), len(event.u_after))
             if sizes != (len(self.coordinates), len(self.speeds), len(self.speeds)):
-                raise InputError(
+                raise LogError(
                     f"events: {event!r} has {sizes[0]} coordinates and {sizes[1]} speeds, the rows have "
                     f"{len(self.coordinates)} and {len(self.speeds)}"
                 )
             if (event.udot_before is None) != (self.udot is None):
-                raise InputError(f"events: {event!r} and the rows must both have udot, or neither")
+                raise LogError(f"events: {event!r} and the rows must both have udot, or neither")
             before = event.t
 
     def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
@@ -162,12 +168,12 @@ class Trajectory:
         if array.shape != shape:
             turned = array.ndim == 2 and array.shape[::-1] == shape
             remedy = "Time comes first: transpose it." if turned else _shape_meaning(names)
-            raise InputError(f"{label}: found shape {array.shape}, expected {shape}. {remedy}")
+            raise LogError(f"{label}: found shape {array.shape}, expected {shape}. {remedy}")
         finite = np.isfinite(array)
         if not finite.all():
             row, *column = np.argwhere(~finite)[0]
             name = label if names is None else f"{label}.{names[column[0]]}"
-            raise InputError(
+            raise LogError(
                 f"column {name!r}, {row_name(row, len(array))}, t = {self.t[row]} s: found "
                 f"{array[(row, *column)]}, expected a finite number. Keep only the rows before "
                 "it, or repair the source."
@@ -197,7 +203,8 @@ class Trajectory:
         return f"Trajectory({'; '.join(what)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild(self, forces=dict(self.forces), integrals=dict(self.integrals))
+        mappings = ("forces", "works", "integrals")
+        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
 
     @property
     def duration(self) -> float:
@@ -213,7 +220,7 @@ class Trajectory:
         return _pick(self.u, "speed", name, self.speeds)
 
     def every(self, n: int) -> Trajectory:
-        """The rows 0, n, 2n, …; integrals keep their values, for the solver took them in between.
+        """The rows 0, n, 2n, …; works and integrals keep their values, for the solver took them in between.
 
         The last row stays only when n divides `len(run) - 1`.
         """
@@ -226,7 +233,7 @@ class Trajectory:
         return self._rows(slice(None, None, stride))
 
     def between(self, t0: float, t1: float) -> Trajectory:
-        """The rows with t0 <= t <= t1 (s); integrals start anew, from zero at the first of them.
+        """The rows with t0 <= t <= t1 (s); works and integrals start anew, from zero at the first of them.
 
         Raises InputError when no row lies there.
         """
@@ -239,8 +246,9 @@ class Trajectory:
                 f"the rows go from {self.t[0]} to {self.t[-1]} s"
             )
         part = self._rows(rows)
-        restarted = {name: values - values[0] for name, values in part.integrals.items()}
-        return replace(part, integrals=restarted)
+        works = {name: values - values[0] for name, values in part.works.items()}
+        integrals = {name: values - values[0] for name, values in part.integrals.items()}
+        return replace(part, works=works, integrals=integrals)
 
     def _rows(self, rows: slice) -> Trajectory:
         t = self.t[rows]
@@ -252,6 +260,7 @@ class Trajectory:
             u=self.u[rows],
             udot=None if self.udot is None else self.udot[rows],
             forces={channel: values[rows] for channel, values in self.forces.items()},
+            works={channel: values[rows] for channel, values in self.works.items()},
             integrals={name: values[rows] for name, values in self.integrals.items()},
         )
 
@@ -275,9 +284,9 @@ def as_numbers(label: str, values: Any) -> FloatArray:
     try:
         array = np.asarray(values)
     except ValueError as error:  # ragged rows
-        raise InputError(f"{label}: expected an array of numbers; {error}") from None
+        raise LogError(f"{label}: expected an array of numbers; {error}") from None
     if array.dtype.kind not in "iuf":
-        raise InputError(
+        raise WrongType(
             f"{label}: found values of type {array.dtype}, expected real numbers (SI units)"
         )
     with np.errstate(over="ignore"):  # a long double beyond float64 is caught as infinite
@@ -294,19 +303,19 @@ def row_name(row: int, rows: int) -> str:
 def _times(values: Any) -> FloatArray:
     t = as_numbers("time", values)
     if t.ndim != 1:
-        raise InputError(f"time: found shape {t.shape}, expected (T,): one time for each row")
+        raise LogError(f"time: found shape {t.shape}, expected (T,): one time for each row")
     if not len(t):
-        raise InputError("time: found no rows, expected at least one")
+        raise LogError("time: found no rows, expected at least one")
     bad = np.flatnonzero(~np.isfinite(t))
     if bad.size:
-        raise InputError(
+        raise LogError(
             f"column 'time', {row_name(bad[0], len(t))}: found {t[bad[0]]}, "
             "expected a finite time in seconds. Drop the row, or repair the source."
         )
     back = np.flatnonzero(t[1:] <= t[:-1])
     if back.size:
         row = back[0] + 1
-        raise InputError(
+        raise LogError(
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
             "expected times that strictly increase. Sort the rows, or drop the repeated ones."
         )
@@ -316,24 +325,24 @@ def _times(values: Any) -> FloatArray:
 def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
     """`names` as a tuple of distinct names that every log format can hold."""
     if isinstance(names, str):
-        raise InputError(f"{what}: found the text {names!r}, expected several names; use a tuple")
+        raise WrongType(f"{what}: found the text {names!r}, expected several names; use a tuple")
     names = tuple(names)
     seen: set[str] = set()
     for name in names:
         if not isinstance(name, str) or not name.strip():
-            raise InputError(f"{what}: found {name!r}, expected a name that is not blank")
+            raise LogError(f"{what}: found {name!r}, expected a name that is not blank")
         # Control characters, lone surrogates and line separators do not survive a text file.
         if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in name):
-            raise InputError(f"{what}: {name!r} has a control character or a line break; rename it")
+            raise LogError(f"{what}: {name!r} has a control character or a line break; rename it")
         if name in seen:
-            raise InputError(f"{what}: {name!r} appears twice; names must be distinct")
+            raise LogError(f"{what}: {name!r} appears twice; names must be distinct")
         seen.add(name)
     return names
 
 
 def _pick(values: FloatArray, what: str, name: str, names: Sequence[str]) -> FloatArray:
     if name not in names:
-        raise InputError(f"unknown {what} {name!r}{closest(name, names)}")
+        raise UnknownName(f"unknown {what} {name!r}{closest(name, names)}")
     column: FloatArray = values[:, names.index(name)]
     return column
 
@@ -353,7 +362,7 @@ def _positive(name: str, value: Any, *, zero: bool) -> float | None:
         raise _unfit(name, value, expected)
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise _unfit(name, value, expected) from None
     if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
         raise _unfit(name, value, expected)
@@ -361,7 +370,7 @@ def _positive(name: str, value: Any, *, zero: bool) -> float | None:
 
 
 def _unfit(name: str, value: Any, expected: str) -> InputError:
-    return InputError(f"provenance: {name} is {value!r}, expected {expected}")
+    return LogError(f"provenance: {name} is {shown(value)}, expected {expected}")
 
 
 def _set(instance: Any, name: str, value: Any) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +10,18 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.checks import withheld_equalities
-from deltac.diagnosis.audit.rules import Measures, judge
+from deltac.diagnosis.audit.evidence import gather
+from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
-from deltac.diagnosis.inputs.models import load_model
-from deltac.diagnosis.residuals.at_samples import EquationTerms, equation_terms
-from deltac.diagnosis.verdict import Finding, Verdict, percent
+from deltac.diagnosis.residuals.one_step import OneStep
+from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
+from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 
@@ -33,25 +32,39 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-3
 """Energy error that is accepted by default, as a fraction of the energy turned over."""
 
-EXACT = 1.0 - 1e-6
-"""Share of the squared residual that an explanation must reach where the residual comes and goes."""
-
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the audit's table: energy (J) at the end of the run, its share of the turnover, origin.
+    """A line of the audit's table: energy (J) at the end of the run, its share of that exchanged, origin.
 
-    `energy` is a work for channels, a change for energies; positive into the system.
+    `energy` is a work for channels, a change for energies; positive into the system. `error`: how far it may
+    be off, J; `resolved`: whether that leaves a digit of it.
     """
 
     name: str
     energy: float
     share: float
     basis: str
+    error: float = 0.0
+    resolved: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class Audit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(
+    Judged,
+    omit=("ledger", "run", "mechanism", "import_report", "left_over", "step"),
+    also=(
+        "relative",
+        "turnover",
+        "method",
+        "delta_c",
+        "error_bar",
+        "rows",
+        "samples",
+        "imported",
+        "one_step",
+    ),  # fmt: skip
+):
     """What an audit found.
 
     Attributes:
@@ -63,7 +76,10 @@ class Audit:
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
         left_over: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |left_over| as a fraction of the energy turned over.
+        tolerance: accepted |left_over| as a fraction of the energy turned over, or of the energy that the
+            system has, where that is less.
+        step: the one-step test of the rows, where it was made.
+        strict: whether a mistake within the tolerance sets the exit code.
     """
 
     ledger: Ledger
@@ -74,106 +90,131 @@ class Audit:
     function: str
     left_over: Array
     tolerance: float
+    step: OneStep | None = None
+    strict: bool = False
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was noticed, causes first."""
-        return self.verdict.findings
+    def one_step(self) -> dict[str, Any] | None:
+        """What the one-step test says: the integrator, and what is left of each equation."""
+        return None if self.step is None else self.step.to_dict()
 
     @property
     def relative(self) -> float:
-        """Largest |left_over| as a fraction of the energy turned over."""
-        largest = float(np.abs(self.left_over).max())
-        return largest / self.ledger.turnover if self.ledger.turnover > 0.0 else 0.0
+        """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
+        return float(np.abs(self.left_over).max()) / self.beside if self.beside > 0.0 else 0.0
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 the balance holds within the tolerance, 1 it does not, 3 unresolved.
+    def beside(self) -> float:
+        """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
+        return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
 
-        A mistake in the model that stays within the tolerance is named by the verdict and is status 0,
-        unless a channel of the model moved more energy than that otherwise than in the log, or one is
-        missing.
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 the balance holds within the tolerance, 1 not, 3 unresolved.
+
+        A mistake in the model that stays within the tolerance is named by the verdict and is 0, unless a
+        channel of the model moved more energy than that otherwise than in the log, or one is missing. If
+        `strict`, a mistake that is real counts however small it is.
         """
         if self.verdict.kind == "unresolved":
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
-        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
         kept = self.verdict.kind == "consistent" or small
+        if self.strict and any(f.kind == "small-but-real" for f in self.findings):
+            return 1
         return 0 if kept and not differs else 1
 
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
         ledger = self.ledger
-        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+        unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
-        def row(name: str, energy: float, basis: str) -> Row:
-            return Row(name, energy, energy / unit, basis)
+        def row(name: str, energy: float, basis: str, error: float = 0.0) -> Row:
+            return Row(name, energy, energy / unit, basis, error)
 
-        channels = sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
-        rows = [row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")) for n, w in channels]
+        unknown = ledger.unresolved
+        rows = [
+            replace(
+                row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")),
+                error=float(ledger.work_error[n].max()),
+                resolved=n not in unknown,
+            )
+            for n, w in sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
+        ]
         rows += [row(n, 0.0, b) for n, b in ledger.basis.items() if b == "assumed zero"]
         K, V = ledger.kinetic, ledger.potential_energy
         delta_c = ledger.delta_c[self.function]
+        bar = float(ledger.error_bar[self.function].max())
         change = float(K[-1] - K[0] + V[-1] - V[0])
         rows += [
             row("ΔK", float(K[-1] - K[0]), "computed"),
             row("ΔV", float(V[-1] - V[0]), "computed"),
             row("Q", change - float(delta_c[-1]), "the works, without those of V"),
-            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), self._bar()),
+            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
         if not np.array_equal(self.left_over, delta_c):
-            rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
+            left = float(self.left_over[-1])
+            rows.append(row("ΔC with corrections", left, ledger.method, bar))
         return tuple(rows)
 
-    def table(self) -> str:
-        """The table as text."""
-        rows = self.rows()
-        width = max(len(row.name) for row in rows)
-        lines = [f"{'':{width}}  {'work (J)':>12}  {'share':>8}  basis"]
-        lines += [
-            f"{row.name:{width}}  {row.energy:12.5g}  {100 * row.share:7.3g}%  {row.basis}"
-            for row in rows
-        ]
-        return "\n".join(lines)
+    @property
+    def turnover(self) -> float:
+        """The energy turned over, J."""
+        return self.ledger.energy_exchanged
 
-    def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON: what is not finite is None."""
-        ledger = self.ledger
-        held = {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "findings": [vars(finding) for finding in self.findings],
-            "limits": list(self.verdict.limits),
-            "status": self.status,
-            "tolerance": self.tolerance,
-            "relative": self.relative,
-            "turnover": ledger.turnover,
-            "method": ledger.method,
-            "testing_function": self.function,
-            "delta_c": {n: float(np.abs(x).max()) for n, x in ledger.delta_c.items()},
-            "error_bar": {n: float(x.max()) for n, x in ledger.error_bar.items()},
-            "table": [vars(row) for row in self.rows()],
-            "samples": len(self.run),
-            "ignored_by_import": [str(r) for r in self.import_report.ignored]
-            if self.import_report
-            else [],
-            "assumed_by_import": [str(r) for r in self.import_report.assumed]
-            if self.import_report
-            else [],
+    @property
+    def method(self) -> str:
+        """How ΔC was integrated: "in-loop", "samples" or "discrete"."""
+        return self.ledger.method
+
+    @property
+    def delta_c(self) -> dict[str, float]:
+        """Largest |ΔC| of each testing function, J."""
+        return {name: float(np.abs(x).max()) for name, x in self.ledger.delta_c.items()}
+
+    @property
+    def error_bar(self) -> dict[str, float]:
+        """Largest error bar of each testing function, J."""
+        return {name: float(x.max()) for name, x in self.ledger.error_bar.items()}
+
+    @property
+    def samples(self) -> int:
+        """How many samples were judged."""
+        return len(self.run)
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        report = self.import_report
+        return {
+            "ignored": tuple(map(str, report.ignored)) if report else (),
+            "assumed": tuple(map(str, report.assumed)) if report else (),
         }
-        plain: dict[str, Any] = _finite(held)
-        return plain
 
-    def _bar(self) -> str:
-        return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
-
-    def __repr__(self) -> str:
+    def summary(self) -> str:
+        """Verdict, and the energy error beside the tolerance."""
+        sign = ">" if self.relative > self.tolerance else "≤"
         return (
-            f"Audit({self.verdict.kind}, confidence {self.verdict.confidence}; max |ΔC| "
-            f"{percent(self.relative)} of {self.ledger.turnover:.4g} J turned over; "
-            f"{len(self.findings)} findings)"
+            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
+            f"{self.beside:.4g} J {'turned over' if self.beside == self.turnover else 'that the system has'} "
+            f"(confidence {self.verdict.confidence})"
         )
+
+    def sections(self) -> Iterator[Section]:
+        """Where the energy went, the verdict, what the model's import left out."""
+        rows: list[tuple[str, ...]] = []
+        for row in self.rows():
+            if row.name == "ΔK":
+                rows.append(())
+            energy, share = number(row.energy), f"{100 * row.share:.3g} %"
+            told = (energy, share) if row.resolved else ("unresolved", "")
+            error = number(row.error, digits=2) if row.error else ""
+            rows.append((row.name, told[0], error, told[1], row.basis))
+        yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
+        yield from self.verdict.sections()
+        if self.import_report is not None:
+            yield from self.import_report.sections()
 
 
 _BEYOND_TOLERANCE = (
@@ -188,12 +229,13 @@ _BEYOND_TOLERANCE = (
 
 
 def audit(
-    model: Any,
+    model: ModelLike,
     log: Any,
     *,
     tolerance: float = TOLERANCE,
     work: str | None = None,
     mapping: Any = None,
+    strict: bool = False,
 ) -> Audit:
     """Judge a log against a model.
 
@@ -205,6 +247,7 @@ def audit(
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -217,33 +260,35 @@ def audit(
     loaded = load_model(model)
     mechanism = loaded.mechanism
     log_read = read_log(mechanism, log, work, mapping)
-    run, ledger, findings = log_read.run, log_read.ledger, list(log_read.findings)
+    import_report = loaded.import_report
+    findings = list(log_read.findings)
+    findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
+    findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
+    findings += checks.impacts_not_held(mechanism, log_read.run)
+    measured = log_read.run.udot is not None and not _derived(log_read.run, "udot")
+    evidence = gather(
+        mechanism, log_read, work, tolerance, import_report, findings, measured=measured
+    )
+    log_read = evidence.log
+    run, ledger = log_read.run, log_read.ledger
+    findings += evidence.findings
     function = _function(ledger)
     left_over = ledger.uncorrected(function)
-    missing = checks.assumed_zero(run, loaded.import_report)
+    missing = checks.assumed_zero(run, import_report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
-    if _derived(run, "u"):
-        basis["u"] = "derived"
-    if _derived(run, "udot"):
-        basis["u̇"] = "derived"
+    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
     ledger = replace(ledger, basis=basis)
-    findings += checks.suspicious_conventions(mechanism, log_read.consecutive)
-    findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.assumed_zero_finding(missing)
-    findings += checks.impacts_not_held(mechanism, run)
-    findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
-    works = foreign_channels(mechanism, log_read.consecutive, loaded.import_report)
-    findings += foreign_notes(works, ledger.turnover)
-    terms = None
-    if basis["u̇"] == "measured" and len(mechanism.free.u):
-        terms = equation_terms(mechanism, run)
-        findings += _of_equations(
-            mechanism, log_read, terms, tolerance, loaded.import_report, findings
-        )
+    findings += checks.unresolved_works(ledger)
+    findings += motors.differing_gears(run, ledger, tolerance, import_report)
+    works = foreign_channels(mechanism, log_read.consecutive, import_report)
+    findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        held_energy=_held_energy(ledger),
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(left_over).max()),
         bar=float(ledger.error_bar[function].max()) + held,
@@ -255,62 +300,26 @@ def audit(
         outside_gaps=_outside_gaps(mechanism, log_read, function),
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
     )
+    findings += small_but_real(measures, evidence)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
-    verdict = judge(measures, terms, tuple(ranked))
+    verdict = judge(measures, evidence, tuple(ranked))
     return Audit(
         ledger=ledger,
-        verdict=replace(
-            verdict, limits=(*verdict.limits, *motors.limits(run, loaded.import_report))
-        ),
+        verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, import_report))),
         run=run,
         mechanism=mechanism,
-        import_report=loaded.import_report,
+        import_report=import_report,
         function=function,
         left_over=left_over,
         tolerance=tolerance,
+        step=evidence.step,
+        strict=strict,
     )
 
 
-def _of_equations(
-    mechanism: Mechanism,
-    log: Log,
-    terms: EquationTerms,
-    tolerance: float,
-    import_report: ImportReport | None,
-    known: list[Finding],
-) -> list[Finding]:
-    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
-    if any(f.weight == "doubt" for f in known):
-        return checks.blame(terms)
-    whole = log.consecutive is log.run
-    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
-    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
-    if misread:
-        return misread + checks.blame(terms)
-    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
-    now_and_then = checks.intermittent(terms, log.run, tolerance)
-    simple: list[Finding] = []
-    if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
-    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
-    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
-
-
-def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
-    """The few causes that explain the residual of consecutive samples; none where these are too few.
-
-    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
-    """
-    from deltac.diagnosis.explain.explain import EXPLAINS, explanation
-    from deltac.diagnosis.explain.regression import LEAST_ROWS
-    from deltac.diagnosis.explain.search import MOST
-
-    if len(run) >= LEAST_ROWS:
-        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-            return explanation(mechanism, run, "samples", least, most=most).findings()
-    return []
+def _held_energy(ledger: Ledger) -> float:
+    """The energy that the system has at a time, as far as it changes: max K and the range of V, J."""
+    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
 
 
 def _function(ledger: Ledger) -> str:
@@ -319,15 +328,6 @@ def _function(ledger: Ledger) -> str:
         if name in ledger.delta_c:
             return name
     return next(iter(ledger.delta_c))
-
-
-def _finite(value: Any) -> Any:
-    """Nested lists and dicts with None for what no JSON can hold."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _derived(run: Trajectory, what: str) -> bool:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame
-from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -31,23 +30,23 @@ from deltac.diagnosis.residuals.states import (
     some_rows,
     states_along,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
+from deltac.models import Model, ModelLike, load_model
+from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
 
 SHOWN = 6
 """Equations that are told of in words."""
 
-STATUS = {"consistent": 0, "equation-error": 1, "unresolved": 3}
-
 LIMITS = (
     "states other than those drawn, such as a branch that is seldom taken",
     "a parameter that is wrong in the model and in the equations alike",
 )
 
-MEANINGS = {
+MEANINGS: dict[Kind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
     "unresolved": "The function is too rough, or too often undefined, to tell.",
@@ -66,8 +65,12 @@ class Seen:
     sees: bool
 
 
-@dataclass(frozen=True, eq=False)
-class EquationCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquationCheck(
+    Judged,
+    omit=("udot", "residuals", "test", "roughness", "coordinates", "states"),
+    also=("mechanism", "count", "relative_residual", "rough"),
+):
     """What a check of equations found.
 
     Attributes:
@@ -102,53 +105,60 @@ class EquationCheck:
     form: StateForm = PLAIN
 
     @property
-    def status(self) -> int:
-        """Exit status of the command line: 0 consistent, 1 wrong, 3 unresolved."""
-        return STATUS[self.verdict.kind]
-
-    @property
     def worst(self) -> float:
         """The largest relative residual, of all equations at all states where it is finite."""
         values = self.residuals.relative
         return float(values[np.isfinite(values)].max(initial=0.0))
 
-    def explain(self, width: int = 96) -> str:
-        """The check in words, a paragraph each."""
-        v = self.verdict
-        lines = [f"{v.kind} (confidence {v.confidence}). {MEANINGS[v.kind]}"]
-        lines += [f"- {sentence}." for sentence in v.evidence]
-        for k, finding in enumerate(self.blame[:SHOWN]):
-            lines.append(f"{'Where' if k == 0 else 'Also'}: {finding}.")
-        if len(self.blame) > SHOWN:
-            lines.append(f"Also: {len(self.blame) - SHOWN} more equations.")
-        if self.example is not None:
-            lines.append(f"Example: {self.example}.")
-        for heading, weight in (("Cause", "cause"), ("Doubt", "doubt"), ("Note", "note")):
-            lines += [f"{heading}: {f}." for f in v.findings if f.weight == weight]
-        lines.append(f"Not seen by this check: {'; '.join(v.limits)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+    @property
+    def mechanism(self) -> str:
+        """Name of the mechanism."""
+        return self.test.kane.mechanism.name
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "verdict": self.verdict.kind,
-            "confidence": self.verdict.confidence,
-            "evidence": list(self.verdict.evidence),
-            "equations": self.name,
-            "mechanism": self.test.kane.mechanism.name,
-            "states": len(self.states),
-            "tolerance": self.tolerance,
-            "relative_residual": dict(zip(self.test.speeds, finite_worst(self.residuals))),
-            "roughness": dict(zip(self.test.speeds, map(float, self.roughness))),
-            "vectorised": self.vectorised,
-            "relative_rates": dict(self.rates),
-            "form": {"arguments": list(self.form.arguments), "order": list(self.form.order)},
-            "blame": [entry.to_dict() for entry in self.blame],
-            "tests": [vars(entry) for entry in self.seen],
-            "example": None if self.example is None else self.example.to_dict(),
-            "findings": [vars(finding) for finding in self.verdict.findings],
-            "limits": list(self.verdict.limits),
-        }
+    @property
+    def count(self) -> int:
+        """How many states were tested."""
+        return len(self.states)
+
+    @property
+    def relative_residual(self) -> dict[str, float]:
+        """The largest relative residual of each equation, by speed."""
+        return dict(zip(self.test.speeds, finite_worst(self.residuals)))
+
+    @property
+    def rough(self) -> dict[str, float]:
+        """Roughness of the function, as a fraction of the terms, by speed."""
+        return dict(zip(self.test.speeds, map(float, self.roughness)))
+
+    def summary(self) -> str:
+        """Verdict, and the largest residual beside the tolerance."""
+        sign = ">" if self.worst > self.tolerance else "≤"
+        return (
+            f"{self.verdict.kind}: the residual is {self.worst:.2g} {sign} {self.tolerance:.2g} of an "
+            f"equation's terms (confidence {self.verdict.confidence})"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """Each test's residual, the verdict, where the equations fail, and an example."""
+        failing = {entry.number for entry in self.blame}
+        rows: list[tuple[str, ...]] = [
+            (f"equation {k} ({speed})", number(value, digits=2), "fails" if k in failing else "")
+            for k, (speed, value) in enumerate(self.relative_residual.items(), 1)
+        ]
+        tests = [
+            (seen.test, number(seen.relative, digits=2), "fails" if seen.sees else "")
+            for seen in self.seen[1:]
+        ]
+        yield Table(("test", "relative residual", ""), (*rows, (), *tests))
+        yield from self.verdict.sections(self._details())
+
+    def _details(self) -> Iterator[str]:
+        for k, finding in enumerate(self.blame[:SHOWN]):
+            yield f"{'Where' if k == 0 else 'Also'}: {finding}."
+        if len(self.blame) > SHOWN:
+            yield f"Also: {len(self.blame) - SHOWN} more equations."
+        if self.example is not None:
+            yield f"Example: {self.example}."
 
 
 def finite_worst(residuals: Residuals) -> list[float]:
@@ -172,8 +182,9 @@ BLIND = 1e-3
 """A power below this share of the residual is none."""
 
 
+@renamed_keywords(mechanism="model")
 def check_equations(
-    mechanism: Any,
+    model: ModelLike,
     rhs: Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
@@ -185,7 +196,7 @@ def check_equations(
     """Test equations of motion at random admissible states of a mechanism, without integrating them.
 
     Args:
-        mechanism: a Mechanism, a Problem or a problem's name, a model file.
+        model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
         rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function of
             (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
             entries are is found out, a control is zero); or `Equations`. Where q̇ is returned, it is tested.
@@ -207,16 +218,16 @@ def check_equations(
     """
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
-    model = load_model(mechanism)
+    loaded = load_model(model)
     equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates
     else:
-        chosen = chosen_map(model, coordinates)
-    kane = Kane(model.mechanism, chosen)
+        chosen = chosen_map(loaded, coordinates)
+    kane = Kane(loaded.mechanism, chosen)
     if not kane.speed_names:
         raise InputError(
-            f"all joints of mechanism {model.mechanism.name!r} are prescribed or fixed: there is nothing "
+            f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
             "that equations of motion could tell"
         )
     scales = natural_scales(kane)
@@ -253,12 +264,12 @@ def check_equations(
     wrong = kind == "equation-error"
     found = blame(caller, test, given, limit) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
-    findings = _findings(caller, finite, drawn, [m.name for m in model.mechanism.motors])
+    findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
     missed = max(rates.values(), default=0.0)
     if rates:
         seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong:
-        findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
+        findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     if not caller.form.plain:
@@ -270,7 +281,14 @@ def check_equations(
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
         evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
     return EquationCheck(
-        verdict=Verdict(kind, confidence, evidence, findings, _limits(model, where, test.states)),
+        verdict=Verdict(
+            kind,
+            confidence,
+            evidence,
+            findings,
+            _limits(loaded, where, test.states),
+            MEANINGS[kind],
+        ),
         blame=found,
         seen=seen,
         example=simplest_failure(caller, test, given, limit) if wrong else None,

@@ -59,16 +59,6 @@ class Example:
         ]
         return f"At {where}: " + "; ".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "state": dict(self.state),
-            "given": dict(self.given),
-            "right": dict(self.right),
-            "equation": self.speed,
-            "relative": self.relative,
-        }
-
 
 def _difference(a: float, b: float, rounding: float) -> float:
     """How far two numbers differ, relative to the larger; 0 for what rounding leaves of zero."""

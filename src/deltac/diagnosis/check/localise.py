@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.terms import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import percent
-from deltac.dynamics.equations_of_motion import evaluate
+from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
+from deltac.results import Report
 from deltac.trajectories import Trajectory
 
 MOST_ROWS = 1000
@@ -73,8 +73,8 @@ class Departure:
         return "; ".join(said)
 
 
-@dataclass(frozen=True, eq=False)
-class Localisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("power",)):
     """Where a motion departs from its model, at T samples.
 
     Attributes:
@@ -93,45 +93,47 @@ class Localisation:
     bodies: Mapping[str, BodyPower]
     departures: tuple[Departure, ...]
 
-    def explain(self, width: int = 96) -> str:
-        """In words, a paragraph each."""
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0 the motion obeys the model, 1 it does not."""
+        return 1 if self.departures else 0
+
+    @property
+    def power(self) -> dict[str, float]:
+        """Largest power that each joint takes beyond what the model supplies, W."""
+        return {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+
+    def summary(self) -> str:
+        """How many equations do not hold, and which is the worst."""
         if not self.departures:
-            return "The motion obeys the model's equations at all samples."
-        lines = [f"{'Where' if k == 0 else 'Also'}: {d}." for k, d in enumerate(self.departures)]
-        power = {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+            return "the motion obeys the model's equations at all samples"
+        return f"{len(self.departures)} equations do not hold; {self.departures[0]}"
+
+    def sections(self) -> Iterator[str]:
+        """The equations that do not hold, and the power that the model does not supply."""
+        if not self.departures:
+            yield "The motion obeys the model's equations at all samples."
+            return
+        for k, departure in enumerate(self.departures):
+            yield f"{'Where' if k == 0 else 'Also'}: {departure}."
+        power = self.power
         total = max(power.values(), default=0.0)
         shown = [n for n in sorted(power, key=lambda n: -power[n]) if power[n] > 1e-3 * total > 0.0]
         if shown:
             told = ", ".join(f"{name} {power[name]:.3g} W" for name in shown)
-            lines.append(f"Power that the model does not supply, at most: {told}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON: the departures, and the largest powers (W)."""
-        return {
-            "departures": [
-                {
-                    "equation": d.number,
-                    "speed": d.speed,
-                    "relative": d.relative,
-                    "span": list(d.span),
-                    "terms": [str(m) for m in d.terms],
-                }
-                for d in self.departures
-            ],
-            "joints": {name: float(np.abs(x).max()) for name, x in self.joints.items()},
-        }
+            yield f"Power that the model does not supply, at most: {told}."
 
 
+@renamed_keywords(mechanism="model")
 def localise(
-    mechanism: Mechanism, run: Trajectory, *, coordinates: CoordinateMap | None = None
+    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
     Nothing is integrated. The run needs accelerations. Forces that it holds take the place of the model's.
 
     Args:
-        mechanism: the model.
+        model: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion, at least two samples with u̇.
         coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
             known. By default the mechanism's own.
@@ -139,6 +141,7 @@ def localise(
     Raises:
         InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.
     """
+    mechanism = load_model(model).mechanism
     rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None  # residuals would have refused
@@ -217,5 +220,5 @@ def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, 
         ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
         for k in range(len(s.links))
     ]
-    found = evaluate(kane.function(columns, s.udot), t[None, :], q, u, udot)
+    found = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
     return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, found)}

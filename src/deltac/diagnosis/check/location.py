@@ -15,6 +15,7 @@ from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
+from deltac.results import Record
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
@@ -24,7 +25,7 @@ SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Blame:
+class Blame(Record):
     """One of the equations that do not hold.
 
     Attributes:
@@ -62,30 +63,6 @@ class Blame:
         if self.terms:
             said.append(" and ".join(map(str, self.terms)))
         return "; ".join(said)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "equation": self.number,
-            "speed": self.speed,
-            "relative": self.relative,
-            "residual": self.residual,
-            "unit": self.unit,
-            "acceleration_error": self.acceleration,
-            "acceleration_unit": self.acceleration_unit,
-            "degrees_in_rates": None if self.degrees is None else list(self.degrees),
-            "depends_on": None if self.depends_on is None else list(self.depends_on),
-            "terms": [
-                {
-                    "term": m.part,
-                    "symbols": m.symbols,
-                    "coefficient": m.coefficient,
-                    "factor": m.factor,
-                    "words": str(m),
-                }
-                for m in self.terms
-            ],
-        }
 
 
 def _share(relative: float) -> str:

@@ -15,7 +15,7 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.coordinates import trace_map
-from deltac.dynamics.equations_of_motion import evaluate, matrices
+from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import crba, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, cross
@@ -23,6 +23,7 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.laws import symbol_of
+from deltac.results import Record
 
 MOST_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them."""
@@ -173,7 +174,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Match:
+class Match(Record, also=("words",)):
     """`coefficient` times a part: one summand of a residual.
 
     For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
@@ -185,6 +186,11 @@ class Match:
     coefficient: float
     factor: float | None
     symbols: str = ""
+
+    @property
+    def words(self) -> str:
+        """The summand in words."""
+        return str(self)
 
     def __str__(self) -> str:
         if self.factor is None:
@@ -295,7 +301,7 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
     if not bodies:
         return
     point = test.point
-    found = evaluate(kane.function(outputs), test.states.t[None, :], point.q, point.u)
+    found = evaluate_at(kane.function(outputs), test.states.t[None, :], point.q, point.u)
     Yt, n = point.Y.transpose(0, 2, 1), len(free)
     for body, weight, flat in zip(bodies, found[::2], found[1::2]):
         yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +13,10 @@ from deltac.diagnosis.explain.causes import Candidate
 from deltac.diagnosis.explain.regression import Form
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
+from deltac.results import Report, Section, Table
+
+SHOWN = 12
+"""Elements not seen in a log that a report names; `unseen` has all of them."""
 
 WORTH_SAYING = 1e-7
 """Relative errors below this are not shown: they are the log's rounding."""
@@ -175,8 +178,8 @@ class Cause:
         return self.sentence
 
 
-@dataclass(frozen=True)
-class Explanation:
+@dataclass(frozen=True, repr=False)
+class Explanation(Report, also=("sentence",)):
     """What explains the residual F_r + F*_r of a log.
 
     Attributes:
@@ -239,18 +242,29 @@ class Explanation:
             said += f". {self.separating}" if self.separating else ""
         return said
 
-    def explain(self, width: int = 96) -> str:
-        """All of it in words: the outcome, the causes with their numbers, notes, what was not seen."""
-        lines = [f"{self.kind}. {self._outcome}."]
-        lines += [f"Note: {note}." for note in self.notes]
-        if self.unseen:
-            lines.append(f"Not seen in this log: {', '.join(self.unseen)}.")
-        told = [textwrap.fill(line, width, subsequent_indent="  ") for line in lines]
-        return "\n".join([*told, self.table()] if self.causes else told)
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0 nothing to explain, 1 a cause explains the residual, 3 none does, or several do."""
+        return {"nothing": 0, "explained": 1}.get(self.kind, 3)
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def summary(self) -> str:
+        """The outcome in a sentence or two."""
+        return self.sentence
+
+    def sections(self) -> Iterator[Section]:
+        """The outcome, notes, what was not seen, and the causes with their numbers."""
+        yield f"{self.kind}. {self._outcome}."
+        yield from (f"Note: {note}." for note in self.notes)
+        if self.unseen:
+            shown = ", ".join(self.unseen[:SHOWN]) + (", …" if len(self.unseen) > SHOWN else "")
+            yield f"Not seen in this log: {shown}."
+        if self.causes:
+            heads = ("cause", "of", "in the run", "±", "in the model", "unit", "explains")
+            yield Table(heads, self.rows())
+
+    def rows(self) -> tuple[tuple[str, ...], ...]:
         """Cause, element, value in the run, its error, value in the model, unit, share; as text."""
-        return [
+        return tuple(
             (
                 c.kind if k == 0 else "",
                 c.element if k == 0 else "",
@@ -262,29 +276,13 @@ class Explanation:
             )
             for c in self.causes
             for k, name in enumerate(c.names)
-        ]
+        )
 
-    def table(self) -> str:
-        """Causes with their numbers, a line each."""
-        heads = ("cause", "of", "in the run", "±", "in the model", "unit", "explains")
-        rows = [heads, *self.rows()]
-        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
-        return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        held = {k: v for k, v in vars(self).items() if k not in ("causes", "alternatives")}
-        return {
-            **held,
-            "sentence": self.sentence,
-            "causes": [vars(c) for c in self.causes],
-            "alternatives": [[vars(c) for c in other] for other in self.alternatives],
-        }
-
-    def findings(self) -> list[Finding]:
+    @property
+    def findings(self) -> tuple[Finding, ...]:
         """The causes as findings of an audit; none where the residual is not explained."""
         if self.kind not in ("explained", "ambiguous"):
-            return []
+            return ()
         evidence = f"explains {percent(self.explained)} of what is left of the equations of motion"
         if len(self.causes) > 1:
             evidence = (
@@ -294,7 +292,7 @@ class Explanation:
             others = (" and ".join(map(str, other)) for other in self.alternatives[:3])
             evidence += f"; explained as well by: {'; '.join(others)}"
             evidence += f". {self.separating}" if self.separating else ""
-        return [
+        return tuple(
             Finding(
                 c.kind,
                 c.sentence,
@@ -306,10 +304,7 @@ class Explanation:
                 c.errors[0],
             )
             for c in self.causes
-        ]
-
-    def __str__(self) -> str:
-        return self.sentence
+        )
 
 
 def percent(share: float) -> str:

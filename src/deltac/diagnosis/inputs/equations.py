@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.inputs.models import from_file
-from deltac.errors import InputError
+from deltac.errors import SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import from_file
 from deltac.simulation.equations import Equations
 
 
@@ -27,7 +27,7 @@ def load_equations(text: str) -> Equations | Callable[..., Any]:
     if isinstance(found, Equations):
         return replace(found, rhs=_staying(found.rhs, text))
     if not callable(found):
-        raise InputError(
+        raise WrongType(
             f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
@@ -45,7 +45,7 @@ def _member(found: Any, names: list[str], text: str) -> Any:
             found = getattr(found, name)
         return found() if isinstance(found, type) else found
     except Exception as error:  # whatever a constructor of the user's raises
-        raise InputError(f"equations {text}: {type(error).__name__}: {error}") from error
+        raise SourceError(f"equations {text}: {type(error).__name__}: {error}") from error
 
 
 def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
@@ -56,7 +56,7 @@ def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
         try:
             return function(*arguments)
         except SystemExit as error:
-            raise InputError(
+            raise SourceError(
                 f"{text} called sys.exit({error.code!r}); let it return u̇, or raise an error that says why "
                 "it cannot"
             ) from None
@@ -73,9 +73,7 @@ def load_map(text: str) -> CoordinateMap | str:
     if isinstance(found, Equations):
         found = found.coordinates
     if not isinstance(found, CoordinateMap):
-        raise InputError(
-            f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap"
-        )
+        raise WrongType(f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap")
     return found
 
 
@@ -83,7 +81,7 @@ def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
     file, colon, name = text.rpartition(":")
     if not colon or not file.endswith(".py") or not name:
         example = text if text.endswith(".py") else "FILE.py"
-        raise InputError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
+        raise SourceError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
     return Path(file), name
 
 
@@ -100,4 +98,4 @@ def _asked(found: Any, text: str) -> Any:
     try:
         return found()
     except Exception as error:
-        raise InputError(f"{text} failed: {type(error).__name__}: {error}") from error
+        raise SourceError(f"{text} failed: {type(error).__name__}: {error}") from error

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, LogError, WrongType, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
@@ -104,13 +105,14 @@ class Log:
     """A log and its ledger.
 
     `run` are its rows, or some of them where it was read in parts; `consecutive` rows that follow each
-    other: all, or those of the first part.
+    other: all, or those of the first part. `comparisons` are those of coordinates with speeds.
     """
 
     run: Trajectory
     consecutive: Trajectory
     ledger: Ledger
     findings: tuple[Finding, ...]
+    comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
 def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) -> Log:
@@ -126,7 +128,7 @@ def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) 
             raise InputError("mapping= is for log files; this log is a Trajectory already")
         return _whole(mechanism, source, work)
     if not isinstance(source, str | Path):
-        raise InputError(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+        raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
     path = Path(source)
     if path.suffix.lower() == ".parquet" and path.is_file():
         rows, columns = _size(path)
@@ -145,9 +147,21 @@ def _size(path: Path) -> tuple[int, int]:
 def _whole(mechanism: Mechanism, given: Trajectory, work: str | None) -> Log:
     run, findings = in_model_order(mechanism, given)
     _refuse_garbage(run)
+    clean = cleaned(mechanism, run)
+    return balanced(mechanism, clean.run, work, (*findings, *clean.findings), clean.comparisons)
+
+
+def balanced(
+    mechanism: Mechanism,
+    run: Trajectory,
+    work: str | None,
+    findings: tuple[Finding, ...] = (),
+    comparisons: Mapping[str, Comparison] | None = None,
+) -> Log:
+    """A run in memory with its ledger."""
     ledger = balance(mechanism, run, work or _work(run))
     _refuse_undefined(ledger)
-    return Log(run, run, ledger, tuple(findings))
+    return Log(run, run, ledger, findings, comparisons or {})
 
 
 def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int) -> Log:
@@ -185,7 +199,7 @@ def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) ->
         absurd = np.argwhere(np.abs(values) > LARGEST)
         if len(absurd):
             row, k = absurd[0]
-            raise InputError(
+            raise LogError(
                 f"column '{what}.{names[k]}', {row_name(first + int(row), rows or len(run))}, t = "
                 f"{run.t[row]:g} s: found {values[row, k]:.4g}, which is beyond any physical quantity. The "
                 "file is damaged, or the run blew up: keep only the rows before it, or repair the source"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.recommend.work_precision import Family, Motion, Piece
+from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -62,35 +62,40 @@ def families(
     duration: float,
     solvers: Sequence[str] | None,
     equations: Equations | None,
-    controller: Controller | None,
-    control: Control | None,
+    controller: Controller | Control | None,
+    deadline: Deadline,
 ) -> tuple[list[Family], tuple[str, ...]]:
     """The families to choose from, and notes on what was left out.
 
-    Raises InputError for unknown solvers, and for a `control` that no MuJoCo model takes.
+    A run that is under way at the `deadline` ends with `OutOfTime`.
+
+    Raises InputError for unknown solvers, and for a controller that they do not take.
     """
     in_mujoco = _runs_in_mujoco(source)
+    ours = controller if isinstance(controller, Controller) else None
+    theirs = None if isinstance(controller, Controller) else controller
     if solvers is not None and not solvers:
         raise InputError("recommend: solvers is empty; name some, or leave it out")
-    names = (
-        _suited(mechanism, controller, in_mujoco=in_mujoco) if solvers is None else list(solvers)
-    )
+    names = _suited(mechanism, ours, in_mujoco=in_mujoco) if solvers is None else list(solvers)
     outside = [n for n in names if n.startswith(MUJOCO)]
     if outside and not in_mujoco:
         raise InputError(
             f"recommend: {outside[0]!r} needs a MuJoCo model (.xml, .urdf, MjModel), but the model is "
             f"{mechanism.name or 'a mechanism'!r}"
         )
-    if control is not None and not outside:
+    if theirs is not None and not outside:
         raise InputError(
-            "recommend: control is for MuJoCo's integrators; give our own solvers a controller="
+            "controller: found a function, which MuJoCo's integrators take; our own solvers take a "
+            "Controller(function of t, q, u)"
         )
     if equations is not None and outside:
         raise InputError("recommend: MuJoCo's integrators cannot take equations by hand")
     found, notes = [], []
     for name in names:
         if name in outside:
-            found.append(_mujoco(source, state, duration, name.removeprefix(MUJOCO), control))
+            found.append(
+                _mujoco(source, state, duration, name.removeprefix(MUJOCO), theirs, deadline)
+            )
             continue
         solver = find_solver(name)
         if solver.family == "taylor":
@@ -98,7 +103,7 @@ def families(
                 f"{solver.name} chooses its step by itself and is made for references, not chosen from"
             )
         else:
-            found.append(_own(solver, mechanism, state, duration, equations, controller))
+            found.append(_own(solver, mechanism, state, duration, equations, ours, deadline))
     if not found:
         raise InputError(f"recommend: nothing to choose from; {'; '.join(notes)}")
     return found, tuple(notes)
@@ -110,7 +115,7 @@ def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: b
         from deltac.recorders.mujoco_recorder import ORDERS
 
         return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
-    stepping = [s for s in SOLVERS.values() if s.family not in ("adaptive", "taylor")]
+    stepping = [s for s in SOLVERS.values() if s.takes_steps]
     names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
     held = controller is not None and controller.hold
     return names + [n for n in SUITED if n in SOLVERS and not held]
@@ -123,6 +128,7 @@ def _own(
     duration: float,
     equations: Equations | None,
     controller: Controller | None,
+    deadline: Deadline,
 ) -> Family:
     def run(
         step: float, span: float = duration, every: int = 1, tolerance: float | None = None
@@ -138,6 +144,7 @@ def _own(
             controller=controller,
             tolerance=tolerance,
             record_every=every,
+            progress=deadline.check,
         )
 
     def stepped(step: float, rows: int, finer: int = 1) -> Trajectory:
@@ -168,7 +175,7 @@ def _own(
             for span in (duration / 10**k for k in range(DECADES))
         ]
 
-    if solver.family == "adaptive":
+    if solver.family in ("scipy", "sundials"):
         return Family(
             solver.name,
             solver.order,
@@ -192,7 +199,12 @@ def _own(
 
 
 def _mujoco(
-    source: Any, state: State, duration: float, integrator: str, control: Control | None
+    source: Any,
+    state: State,
+    duration: float,
+    integrator: str,
+    controller: Control | None,
+    deadline: Deadline,
 ) -> Family:
     from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
 
@@ -201,7 +213,7 @@ def _mujoco(
             f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), ORDERS)}"
         )
     recorded = mujoco_simulator(
-        source, duration, integrator=integrator, control=control, state=state
+        source, duration, integrator=integrator, controller=controller, state=state
     )
 
     def plain(step: float, every: int = 0) -> Motion:
@@ -218,8 +230,10 @@ def _mujoco(
         start = data.time
         rows = [(start, data.qpos.copy(), data.qvel.copy())]
         for k in range(round(duration / step)):
-            if control is not None:
-                control(model, data)
+            if k % 1024 == 0:
+                deadline.check()
+            if controller is not None:
+                controller(model, data)
             mujoco.mj_step(model, data)
             if every and (k + 1) % every == 0:
                 rows.append((start + (k + 1) * step, data.qpos.copy(), data.qvel.copy()))

@@ -8,45 +8,54 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
-from deltac.diagnosis.inputs.models import load_model
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.recommend.families import families
-from deltac.diagnosis.recommend.result import SAME_TIME, Advice, failing, setting_of
-from deltac.diagnosis.recommend.work_precision import Family, Refused, Trial, Trials, distance
+from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
+from deltac.diagnosis.recommend.work_precision import (
+    ROUNDING,
+    Deadline,
+    Family,
+    OutOfTime,
+    Refused,
+    Trial,
+    Trials,
+)
 from deltac.errors import InputError
-from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.equations import Controller, Equations
 
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy turned over, q and u as shares of their ranges."""
 
-ROUNDING = 1e-13
-"""No run in double precision keeps the energy better than this, as a share of the turnover."""
-
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
+
+TIME_LIMIT = 120.0
+"""A search ends after so many seconds with the best that it has, and says what it left out."""
 
 SAFETY = 1.1
 """Margin on a step that an order predicts, so that the next trial seldom has to be repeated."""
 
 
+@renamed_keywords(control="controller")
 def recommend(
-    model: Any,
-    state: State | None = None,
+    model: ModelLike,
+    state: StateLike = None,
     duration: float | None = None,
     tolerance: float = TOLERANCE,
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
     equations: Equations | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Controller | Callable[[Any, Any], object] | None = None,
+    time_limit: float = TIME_LIMIT,
     progress: Progress | None = None,
-) -> Advice:
+) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
     The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
@@ -57,19 +66,22 @@ def recommend(
     Args:
         model: a mechanism, a problem or its name, an .xml or .urdf file, file.py:callable. A MuJoCo model
             file is run by MuJoCo's integrators, unless `solvers` names ours.
-        state: where the motion starts; by default the problem's start, or all zeros.
+        state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
         tolerance: of the largest |ΔC| (Wang's), as a share of the energy turned over.
         motion_tolerance: of q and u, each as a share of the range of what has its unit; by default
             `tolerance`. `math.inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names to choose from; by default all that suit the model.
         equations: in place of the mechanism's own, as in `simulate`.
-        controller: sets the motors that have no law, as in `simulate`.
-        control: MuJoCo's input signal, called as control(model, data) before each step.
-        progress: called with the fraction done and what is being tried.
+        controller: a Controller sets the motors that have no law, as in `simulate`; for MuJoCo a function,
+            called as controller(model, data) before each step.
+        time_limit: of the search, s. It ends then with the best that was found, and the notes say
+            which solvers were not tried to the end.
+        progress: called with the fraction done.
 
     Returns:
-        The advice; its `status` is 1 if nothing tried keeps the tolerance, and then `best` is None.
+        The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
+        if next to no energy is exchanged, so that there is nothing to judge a step by; `best` is then None.
 
     Raises:
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
@@ -86,13 +98,10 @@ def recommend(
         )
     motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
     loaded = load_model(model)
-    problem, mechanism = loaded.problem, loaded.mechanism
-    if state is None:
-        state = mechanism.state() if problem is None else problem.state
-    if duration is None:
-        if problem is None:
-            raise InputError("recommend: the model tells no duration; give duration= in seconds")
-        duration = problem.duration
+    mechanism = loaded.mechanism
+    state = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
+    duration = loaded.lasting(duration)
+    deadline = Deadline(_positive(time_limit, "time_limit"))
     found, notes = families(
         model,
         mechanism,
@@ -101,15 +110,18 @@ def recommend(
         solvers,
         equations,
         controller,
-        control,
+        deadline,
     )
-    trials = Trials(mechanism, motion)
+    trials = Trials(mechanism, state, motion)
     search = _Search(trials, wanted, motion, progress, len(found))
     for family in found:
-        search.family(family)
+        search.family(family, deadline)
+        if trials.still:
+            break
+    deadline.lift()
     if len(search.refused) == len(found):
         raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
-    return search.advice(found, duration, (*notes, *search.refused, *search.notes))
+    return search.advice(duration, notes)
 
 
 @dataclass(frozen=True)
@@ -140,12 +152,15 @@ class _Search:
         self.notes: list[str] = []
         self.refused: list[str] = []
 
-    def family(self, family: Family) -> None:
+    def family(self, family: Family, deadline: Deadline) -> None:
         """Find a family's bracket, or note why the solver is left out."""
         try:
+            deadline.check()
             self._bisect(family)
         except Refused as refusal:
             self.refused.append(f"{family.name} was left out: {refusal}")
+        except OutOfTime:
+            self.notes.append(f"{family.name} was not tried to the end: the time limit passed")
         self._done += 1
 
     def _bisect(self, family: Family, low: int = -1, *, verifying: bool = False) -> None:
@@ -160,6 +175,8 @@ class _Search:
             place = self._next(family, self._kept[family.name, settings[low]], low, low, high)
         while high - low > 1:
             trial = self._trial(family, settings[place], verifying=verifying)
+            if self._trials.still:
+                return
             if trial.passes(*self._asked):
                 high = place
             else:
@@ -184,12 +201,22 @@ class _Search:
         coarser = self._kept.get((family.name, settings[low])) if low >= 0 else None
         self._found.append(_Bracket(family, best, coarser))
 
-    def advice(self, found: Sequence[Family], duration: float, notes: tuple[str, ...]) -> Advice:
+    def advice(self, duration: float, notes: tuple[str, ...]) -> Recommendation:
         """Rank the brackets by measured time; the best is verified, and its energy by a finer run too."""
         ranked = sorted(self._found, key=lambda b: b.best.seconds)
-        close = [b for b in ranked if b.best.seconds <= SAME_TIME * ranked[0].best.seconds]
+        close = [b for b in ranked if _same_time(b.best, ranked[0].best)]
         close.sort(key=lambda b: b.best.evaluations or math.inf)
-        ranked = [*close, *ranked[len(close) :]]
+        ranked = [*close, *(b for b in ranked if b not in close)]
+        while ranked:
+            first = ranked[0]
+            trial = self._trial(first.family, first.best.setting, verifying=True)
+            if trial.passes(*self._asked):
+                ranked[0] = replace(first, best=trial)
+                break
+            self.notes.append(
+                f"{first.family.name} fails at some of its rows: it {failing(trial, *self._asked)}"
+            )
+            del ranked[0]
         best = ranked[0] if ranked else None
         second = ranked[1] if len(ranked) > 1 else None
         finer, agreement = None, math.nan
@@ -198,7 +225,7 @@ class _Search:
             finer = self._trial(best.family, half)
             if second is not None:
                 agreement = self._agreement(best, second)
-        return Advice(
+        return Recommendation(
             best=None if best is None else best.best,
             coarser=None if best is None else best.coarser,
             finer=finer,
@@ -209,24 +236,24 @@ class _Search:
             motion_tolerance=self._asked[1],
             duration=duration,
             turnover=self._trials.turnover,
-            notes=notes,
+            still=self._trials.still,
+            notes=(*notes, *self.refused, *self.notes),
         )
 
     def _trial(self, family: Family, setting: float, *, verifying: bool = False) -> Trial:
         key = (family.name, setting)
         if key not in self._kept:
-            self._tell(family, setting)
+            self._tell()
             self._kept[key] = self._trials.of(family, setting, self._asked[0])
         trial = self._kept[key]
         if verifying and not trial.verified and trial.passes(*self._asked):
-            self._tell(family, setting)
+            self._tell()
             self._kept[key] = self._trials.verified(family, trial)
         return self._kept[key]
 
-    def _tell(self, family: Family, setting: float) -> None:
+    def _tell(self) -> None:
         if self._progress is not None:
-            what = f"{family.name}, {family.knob} {setting:.3g}"
-            self._progress(self._done / self._count, what)
+            self._progress(self._done / self._count)
 
     def _next(self, family: Family, trial: Trial, place: int, low: int, high: int) -> int:
         """Where to look next: where the order says that the tolerance is just kept, else halfway."""
@@ -280,8 +307,13 @@ class _Search:
         b = self._trials.run(second.family, second.best.setting)
         if a is None or b is None:
             return math.nan
-        apart = distance(self._trials.mechanism, a, b)
+        apart = self._trials.distance(a, b)
         return apart if math.isfinite(apart) else math.nan
+
+
+def _same_time(trial: Trial, quickest: Trial) -> bool:
+    """Whether two times differ by less than what is noise, or by less than what matters."""
+    return trial.seconds - trial.spread <= SAME_TIME * (quickest.seconds + quickest.spread)
 
 
 def _positive(value: float, what: str) -> float:

@@ -1,14 +1,13 @@
-"""`Advice`: a recommended solver and step, and what it rests on, in words."""
+"""`Recommendation`: a recommended solver and step, and what it rests on, in words."""
 
 from __future__ import annotations
 
 import math
-import textwrap
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from deltac.diagnosis.recommend.work_precision import Trial
-from deltac.diagnosis.verdict import percent
+from deltac.results import Report, Section, Table, number, percent
 
 SAME_TIME = 1.2
 """Times within this factor are the same; fewer evaluations decide."""
@@ -20,8 +19,8 @@ LIMITS = (
 )
 
 
-@dataclass(frozen=True)
-class Advice:
+@dataclass(frozen=True, repr=False)
+class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verified")):
     """A recommended solver and its step or tolerance, with what it rests on.
 
     Attributes:
@@ -33,7 +32,7 @@ class Advice:
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        turnover: energy turned over in it, J.
+        turnover: energy exchanged in it, J; `still`: so little that the motion is rounding.
         notes: why some solvers were left out.
     """
 
@@ -47,6 +46,7 @@ class Advice:
     motion_tolerance: float
     duration: float
     turnover: float
+    still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
 
@@ -78,47 +78,60 @@ class Advice:
         )
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 a verified advice, 1 none of what was tried keeps the tolerance."""
-        return 0 if self.verified else 1
+    def exit_code(self) -> int:
+        """Exit code: 0 verified, 1 nothing that was tried keeps the tolerance, 3 nothing moves."""
+        return 3 if self.still else 0 if self.verified else 1
 
-    def explain(self, width: int = 96) -> str:
-        """The advice in words: what, why, why not the runner-up, and what it does not cover."""
-        lines = _explained(self)
-        lines += [f"Note: {note}." for note in self.notes]
-        lines.append(f"Not covered: {'; '.join(self.limits)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+    def summary(self) -> str:
+        """What to use, or that nothing keeps the tolerance."""
+        if self.still:
+            return "unresolved: next to nothing moves"
+        if self.best is None:
+            return f"nothing that was tried keeps a tolerance of {self.tolerance:g}"
+        return f"{self.best.solver} with {setting_of(self.best)}" + (
+            "" if self.verified else ", not verified"
+        )
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-
-        def trial(value: Trial | None) -> dict[str, Any] | None:
-            return None if value is None else value.to_dict()
-
-        return {
-            "solver": self.solver,
-            "step": self.step,
-            "setting_tolerance": self.setting_tolerance,
-            "verified": self.verified,
-            "best": trial(self.best),
-            "coarser": trial(self.coarser),
-            "finer": trial(self.finer),
-            "runner_up": trial(self.runner_up),
-            "agreement": None if math.isnan(self.agreement) else self.agreement,
-            "trials": [t.to_dict() for t in self.trials],
-            "tolerance": self.tolerance,
-            "motion_tolerance": self.motion_tolerance
-            if math.isfinite(self.motion_tolerance)
-            else None,
-            "duration": self.duration,
-            "turnover": self.turnover,
-            "notes": list(self.notes),
-            "limits": list(self.limits),
-        }
+    def sections(self) -> Iterator[Section]:
+        """All trials; what to use and why, why not the runner-up, and what is not covered."""
+        yield Table(
+            ("solver", "step or tolerance", "|ΔC|", "motion", "time (ms)", "evaluations", ""),
+            tuple(_rows(self)),
+        )
+        yield from _explained(self)
+        yield from (f"Note: {note}." for note in self.notes)
+        yield f"Not covered: {'; '.join(self.limits)}."
 
 
-def _explained(advice: Advice) -> list[str]:
+def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:
+    """The trials by solver, coarse to fine."""
+    asked = (found.tolerance, found.motion_tolerance)
+    marked = {found.best: "recommended", found.runner_up: "runner-up"}
+    last = ""
+    for trial in sorted(found.trials, key=lambda t: (t.solver, -t.setting)):
+        if last and trial.solver != last:
+            yield ()
+        kept = "within" if trial.passes(*asked) else ""
+        yield (
+            trial.solver if trial.solver != last else "",
+            number(trial.setting, "s" if trial.knob == "step" else ""),
+            f"{trial.energy:.1e}" if math.isfinite(trial.energy) else "",
+            f"{trial.motion:.1e}" if math.isfinite(trial.motion) else "",
+            number(1e3 * trial.seconds, digits=3) if math.isfinite(trial.seconds) else "",
+            str(trial.evaluations or ""),
+            marked.get(trial, "breaks down" if trial.message else kept),
+        )
+        last = trial.solver
+
+
+def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
+    if advice.still:
+        return [
+            f"Unresolved: {advice.turnover:.2g} J are exchanged in {advice.duration:g} s, which is rounding. "
+            "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
+            "in which energy flows."
+        ]
     if best is None:
         tried = [t for t in advice.trials if math.isfinite(t.energy)]
         line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"

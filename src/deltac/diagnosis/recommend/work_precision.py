@@ -8,17 +8,20 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.audit.rules import NOTHING
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
-from deltac.errors import DeltacError, InputError
+from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.step_size.stiffness import StiffStep
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -26,11 +29,15 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made")
 
-REPEATS = 3
+REPEATS = 5
 """Times a run is timed; the least counts, because other work on the machine only adds."""
 
 BRIEF = 0.25
 """A run that takes longer than this (s) is timed once."""
+
+ROUNDING = 1e-13
+"""No run in double precision keeps the energy better than this, as a share of the energy exchanged.
+What moves with less than this share of it does not move: its range is rounding."""
 
 COMMON = 1e-9
 """Times that differ by this share of a run's length are the same."""
@@ -115,7 +122,8 @@ class Trial:
             what has the same unit. In a verified trial those are all rows of the run, measured against
             one of much smaller steps; in others it is estimated by the run at half the step (a tenth of
             the tolerance) at the rows kept of both. NaN if not measured because the energy already fails.
-        seconds: measured, compiled code at hand; evaluations: of ẋ, 0 where they were not counted.
+        seconds: measured, compiled code at hand; `spread`: by how much more the median run took, s.
+        evaluations: of ẋ, 0 where they were not counted.
         message: why the run ended early, or "".
         verified: whether energy and motion were measured at all rows.
     """
@@ -129,6 +137,7 @@ class Trial:
     evaluations: int
     message: str = ""
     verified: bool = False
+    spread: float = 0.0
 
     def passes(self, tolerance: float, motion_tolerance: float) -> bool:
         """Whether energy and motion are within their tolerances."""
@@ -139,15 +148,29 @@ class Trial:
         motion = 0.0 if math.isnan(self.motion) else self.motion
         return max(self.energy / tolerance, motion / motion_tolerance)
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON; what is not finite becomes None."""
-        values: dict[str, Any] = dict(vars(self))
-        for name in ("energy", "motion"):
-            values[name] = values[name] if math.isfinite(values[name]) else None
-        return values
+
+class OutOfTime(DeltacError):
+    """The time limit of a search passed while a run was under way."""
 
 
-class Refused(InputError):
+class Deadline:
+    """When a search is to end, by the monotonic clock; runs under way ask it."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        """So many seconds from now."""
+        self._at = time.monotonic() + seconds
+
+    def check(self, _: float = 0.0) -> None:
+        """Raise OutOfTime when it has passed (as the `progress` of a run, too)."""
+        if time.monotonic() > self._at:
+            raise OutOfTime
+
+    def lift(self) -> None:
+        """The search is over: what it found may be confirmed in peace."""
+        self._at = math.inf
+
+
+class Refused(SolverError):
     """A solver that cannot do what the model asks for, whatever its step."""
 
 
@@ -163,12 +186,38 @@ def quietly() -> Iterator[None]:
 class Trials:
     """Trials of a mechanism, each run made once."""
 
-    def __init__(self, mechanism: Mechanism, motion_tolerance: float) -> None:
+    def __init__(self, mechanism: Mechanism, state: State, motion_tolerance: float) -> None:
         """Start without any; the motion is not measured if its tolerance is infinite."""
         self.mechanism = mechanism
+        self._inertia = _inertia_by_unit(mechanism, state)
         self._wants_motion = math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Judged | str] = {}
         self.turnover = 0.0
+        self._scale = math.nan  # of a run's energies, J; NaN until one was judged
+
+    @property
+    def still(self) -> bool:
+        """Whether so little energy was exchanged that the motion is rounding."""
+        return self.turnover <= NOTHING * self._scale
+
+    def distance(self, run: Rows, other: Rows) -> float:
+        """As `distance`, what does not move measured beside what could."""
+        return distance(self.mechanism, run, other, self._spans(other))
+
+    def _spans(self, run: Rows) -> list[float]:
+        """Ranges by unit; at least what a share `ROUNDING` of the energy exchanged would make of them.
+
+        A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
+        """
+        energy = ROUNDING * self.turnover
+        speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
+        lasting = float(run.t[-1] - run.t[0])
+        least = [
+            lasting * speed.get(f"{'rad' if unit == '1' else unit}/s", 0.0)
+            for unit in _units(self.mechanism.coordinates)
+        ]
+        least += [speed.get(unit, 0.0) for unit in _units(self.mechanism.speeds)]
+        return [max(*pair) for pair in zip(ranges(self.mechanism, run), least, strict=True)]
 
     def of(self, family: Family, setting: float, tolerance: float) -> Trial:
         """A trial; the run at half the step is made only if the energy is within its tolerance.
@@ -184,16 +233,19 @@ class Trials:
             if isinstance(finer, str):
                 return self._failed(family, setting, f"at half the step: {finer}")
             ratio = 2.0 ** (family.order or 1) if family.knob == "step" else 10.0
-            motion = distance(self.mechanism, run.motion, finer.motion) * ratio / (ratio - 1.0)
+            motion = self.distance(run.motion, finer.motion) * ratio / (ratio - 1.0)
         t = run.motion.t
+        seconds, spread = self._seconds(family, setting)
+        evaluations = family.stages * round((t[-1] - t[0]) / setting)
         return Trial(
             family.name,
             family.knob,
             setting,
             run.energy,
             motion,
-            self._seconds(family, setting),
-            family.stages * round((t[-1] - t[0]) / setting) if family.knob == "step" else 0,
+            seconds,
+            evaluations if family.knob == "step" else 0,
+            spread=spread,
         )
 
     def verified(self, family: Family, trial: Trial) -> Trial:
@@ -204,14 +256,14 @@ class Trials:
             left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
             if isinstance(run, str) or isinstance(left, str):
                 return self._failed(family, trial.setting, str(left))
-            turnover = turnover or left[1]
-            energy = max(energy, _share(left[0], turnover))
+            turnover = turnover or left.turnover
+            energy = max(energy, _share(left.error, turnover))
             if not self._wants_motion:
                 continue
             reference = _made(piece.reference)
             if isinstance(reference, str):
                 return self._failed(family, trial.setting, f"at much smaller steps: {reference}")
-            spans = spans or ranges(self.mechanism, reference)
+            spans = spans or self._spans(reference)
             off = distance(self.mechanism, run, reference, spans)
             motion = max(motion, off * piece.gain / (piece.gain - 1.0))
         self.turnover = turnover
@@ -235,11 +287,14 @@ class Trials:
         left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
         if isinstance(run, str) or isinstance(left, str):
             return str(left)
-        self.turnover = left[1]
-        return _Judged(Motion(run.t, run.q, run.u), _share(*left))
+        self.turnover, self._scale = left.turnover, left.scale
+        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.turnover))
 
-    def _seconds(self, family: Family, setting: float) -> float:
-        """The least time of a few runs; the first one compiled what there is to compile."""
+    def _seconds(self, family: Family, setting: float) -> tuple[float, float]:
+        """The least time of a few runs, and how far their median is above it, s.
+
+        The first run compiled what there is to compile.
+        """
         work: Callable[[float], object] = family.work or family.run
         taken: list[float] = []
         with quietly():
@@ -249,7 +304,7 @@ class Trials:
                 taken.append(time.perf_counter() - begun)
                 if taken[-1] > BRIEF:
                     break
-        return min(taken)
+        return min(taken), float(np.median(taken)) - min(taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +322,8 @@ def _made(make: Callable[[], Made]) -> Made | str:
             run = make()
     except InputError as error:
         raise Refused(str(error)) from error
+    except OutOfTime:
+        raise
     except DeltacError as error:
         return str(error)
     if isinstance(run, Trajectory) and not run.provenance.completed:
@@ -274,8 +331,17 @@ def _made(make: Callable[[], Made]) -> Made | str:
     return run
 
 
-def _energy_left(mechanism: Mechanism, run: Trajectory) -> tuple[float, float] | str:
-    """Largest |ΔC| and the energy turned over, J; or why there is none."""
+@dataclass(frozen=True)
+class _Energies:
+    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies."""
+
+    error: float
+    turnover: float
+    scale: float
+
+
+def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
+    """The energies that judge a run; or why there are none."""
     try:
         ledger = balance(mechanism, run, testing=("wang",))
     except DeltacError as error:
@@ -283,7 +349,10 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> tuple[float, float] |
     left = ledger.uncorrected("wang")
     if not np.isfinite(left).all():
         return "the energies are not finite"
-    return float(np.abs(left).max()), ledger.turnover
+    held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+    return _Energies(
+        float(np.abs(left).max()), ledger.energy_exchanged, held + ledger.energy_exchanged
+    )
 
 
 def _share(energy: float, turnover: float) -> float:
@@ -332,6 +401,24 @@ def common(t: Array, other: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]
     nearest = place - (np.abs(other[place - 1] - t) < np.abs(other[place] - t))
     same = np.abs(other[nearest] - t) <= COMMON * (t[-1] - t[0])
     return np.flatnonzero(same), nearest[same].astype(np.int64)
+
+
+def _inertia_by_unit(mechanism: Mechanism, state: State) -> dict[str, float]:
+    """The largest diagonal entry of M among the free speeds of each unit (kg, kg·m²)."""
+    free = mechanism.free
+    if not len(free.u):
+        return {}
+    terms = equations_of_motion(mechanism).terms(state.t, state.q[free.q], state.u[free.u])
+    found: dict[str, float] = {}
+    units = [entry.unit for entry in mechanism.speeds]
+    for k, inertia in zip(free.u, np.diag(terms.M), strict=True):
+        found[units[k]] = max(found.get(units[k], 0.0), float(inertia))
+    return found
+
+
+def _units(entries: Iterable[Entry]) -> list[str]:
+    """The units of `_by_unit`, in its order."""
+    return list(dict.fromkeys(entry.unit for entry in entries))
 
 
 def _by_unit(entries: Iterable[Entry]) -> list[list[int]]:

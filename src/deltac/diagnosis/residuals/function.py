@@ -15,7 +15,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.state_form import PLAIN, StateForm, forms, likeliest, signature
 from deltac.diagnosis.residuals.states import States
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -98,7 +98,7 @@ class Caller:
         differs = ~_close(first, second).all(axis=0)
         if differs.any():
             k = int(np.argmax(differs))
-            raise InputError(
+            raise SourceError(
                 f"{self.name} is no function of (t, q, u): asked twice at one state it gave "
                 f"{_numbers(first[:, k])}, then {_numbers(second[:, k])}; it has a memory or a random "
                 f"element. State: {_state(some, k)}"
@@ -130,7 +130,7 @@ class Caller:
             raise
         except Exception as error:
             where = _line(error, self.rhs)
-            raise InputError(
+            raise SourceError(
                 f"{self.name} raised {type(error).__name__}: {error}{where}. State: {_state(states, k)}"
             ) from error
         if not self.overwrites:
@@ -140,7 +140,7 @@ class Caller:
     def _accelerations(self, found: Any, states: States, k: int) -> Array:
         n = len(states.u)
         if found is None:
-            raise InputError(
+            raise SourceError(
                 f"{self.name} returned nothing; end it with a return of u̇, {n} numbers"
             )
         try:
@@ -149,7 +149,7 @@ class Caller:
         except (TypeError, ValueError):
             real = None
         if real is None:
-            raise InputError(
+            raise SourceError(
                 f"{self.name} returned {_short(found)}, expected {n} real numbers: u̇ of "
                 f"{', '.join(states.speeds)}. State: {_state(states, k)}"
             )
@@ -158,7 +158,7 @@ class Caller:
             return np.array([*rates, *accelerations])
         if real.shape != (n,):
             hint = "; flatten it" if real.size in (n, n + len(states.q)) else ""
-            raise InputError(
+            raise SourceError(
                 f"{self.name} returned an array of shape {real.shape}, expected ({n},): u̇ of "
                 f"{', '.join(states.speeds)}; or the rates of the whole state{hint}"
             )

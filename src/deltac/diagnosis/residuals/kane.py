@@ -20,7 +20,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
-    evaluate,
+    evaluate_at,
     matrices,
 )
 from deltac.dynamics.forces import Channel
@@ -97,7 +97,7 @@ class Kane:
             n, batch = own_u.shape
             eye = np.broadcast_to(np.eye(n), (batch, n, n))
             return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
-        q, u, Y, rest = evaluate(self._map, t[None, :], own_q, own_u)
+        q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u)
         return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
 
     @cached_property
@@ -112,7 +112,7 @@ class Kane:
             return q
         if self.own.inverse is None:
             return None
-        return evaluate(self._inverse, t[None, :], q)[0]
+        return evaluate_at(self._inverse, t[None, :], q)[0]
 
     @cached_property
     def _own_rates(self) -> Any:
@@ -128,7 +128,7 @@ class Kane:
 
     def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
         """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
-        found, *slopes = evaluate(self._own_rates, t[None, :], own_q, own_u)
+        found, *slopes = evaluate_at(self._own_rates, t[None, :], own_q, own_u)
         if not slopes:
             return found
         # By orthogonal factors: the symbols' normal equations lose half of the digits.

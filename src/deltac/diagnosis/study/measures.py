@@ -29,6 +29,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.coordinates import trace_map
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
+from deltac.results import Record
 from deltac.trajectories import Trajectory
 
 SHARE = 0.02
@@ -39,7 +40,7 @@ FALLS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(Record, omit=("findings",)):
     """What is left of Kane's equations at the states of the runs.
 
     Attributes:

@@ -13,13 +13,13 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.residuals.at_samples import EPS, resolution
+from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.stiffness import StiffStep
+from deltac.simulation.step_size.stiffness import StiffStep
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8
@@ -45,7 +45,7 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 LEAST_ROWS = 3
 """Rows that a run needs for a ledger."""
@@ -133,10 +133,10 @@ def simulated(
     runs = []
     for k, step in enumerate(steps):
         if progress is not None:
-            progress(k / len(steps), f"step {step:g}")
+            progress(k / len(steps))
         runs.append(_simulated(mechanism, simulator, step, trusted=trusted))
     if progress is not None:
-        progress(1.0, "")
+        progress(1.0)
     return runs
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
-from deltac.diagnosis.inputs.models import Model, load_model
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.deprecation import renamed_keywords
+from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
+from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along
@@ -30,10 +30,12 @@ from deltac.diagnosis.study.runs import (
     simulated,
     unblinded,
 )
-from deltac.diagnosis.verdict import Finding, Verdict
+from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
+from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Stabilisation
 from deltac.simulation.simulate import simulate
@@ -41,8 +43,12 @@ from deltac.simulation.solvers import find_solver
 from deltac.trajectories import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(
+    Judged,
+    omit=("mechanism", "runs", "comparison", "measures"),
+    also=("relative", "turnover", "horizon", "rows"),
+):
     """What a study of a motion at several steps found.
 
     Attributes:
@@ -75,25 +81,19 @@ class Study:
     tolerance: float
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What was noticed, causes first."""
-        return self.verdict.findings
-
-    @property
     def horizon(self) -> float:
         """The time (s) up to which motions at successive steps stay together."""
         return self.comparison.horizon
 
     @property
-    def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
-        turnover = self.measures.turnover
-        return self.measures.left[-1] / turnover if turnover > 0.0 else 0.0
+    def turnover(self) -> float:
+        """The energy turned over at the finest step, J."""
+        return self.measures.turnover
 
     @property
-    def status(self) -> int:
-        """Exit status: 0 consistent, or |ΔC| within the tolerance; 1 not; 3 unresolved."""
-        return {"consistent": 0, "unresolved": 3}.get(self.verdict.kind, 1)
+    def relative(self) -> float:
+        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
+        return self.measures.left[-1] / self.turnover if self.turnover > 0.0 else 0.0
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
@@ -103,64 +103,41 @@ class Study:
                 "step": entry.step,
                 "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.turnover if entry.ledger else None,
+                "turnover": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }
             for entry in self.runs
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """All but the time histories, for JSON: what is not finite is None."""
-        m = self.measures
-        plain: dict[str, Any] = _finite(
-            {
-                "verdict": self.verdict.kind,
-                "confidence": self.verdict.confidence,
-                "meaning": self.verdict.meaning,
-                "evidence": list(self.verdict.evidence),
-                "findings": [vars(finding) for finding in self.findings],
-                "limits": list(self.verdict.limits),
-                "status": self.status,
-                "tolerance": self.tolerance,
-                "relative": self.relative,
-                "turnover": m.turnover,
-                "solver": self.solver,
-                "nominal_order": self.nominal,
-                "testing_function": self.function,
-                "horizon": self.horizon,
-                "observed_order": {n: vars(c) for n, c in self.observed_order.items()},
-                "momentum": {n: vars(c) for n, c in self.momentum.items()},
-                "residuals": None
-                if self.residuals is None
-                else {
-                    "names": list(self.residuals.names),
-                    "relative": self.residuals.relative.tolist(),
-                    "constraints": dict(self.residuals.constraints),
-                    "by_step": list(self.residuals.by_step),
-                },
-                "runs": list(self.rows()),
-            }
-        )
-        return plain
-
-    def __repr__(self) -> str:
-        orders = ", ".join(
-            f"{n} {order_text(c)}" for n, c in self.observed_order.items() if c.order is not None
-        )
+    def summary(self) -> str:
+        """Verdict, and the energy error at the finest step beside the tolerance."""
+        sign = ">" if self.relative > self.tolerance else "≤"
+        state = self.observed_order["state"]
+        order = "" if state.order is None else f", order {order_text(state)}"
         return (
-            f"Study({self.verdict.kind}, confidence {self.verdict.confidence}; {self.solver}, "
-            f"{len(self.runs)} steps; orders: {orders or 'none'})"
+            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
+            f"{self.turnover:.4g} J turned over at the finest of {len(self.runs)} steps of {self.solver}"
+            f"{order} (confidence {self.verdict.confidence})"
         )
 
-
-def _finite(value: Any) -> Any:
-    """Nested containers with None for what no JSON can hold."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    def sections(self) -> Iterator[Section]:
+        """|ΔC| and the motion at each step, then the verdict."""
+        names = [n for n in self.observed_order if n != "state"]
+        knob = "step (s)" if self.measures.unit else "tolerance"
+        rows: list[tuple[str, ...]] = []
+        for row in self.rows():
+            sizes = (
+                number(row["delta_c"][n], digits=3) if n in row["delta_c"] else "" for n in names
+            )
+            difference = row["state_difference"]
+            state = "no run" if row["failure"] else ""
+            state = state if difference is None else number(difference, digits=3)
+            rows.append((number(row["step"]), *sizes, state))
+        orders = (str(self.observed_order[n]) for n in (*names, "state"))
+        heads = (knob, *(f"|ΔC| {name} (J)" for name in names), "state, to the next")
+        yield Table(heads, (*rows, (), ("", *orders)))
+        yield from self.verdict.sections()
 
 
 # --- equations by hand in a study: what they raise, or cannot say, is told with the state --------
@@ -251,7 +228,7 @@ def studied(
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
     functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    turnover = kept[-1].ledger.turnover if kept[-1].ledger else 0.0
+    turnover = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
     energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
@@ -281,7 +258,8 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
+    findings += unresolved_works(ledger)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -289,8 +267,9 @@ def studied(
         steps=tuple(map(float, steps)),
         left=left,
         bars=bars,
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         energy=energy[function],
         state=state,
@@ -426,9 +405,10 @@ SAMPLES = 200
 """Rows of a run of an adaptive solver, at the same times for every tolerance."""
 
 
+@renamed_keywords(control="controller")
 def study(
-    model: Any,
-    state: State | Any = None,
+    model: ModelLike,
+    state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
     solver: str = "",
@@ -440,8 +420,7 @@ def study(
     tolerances: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     order: int | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Controller | Callable[[Any, Any], object] | None = None,
     stabilisation: Stabilisation = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
@@ -464,11 +443,11 @@ def study(
         tolerances: in place of steps, for adaptive solvers.
         tolerance: accepted |ΔC| as a fraction of the energy turned over.
         order: the nominal order of `simulator`, if it has one.
-        controller: sets the motors that have no law; for MuJoCo give `control`.
-        control: called as control(model, data) before each step of MuJoCo.
+        controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
+            controller(model, data) before each step.
         stabilisation: as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -505,31 +484,34 @@ def study(
                 )
             maker = _of_user(simulator, order)
         else:
-            state = loaded.problem.state if state is None and loaded.problem else state
-            duration = _duration(loaded, duration)
+            duration = loaded.lasting(duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
             if solver.startswith(MUJOCO):
-                if equations is not None or controller is not None:
+                if equations is not None or isinstance(controller, Controller):
                     raise InputError(
-                        "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
-                        "are set by control=)"
+                        "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
+                        "controller=, a function of (model, data)"
                     )
                 from deltac.recorders import mujoco_simulator
 
                 name = solver.removeprefix(MUJOCO)
                 run = mujoco_simulator(
-                    model, duration, integrator=name, control=control, state=state
+                    model,
+                    duration,
+                    integrator=name,
+                    controller=controller,
+                    state=_mujoco_start(loaded, state),
                 )
                 maker = _of_user(run, order)
             else:
                 maker = _own(
                     loaded.mechanism,
-                    loaded.mechanism.state() if state is None else state,
+                    _own_start(loaded, state),
                     duration,
                     solver,
                     testing,
                     equations,
-                    controller,
+                    _own_controller(controller),
                     stabilisation,
                     order,
                     adaptive=adaptive,
@@ -576,10 +558,6 @@ def _own(
     adaptive: bool,
 ) -> _Maker:
     """One of our solvers as a function of its step, or of its tolerance."""
-    if not isinstance(state, State):
-        raise InputError(
-            f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
-        )
     if equations is not None:
         equations = carefully(equations, mechanism, state)
     found = find_solver(solver)
@@ -632,12 +610,27 @@ def _default_solver(loaded: Model) -> str:
     return loaded.problem.solver if loaded.problem is not None else "ode5"
 
 
-def _duration(loaded: Model, duration: float | None) -> float:
-    if duration is not None:
-        return float(duration)
-    if loaded.problem is None:
-        raise InputError("say how long the motion lasts: duration= in seconds")
-    return loaded.problem.duration
+def _own_start(loaded: Model, state: StateLike) -> State:
+    """The model's own start by default, else at zero and at rest."""
+    if state is None and not loaded.starts:
+        return loaded.mechanism.state()
+    return loaded.start(state)
+
+
+def _mujoco_start(loaded: Model, state: Any) -> Any:
+    """An mjData as it is; None where MuJoCo's own start is meant."""
+    if type(state).__name__ == "MjData" or (state is None and not loaded.starts):
+        return state
+    return loaded.start(state)
+
+
+def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
+    if given is None or isinstance(given, Controller):
+        return given
+    raise InputError(
+        "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
+        "function of (model, data)"
+    )
 
 
 def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:

@@ -14,6 +14,8 @@ import random
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
+from deltac.results import Record
+
 KINDS: dict[str, str] = {
     "operator": "arithmetic operator replaced (AOR)",
     "sign": "unary minus inserted or deleted (UOI, UOD)",
@@ -38,7 +40,7 @@ _RELATED = (
 
 
 @dataclass(frozen=True)
-class Mutant:
+class Mutant(Record, omit=("text",)):
     """A function with one mistake: `before` became `after` on `line`; `text` is the whole module."""
 
     kind: str

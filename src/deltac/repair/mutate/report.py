@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import ast
 import random
-import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.check.check import chosen_map
-from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.mutate.suite import copied
 from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
+from deltac.results import Record, Report, Section, Table
 from deltac.simulation.equations import Equations
 
 SUITE = "your tests"
@@ -39,7 +39,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(Record, also=("missed",)):
     """A mutant and the size of what each test sees of it: relative, 0 being right.
 
     `reason` says why some test, or every test, does not see it (see `REASONS`); empty if all do.
@@ -59,8 +59,8 @@ class Trial:
         return tuple(test for test in self.seen if not self.detected(test))
 
 
-@dataclass(frozen=True)
-class MutationReport:
+@dataclass(frozen=True, repr=False)
+class MutationReport(Report, also=("counts",)):
     """What tests see of mutants of a function.
 
     file, function  what was mutated
@@ -88,11 +88,11 @@ class MutationReport:
         return tuple(t for t in self.trials if SUITE in t.seen and not t.detected(SUITE))
 
     @property
-    def status(self) -> int:
-        """Exit status: 1 if the function is wrong, or a mistake escapes the user's own tests; else 0."""
+    def exit_code(self) -> int:
+        """Exit code: 1 if the function is wrong, or a mistake escapes the user's own tests; else 0."""
         return int(bool(self.escaped) or self.residual >= RIGHT)
 
-    def table(self) -> dict[str, dict[str, int]]:
+    def counts(self) -> dict[str, dict[str, int]]:
         """For each kind of mutant: how many, how many are no mistakes, and how many each test sees."""
         rows: dict[str, dict[str, int]] = {}
         for kind in (*KINDS, "all"):
@@ -103,50 +103,51 @@ class MutationReport:
                 rows[kind] |= {test: sum(t.detected(test) for t in wrong) for test in self.tests}
         return rows
 
-    def explain(self, width: int = 96) -> str:
-        """The outcome in words, and the survivors."""
-        total = self.table()["all"] if self.trials else {"mutants": 0, "equivalent": 0}
-        wrong = total["mutants"] - total["equivalent"]
-        lines = [
-            f"{self.file}:{self.function}: {total['mutants']} mutants, of which "
-            f"{total['equivalent']} are no mistakes (they give the same accelerations everywhere)."
-        ]
+    def summary(self) -> str:
+        """How many mutants, and how many no test sees."""
+        total = self.counts().get("all", {"mutants": 0, "equivalent": 0})
+        return (
+            f"{self.file}:{self.function}: {total['mutants']} mutants, of which {total['equivalent']} are no "
+            "mistakes (they give the same accelerations everywhere)"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """What each test sees of each kind of mutant, and what escapes."""
+        counts = self.counts()
+        rows: list[tuple[str, ...]] = []
+        for kind, row in counts.items():
+            rows += [()] if kind == "all" else []
+            rows.append((kind, *map(str, row.values())))
+        yield Table(
+            ("mutants", "made", *(HEADS.get(t, t) for t in ("equivalent", *self.tests))),
+            tuple(rows),
+        )
+        yield f"{self.summary()}."
         if self.residual >= RIGHT:
-            lines.append(
-                f"The function itself is wrong (residual {self.residual:.2g} of the terms): repair it first."
-            )
-        for test in self.tests:
-            if wrong:
-                lines.append(f"- {test} sees {total[test]} of {wrong} ({total[test] / wrong:.1%}).")
+            wrong = f"residual {self.residual:.2g} of the terms"
+            yield f"The function itself is wrong ({wrong}): repair it first."
+        total = counts.get("all", {"mutants": 0, "equivalent": 0})
+        mistakes = total["mutants"] - total["equivalent"]
+        for test in self.tests if mistakes else ():
+            yield f"- {test} sees {total[test]} of {mistakes} ({total[test] / mistakes:.1%})."
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:
-                lines.append(f"{len(some)} {reason}: {REASONS[reason]}; such as {_examples(some)}.")
+                yield f"{len(some)} {reason}: {REASONS[reason]}; such as {_examples(some)}."
         if self.escaped:
-            lines.append(f"Your tests miss {len(self.escaped)}, such as {_examples(self.escaped)}.")
-        return "\n".join(textwrap.fill(line, width, subsequent_indent="  ") for line in lines)
+            yield f"Your tests miss {len(self.escaped)}, such as {_examples(self.escaped)}."
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, for JSON; a residual that is not finite is null."""
-        return {
-            "file": self.file,
-            "function": self.function,
-            "residual": self.residual if np.isfinite(self.residual) else None,
-            "varied": list(self.varied),
-            "table": self.table(),
-            "mutants": [
-                {
-                    "kind": t.mutant.kind,
-                    "line": t.mutant.line,
-                    "before": t.mutant.before,
-                    "after": t.mutant.after,
-                    "seen": {k: (v if np.isfinite(v) else None) for k, v in t.seen.items()},
-                    "missed": list(t.missed),
-                    "reason": t.reason,
-                }
-                for t in self.trials
-            ],
-        }
+
+HEADS = {
+    "equivalent": "equal",
+    "kane-levinson-1988": "kane\n1988",
+    "kane-levinson-1990": "kane\n1990",
+    "liu-huston": "liu",
+    "momentum": "mom.",
+    "coordinate residual": "F + F*",
+    "constraints": "ties",
+}
+"""Short heads of the table's columns."""
 
 
 def _examples(trials: Sequence[Trial]) -> str:
@@ -158,7 +159,7 @@ def _examples(trials: Sequence[Trial]) -> str:
 
 
 def mutate_equations(
-    model: Any,
+    model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
@@ -166,7 +167,7 @@ def mutate_equations(
     seed: int = 0,
     tests: str | None = None,
     most: int = 40,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> MutationReport:
     """Change equations of motion in every small way, and see which tests notice.
 
@@ -183,7 +184,7 @@ def mutate_equations(
         tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
             mutants, in a copy of the project.
         most: on how many.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
@@ -204,7 +205,7 @@ def mutate_equations(
     trials = []
     for k, mutant in enumerate(made):
         if progress is not None:
-            progress(k / len(made), f"mutant {k + 1} of {len(made)}")
+            progress(k / len(made))
         trials.append(_tried(source, mutant, target, varied))
     names_of_tests = tuple(_blank(target))
     report = MutationReport(

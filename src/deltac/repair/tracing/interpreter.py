@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.state_form import PLAIN
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
@@ -330,7 +330,7 @@ class _Reader:
         try:
             rates, accelerations = form.split(flat, nq, nu)
         except ValueError:
-            raise InputError(
+            raise SourceError(
                 f"{self.where(self.node)}: {self.source.qualified} returned {len(flat)} numbers, expected "
                 f"the {nu} accelerations u̇, or the {nq + nu} rates of the whole state"
             ) from None

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError
+from deltac.errors import SourceError
 
 LARGEST = 2_000_000
 """Characters of a module that is read."""
@@ -132,4 +132,4 @@ def parsed(name: str, text: str) -> ast.Module:
         line = getattr(error, "lineno", None)
         where = name if line is None else f"{name}:{line}"
         what = error.msg if isinstance(error, SyntaxError) else str(error)
-        raise InputError(f"{where}: this is not Python: {what}") from error
+        raise SourceError(f"{where}: this is not Python: {what}") from error

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.state_form import StateForm, forms, likeliest
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
@@ -310,7 +310,7 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     links = named_parameters(first, target)
     missing = set(varied) - set(links.values())
     if missing:
-        raise InputError(f"{source.name}: no constant {min(missing)!r} with the model's value")
+        raise SourceError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
     return reading(
         source,

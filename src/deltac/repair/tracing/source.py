@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from deltac.diagnosis.residuals.state_form import StateForm
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
 
 
@@ -129,14 +129,14 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     text = str(target)
     file, colon, name = text.rpartition(":")
     if not (colon and name and file.endswith(".py")):
-        raise InputError(f"{text!r}: expected FILE.py:FUNCTION, such as eom.py:rhs")
+        raise SourceError(f"{text!r}: expected FILE.py:FUNCTION, such as eom.py:rhs")
     path = Path(file)
     if not path.is_file():
-        raise InputError(f"{file}: no such file")
+        raise FileError(f"{file}: no such file")
     try:
         content = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{file}: not a text in UTF-8: {error}") from error
+        raise FileError(f"{file}: not a text in UTF-8: {error}") from error
     source = Source(file, content, name, path)
     first = name.partition(".")[0]
     names = {n for statement in source.module.body for n in bound(statement)}
@@ -145,21 +145,21 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
         for s in source.module.body
     )
     if first not in names and not stars:
-        raise InputError(f"{file}: no function {first!r}{closest(first, sorted(names))}")
+        raise UnknownName(f"{file}: no function {first!r}{closest(first, sorted(names))}")
     return source
 
 
 def _of_function(function: Callable[..., Any]) -> Source:
     plain = innermost(function)
     if plain is None:
-        raise InputError(
+        raise SourceError(
             f"{function!r} has no source in Python; give a function of (t, q, u), or FILE.py:FUNCTION"
         )
     code = plain.__code__
     try:
         lines, _ = inspect.findsource(plain)
     except (OSError, TypeError) as error:
-        raise InputError(
+        raise FileError(
             f"{plain.__qualname__}: its source cannot be read ({error}); put it into a file and give "
             "FILE.py:FUNCTION"
         ) from error

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import SourceError
 
 if TYPE_CHECKING:
     from deltac.repair.tracing.modules import UserModule
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Names = Mapping[str, Any]
 
 
-class Refused(InputError):
+class Refused(SourceError):
     """The function uses what the reader does not understand; the message has file and line."""
 
 

@@ -5,8 +5,8 @@ numerical simulations of multibody dynamic systems", M.S.E. thesis, Western Mich
 2008, chapter 4.
 
 - `experiments`: the table: what is run, what the thesis says of it, by which rule it is judged;
-- `rules`, `measures`: the statements to check, and the numbers they are checked on;
-- `runs`: the triple pendulum's variants, simulated; `torque`: the driving torque told three ways;
+- `measures`: the numbers that the rules are about;
+- `runs`: the triple pendulum's variants, simulated, and the driving torque told in four ways;
 - `reproduction`: runs, ledgers and results of it all; `drawing`: the ten figures.
 """
 

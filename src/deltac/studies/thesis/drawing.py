@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deltac.problems.triple_pendulum import LENGTHS, START
 from deltac.report import (
     Curve,
     angles_figure,
+    chain_figure,
     output_folder,
     testing_figure,
     torque_figure,
@@ -37,37 +39,61 @@ class Written:
 def write(
     reproduction: Reproduction,
     folder: Path,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    thesis_axes: bool = False,
 ) -> Written:
     """Write figure_4_1.png … and results.json into a folder, which is made if need be.
+
+    With `thesis_axes` the figures have the thesis's panels: where it shows the angles of its last run
+    only (4.2, 4.7, 4.10) so do they, and |ΔC| has a tick every ten powers of ten. Figure 3.1, the
+    pendulum itself, comes first.
 
     Raises InputError when the folder cannot be made or written to.
     """
     output_folder(folder)
     paths = []
-    for k, experiment in enumerate(reproduction.experiments):
+    if thesis_axes:
+        paths.append(folder / "figure_3_1.png")
+        write_figure(_pendulum(), paths[0])
+    drawn = [e for e in reproduction.experiments if e.shows != "numbers"]
+    for k, experiment in enumerate(drawn):
         if progress is not None:
-            progress(k / len(reproduction.experiments), f"drawing fig. {experiment.figure}")
+            progress(k / len(drawn))
         path = folder / f"figure_{experiment.figure.replace('.', '_')}.png"
-        write_figure(draw(reproduction, experiment), path)
+        write_figure(draw(reproduction, experiment, thesis_axes), path)
         paths.append(path)
     results = folder / "results.json"
     write_json([row.to_dict() for row in reproduction.results], results)
     return Written(tuple(paths), results)
 
 
-def draw(reproduction: Reproduction, experiment: Experiment) -> Figure:
+LAST_RUN_ONLY = ("4.2", "4.7", "4.10")
+"""Figures whose panel of angles shows the last run alone in the thesis."""
+
+
+def draw(reproduction: Reproduction, experiment: Experiment, thesis_axes: bool = False) -> Figure:
     """The figure of an experiment."""
     outcomes = reproduction.of(experiment)
     title = f"Fig. {experiment.figure}  {experiment.title}"
     if experiment.shows == "torque":
-        (outcome,) = outcomes.values()
+        outcome = next(iter(outcomes.values()))
         torque = outcome.trajectory.forces[PRESCRIBED][:, 0]
         return torque_figure(title, "driving torque M1", outcome.trajectory.t, torque)
     curves = [_curve(label, outcome) for label, outcome in outcomes.items()]
-    return (testing_figure if experiment.shows == "testing functions" else angles_figure)(
-        title, curves
-    )
+    if experiment.shows == "angles":
+        return angles_figure(title, curves)
+    if not thesis_axes:
+        return testing_figure(title, curves)
+    return testing_figure(title, curves, decades=10, last_angles=experiment.figure in LAST_RUN_ONLY)
+
+
+def _pendulum() -> Figure:
+    """Figure 3.1: the three bars, their angles from the vertical, and the torques at the joints."""
+    theta = np.array(START)
+    x = np.concatenate([[0.0], np.cumsum(np.array(LENGTHS) * np.sin(theta))])
+    y = np.concatenate([[0.0], np.cumsum(-np.array(LENGTHS) * np.cos(theta))])
+    return chain_figure("Fig. 3.1  The triple pendulum", x, y, theta)
 
 
 def _curve(label: str, outcome: Outcome) -> Curve:
@@ -77,5 +103,5 @@ def _curve(label: str, outcome: Outcome) -> Curve:
         outcome.trajectory.t,
         {f"θ{bar}": angle for bar, angle in enumerate(angles, 1)},
         outcome.ledger.delta_c,
-        outcome.ledger.turnover,
+        outcome.ledger.energy_exchanged,
     )

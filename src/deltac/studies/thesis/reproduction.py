@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from deltac.errors import InputError
-from deltac.studies.thesis.experiments import EXPERIMENTS, REPORTED, Experiment, Reported
+from deltac.errors import InputError, UnknownName
+from deltac.results import Record, Report, Section, Table, number
+from deltac.studies.thesis.experiments import (
+    EVERYTHING,
+    EXPERIMENTS,
+    REPORTED,
+    Experiment,
+    Reported,
+)
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
-Progress: TypeAlias = Callable[[float, str], None]
-"""Told the fraction that is done, and what is being done."""
+Progress: TypeAlias = Callable[[float], None]
+"""Told the fraction that is done."""
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Record):
     """A number of ours beside what the thesis says of it.
 
     `rule` is the statement that was checked, in words; `agrees` its outcome, None where the number
@@ -39,15 +46,27 @@ class Result:
         """Whether a rule was applied: the number belongs in a summary."""
         return self.agrees is not None
 
-    def to_dict(self) -> dict[str, Reported | bool]:
-        """The entry of results.json; a value that is not finite is null there."""
-        names = ("figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees")
-        entry = {name: getattr(self, name) for name in names}
-        return entry if math.isfinite(self.value) else {**entry, "value": None}
+    @property
+    def reported(self) -> str:
+        """What the thesis says, as text."""
+        return (
+            number(self.thesis, self.unit) if isinstance(self.thesis, float) else self.thesis or "–"
+        )
+
+    @property
+    def measured(self) -> str:
+        """What we measure, as text."""
+        return f"{self.run}: {self.quantity} = {number(self.value, self.unit)}"
+
+    def verdict(self, reasons: Sequence[str]) -> str:
+        """Whether it agrees, with the number of the reason where we are known to differ."""
+        if self.agrees:
+            return "yes"
+        return f"no [{reasons.index(self.difference) + 1}]" if self.difference else "NO"
 
 
-@dataclass(frozen=True, eq=False)
-class Reproduction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "assumed")):
     """The experiments that were run, what came out of each run, and the results.
 
     `outcomes` maps a `Run` to its trajectory and ledger; runs that serve several figures are there
@@ -68,6 +87,39 @@ class Reproduction:
         """The results that do not agree, known or not."""
         return tuple(row for row in self.results if row.agrees is False)
 
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0 if all agrees but the known differences, else 1."""
+        return 0 if self.agrees else 1
+
+    def summary(self) -> str:
+        """How many statements of the thesis were checked, and how many agree."""
+        judged = [row for row in self.results if row.judged]
+        agree = sum(row.agrees is True for row in judged)
+        known = sum(bool(row.difference) for row in self.differences)
+        return f"{agree} of {len(judged)} statements agree, {known} differ for a known reason"
+
+    def assumed(self) -> dict[str, str]:
+        """What the thesis does not say and we chose, by figure."""
+        return {e.figure: e.assumed for e in self.experiments if e.assumed}
+
+    def sections(self) -> Iterator[Section]:
+        """Every statement of the thesis beside our number; then why some are known to differ."""
+        reasons = list(dict.fromkeys(r.difference for r in self.differences if r.difference))
+        rows: list[tuple[str, ...]] = []
+        for experiment in self.experiments:
+            name, said = f"{experiment.figure}  {experiment.title}", ""
+            rows += [()] if rows else []
+            for row in self.results:
+                if row.figure == experiment.figure and row.judged:
+                    again, said = said, row.reported
+                    shown = "" if said == again else said
+                    rows.append((name, shown, row.measured, row.verdict(reasons)))
+                    name = ""
+        yield Table(("experiment", "the thesis reports", "we measure", "agrees?"), tuple(rows))
+        yield from (f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
+        yield from (f"{figure}: we chose {what}." for figure, what in self.assumed().items())
+
     def of(self, experiment: Experiment) -> dict[str, Outcome]:
         """What came out of an experiment's runs, by their labels."""
         return {label: self.outcomes[run] for label, run in experiment.runs.items()}
@@ -77,8 +129,9 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     """Run the thesis's experiments again.
 
     Args:
-        only: the figures to reproduce, "4.1" to "4.10"; all of them without it.
-        progress: called with the fraction done and what is being done.
+        only: the figures to reproduce, "4.1" to "4.10", all of them without it; or "floor", which
+            repeats three of them with accelerations that an iterative solver left inexact.
+        progress: called with the fraction done.
 
     Raises:
         InputError: an unknown figure.
@@ -87,34 +140,34 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     runs = list(dict.fromkeys(run for e in chosen for run in e.runs.values()))
     stages = len(runs) + len(chosen)
 
-    def say(done: int, what: str) -> None:
+    def say(done: int) -> None:
         if progress is not None:
-            progress(done / stages, what)
+            progress(done / stages)
 
     outcomes: dict[Run, Outcome] = {}
     for run in runs:
-        say(len(outcomes), f"{run.variant}, {run.solver}, h = {run.step:g} s")
+        say(len(outcomes))
         outcomes[run] = perform(run)
     reproduction = Reproduction(chosen, outcomes, ())
     results: list[Result] = []
     for k, experiment in enumerate(chosen):
-        say(len(runs) + k, f"results of fig. {experiment.figure}")
+        say(len(runs) + k)
         results.extend(_results(experiment, reproduction.of(experiment)))
-    say(stages, "done")
+    say(stages)
     return Reproduction(chosen, outcomes, tuple(results))
 
 
 def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
-    known = [experiment.figure for experiment in EXPERIMENTS]
+    known = [experiment.figure for experiment in EVERYTHING]
     if only is None:
         return EXPERIMENTS
     wanted = [only] if isinstance(only, str) else list(only)
     for figure in wanted:
         if figure not in known:
-            raise InputError(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
+            raise UnknownName(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
     if not wanted:
         raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
-    return tuple(experiment for experiment in EXPERIMENTS if experiment.figure in wanted)
+    return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)
 
 
 def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterator[Result]:
@@ -144,7 +197,7 @@ def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterato
 def _reported(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[str, float, str]]:
     """(quantity, value, unit) of every run: its testing functions, and where it ends."""
     end = f"{outcome.run.duration:g} s"
-    if experiment.shows == "testing functions":
+    if experiment.shows in ("testing functions", "numbers"):
         for function, name in NAMES.items():
             yield f"{name} |ΔC| at {end}", final(outcome, function), "J"
             yield f"max {name} |ΔC|", largest(outcome, function), "J"

@@ -13,7 +13,7 @@ import numpy as np
 from deltac import problems
 from deltac.arrays import Array
 from deltac.energy import Ledger, balance, residuals
-from deltac.mechanism import Mechanism, State
+from deltac.mechanism.state import State
 from deltac.problems import Problem
 from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
@@ -31,11 +31,16 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "fast": {"rates": (10.0, 0.0, 0.0)},
     "driven": {"drive": "motion"},
     "driven by a logged torque": {"drive": "torque"},
+    "driven by a constraint": {"drive": "constraint"},
     "tumbling": _TUMBLING,
     "tumbling, damped": {**_TUMBLING, "damping": DAMPING},
     "by hand": {},
     "by hand, sign mistake": {"mistake": True},
     "by hand, sign mistake, damped": {"mistake": True, "damping": DAMPING},
+    "by hand, accelerations to 1e-9": {"noise": 1e-9},
+    "by hand, accelerations to 1e-10": {"noise": 1e-10},
+    "by hand, driven, accelerations to 1e-9": {"drive": "motion", "noise": 1e-9},
+    "by hand, driven, accelerations to 1e-10": {"drive": "motion", "noise": 1e-10},
 }
 """Name -> options of the problem "triple-pendulum". "by hand": by the equations (3.1.17)-(3.1.19)."""
 
@@ -116,6 +121,14 @@ def trajectory_of(run: Run, state: State, every: int = 1) -> Trajectory:
     )
 
 
+def exactly(run: Run) -> Trajectory:
+    """The exact motion of a run, to rounding, at the same times: Taylor's method."""
+    chosen = problem(run.variant)
+    vary = () if run.by_hand else DAMPERS
+    every = run.step * run.every
+    return simulate(chosen.mechanism, chosen.state, run.duration, every, "taylor", vary=vary)
+
+
 def absolute_angles(run: Trajectory) -> Array:
     """θ (T, 3) of the bars from the downward vertical (rad); joints hold relative angles."""
     return np.cumsum(run.q, axis=1)
@@ -126,75 +139,87 @@ def _perturbed(state: State) -> State:
     return replace(state, q=state.q + np.array([0.0, PERTURBATION, -PERTURBATION]))
 
 
-# --- the driven pendulum's torque M1 told three ways (3.2.24)-(3.2.44) ---------------------------
+# --- the driven pendulum's torque M1, told in four ways (3.2.24)-(3.2.44) ------------------------
 # 1. As an applied force: bar 1 is free, and the logged M1 acts on it; Q̇ = vᵀF_D.
 # 2. As the multiplier of the motion constraint θ̇1 − Aω cos ωt = 0: Q̇ = −bᵀλ_m, λ_m being M1.
-# 3. From accelerations: no torque is needed, Q̇ = v_tᵀF′ with F′ = −(F + F*).
-# All three give Wang's function the same total. The first two believe the log: they see a torque
-# that is wrong. The third does not look at it.
+# 3. As the force that drives a prescribed joint: Q̇ = v_tᵀF′.
+# 4. From accelerations: no torque is needed, Q̇ = v_tᵀF′ with F′ = −(F + F*).
+# All four give Wang's function the same total. The first three use the logged torque, so they see
+# a wrong one. The fourth does not look at it.
 
-PRESCRIBED, APPLIED = "prescribed joint1", "actuator M1"
+PRESCRIBED, APPLIED, CONSTRAINT = "prescribed joint1", "actuator M1", "constraint drive"
 
 
 @dataclass(frozen=True, eq=False)
-class ThreeWays:
-    """The same quantity (T,) told three ways, and the scale that its rounding is judged by."""
+class Tellings:
+    """The same quantity (T,) told in four ways, and the scale that its rounding is judged by."""
 
     applied: Array
     multiplier: Array
+    prescribed: Array
     accelerations: Array
     scale: float
 
     @property
     def torque_spread(self) -> float:
-        """Largest difference of the two that use the torque, as a fraction of the scale."""
-        return float(np.abs(self.applied - self.multiplier).max()) / self.scale
+        """Largest difference of those that use the torque, as a fraction of the scale."""
+        told = np.array([self.applied, self.multiplier, self.prescribed])
+        return float(np.ptp(told, axis=0).max()) / self.scale
 
     @property
     def spread(self) -> float:
         """Largest difference of any two, as a fraction of the scale."""
-        told = np.array([self.applied, self.multiplier, self.accelerations])
+        told = np.array([self.applied, self.multiplier, self.prescribed, self.accelerations])
         return float(np.ptp(told, axis=0).max()) / self.scale
 
 
-def totals(run: Run, factor: float = 1.0) -> ThreeWays:
+def totals(run: Run, factor: float = 1.0) -> Tellings:
     """Wang's ΔC (J) along the samples, M1 logged at every step and multiplied by `factor`.
 
-    Its scale is the energy turned over (J).
+    Its scale is the energy exchanged (J).
     """
-    free, driven = _mechanisms()
-    applied, multiplier = _told(trajectory_of(run, problem(run.variant).state), factor)
-    first = balance(free, applied, work="samples", testing=("wang",))
-    others = balance(driven, multiplier, work="samples", testing=("wang",))
-    return ThreeWays(
-        first.delta_c["wang"],
-        others.delta_c["wang"],
-        others.delta_c["wang-inertial"],
-        others.turnover,
+    told = _told(trajectory_of(run, problem(run.variant).state), factor)
+    ledgers = {
+        variant: balance(problem(variant).mechanism, log, work="samples", testing=("wang",))
+        for variant, log in told.items()
+    }
+    free, tied, driven = ledgers.values()
+    return Tellings(
+        free.delta_c["wang"],
+        tied.delta_c["wang"],
+        driven.delta_c["wang"],
+        driven.delta_c["wang-inertial"],
+        driven.energy_exchanged,
     )
 
 
-def rates(trajectory: Trajectory) -> ThreeWays:
+def rates(trajectory: Trajectory) -> Tellings:
     """Wang's ε (W) at every sample: no quadrature, so that the solver does not matter.
 
     Its scale is the largest power of M1 (W).
     """
-    free, driven = _mechanisms()
-    applied, multiplier = _told(trajectory, 1.0)
-    first = residuals(free, applied, testing=("wang",))
-    others = residuals(driven, multiplier, testing=("wang",))
+    told = _told(trajectory, 1.0)
+    free, tied, driven = (
+        residuals(problem(variant).mechanism, log, testing=("wang",))
+        for variant, log in told.items()
+    )
     power = np.abs(trajectory.forces[PRESCRIBED] * trajectory.u).sum(axis=1)
-    return ThreeWays(
-        first["wang"], others["wang"], others["wang-inertial"], scale=float(power.max())
+    return Tellings(
+        free["wang"],
+        tied["wang"],
+        driven["wang"],
+        driven["wang-inertial"],
+        scale=float(power.max()),
     )
 
 
-def _mechanisms() -> tuple[Mechanism, Mechanism]:
-    return problem("driven by a logged torque").mechanism, problem("driven").mechanism
-
-
-def _told(trajectory: Trajectory, factor: float) -> tuple[Trajectory, Trajectory]:
-    """The motion with M1 as the log of a motor, and as that of the prescribed joint."""
+def _told(trajectory: Trajectory, factor: float) -> dict[str, Trajectory]:
+    """The motion with M1 as the log of a motor, of the constraint, and of the prescribed joint."""
     torque = factor * trajectory.forces[PRESCRIBED]
-    bare = replace(trajectory, forces={}, integrals={})
-    return replace(bare, forces={APPLIED: torque}), replace(bare, forces={PRESCRIBED: torque})
+    bare = replace(trajectory, forces={}, works={}, integrals={})
+    channels = {
+        "driven by a logged torque": APPLIED,
+        "driven by a constraint": CONSTRAINT,
+        "driven": PRESCRIBED,
+    }
+    return {variant: replace(bare, forces={name: torque}) for variant, name in channels.items()}

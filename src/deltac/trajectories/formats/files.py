@@ -1,17 +1,18 @@
-"""Whether a log fits into memory, asked before it is read."""
+"""Logs on disk: one registry of formats, by suffix; what is written reads back to the last bit."""
 
 from __future__ import annotations
 
 import json
 import os
-import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
-from deltac.errors import InputError, closest
+from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
+from deltac.files import appearing, opened
+from deltac.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.delimited import read_csv, write_csv
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
@@ -19,36 +20,13 @@ from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.matlab import read_mat, write_mat
 from deltac.trajectories.formats.npz import read_npz, write_npz
 from deltac.trajectories.formats.opensim import read_opensim
-from deltac.trajectories.formats.parquet import parquet_size, read_parquet, write_parquet
-from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.formats.parquet import read_parquet, write_parquet
+from deltac.trajectories.formats.raw import RawLog, checked
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from deltac.mechanism.mechanism import Mechanism
-
-
-def require_memory(needed: float, size: str) -> None:
-    """Raise InputError when reading would take more bytes than are free; where unknown, pass."""
-    free = free_memory()
-    if free is not None and needed > free:
-        raise InputError(
-            f"the log has {size}; reading it whole takes about {needed / 1e9:.1f} GB, and "
-            f"{free / 1e9:.1f} GB are free. Store it as Parquet, which is read in parts "
-            "(scan_trajectory), or take a part of it."
-        )
-
-
-def free_memory() -> float | None:
-    """Bytes that can be had without swapping, as Linux tells; None elsewhere."""
-    try:
-        lines = Path("/proc/meminfo").read_text("ascii").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return None
-    for line in lines:
-        if line.startswith("MemAvailable:"):
-            return float(line.split()[1]) * 1024.0
-    return None
 
 
 # --- logs on disk --------------------------------------------------------------------------------
@@ -60,7 +38,8 @@ Writer: TypeAlias = Callable[[Trajectory, str, BinaryIO], None]
 class Format:
     """A file format: how it is read and, where deltac writes it, written.
 
-    `copies` is about how many times the size of a file its reading takes in memory.
+    `copies` is about how many times the size of a file its reading takes in memory; 0 where the size says
+    little, and the reader looks at rows and columns itself.
     """
 
     read: Callable[[Path], RawLog]
@@ -72,7 +51,7 @@ _HDF5 = Format(read_hdf5, write_hdf5)
 _OPENSIM = Format(read_opensim, copies=12.0)
 
 FORMATS: Mapping[str, Format] = {
-    ".parquet": Format(read_parquet, write_parquet),
+    ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
     ".npz": Format(read_npz, write_npz),
     ".h5": _HDF5,
@@ -94,20 +73,15 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
     """
     write = _format(path, writing=True).write
     assert write is not None
-    target = Path(os.path.realpath(path))  # through a link, not over it
-    if not target.parent.is_dir():
-        raise InputError(f"{path}: the folder {target.parent} does not exist; create it first")
-    if target.is_dir():
-        raise InputError(f"{path}: is a folder; expected the name of a file")
     from deltac.trajectories.formats.schema import to_columns, to_metadata
 
     to_columns(run)  # refuses names that a reader could not tell apart
     header = json.dumps(to_metadata(run), allow_nan=False)
     try:
-        with _appearing(target) as file:
+        with naming(path), appearing(path) as file:
             write(run, header, file)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    except MemoryError:
+        raise LimitError(f"{path}: the log is too large for this format in memory") from None
 
 
 def read_trajectory(
@@ -146,22 +120,15 @@ def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
     form = _format(path)
     source = Path(path)
-    try:
-        with source.open("rb") as file:
-            start = file.read(4096)
-            size = file.seek(0, 2)
-    except FileNotFoundError:
-        raise InputError(f"no such file{_neighbour(source)}") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}") from error
+    with opened(source) as file:
+        start = file.read(4096)
+        size = os.fstat(file.fileno()).st_size
     if not start.strip() and size == len(start):
-        raise InputError("the file is empty; expected a row of column names and samples")
-    if form.read is read_parquet:  # compressed: its size says little
-        rows, columns = parquet_size(source)
-        require_memory(rows * columns * 8.0 * form.copies, f"{rows} rows and {columns} columns")
-    else:
+        raise FileError("the file is empty; expected a row of column names and samples")
+    Limits.current().check("bytes", size, "the file has")
+    if form.copies:
         require_memory(size * form.copies, f"{size / 1e9:.1f} GB")
-    return form.read(source)
+    return checked(form.read(source))
 
 
 @contextmanager
@@ -180,30 +147,8 @@ def _format(path: str | Path, writing: bool = False) -> Format:
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
-        raise InputError(
+        raise UnknownName(
             f"{path}: {what} {suffix!r}{closest(suffix, options)} "
             f"(name the file {', '.join('*' + name for name in options)})"
         )
     return options[suffix]
-
-
-def _neighbour(path: Path) -> str:
-    """The closest match of a missing file's name in its folder."""
-    if not path.parent.is_dir():
-        return f"; the folder {path.parent} does not exist"
-    hint = closest(path.name, (entry.name for entry in path.parent.iterdir()))
-    return hint if "did you mean" in hint else ""
-
-
-@contextmanager
-def _appearing(target: Path) -> Iterator[BinaryIO]:
-    """A file that takes the place of `target` only once it is complete and on the disk."""
-    temporary = target.with_name(f".deltac-{secrets.token_hex(6)}.tmp")
-    try:
-        with open(temporary, "x+b") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)

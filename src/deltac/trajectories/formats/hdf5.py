@@ -2,18 +2,31 @@
 
 deltac's own have the arrays of `to_arrays` and the header as the text dataset ``deltac``. In other
 programs' files each dataset is a column named by its path, ``group/dataset``, the fields of a table
-are columns of their own, and an attribute ``units`` (or ``unit``) is taken at its word.
+are columns of their own, and an attribute ``units`` (or ``unit``) is taken at its word. What lies
+in other files (external links and storage, virtual datasets) is not followed.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from deltac.errors import InputError
-from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
+from deltac.errors import LogError, PackageError, shown
+from deltac.files import opened
+from deltac.limits import Limits
+from deltac.trajectories.formats.raw import (
+    Budget,
+    Collector,
+    RawLog,
+    damage_named,
+    from_arrays,
+    parse_header,
+    to_arrays,
+)
 from deltac.trajectories.trajectory import Trajectory
 
 
@@ -31,27 +44,94 @@ def write_hdf5(run: Trajectory, header: str, file: BinaryIO) -> None:
 
 def read_hdf5(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or every dataset of another program's file."""
-    with opened(path) as log:
-        if "deltac" in log:
-            header = parse_header(log["deltac"].asstr()[()]) or {}
-            return from_arrays({name: item[()] for name, item in log.items()}, header)
+    with opened_hdf5(path) as log:
+        members = dict(log.members(log.root))
+        if "deltac" in members:
+            header = parse_header(log.text(members["deltac"])) or {}
+            arrays = {
+                name: log.values(item)
+                for name, item in members.items()
+                if getattr(item, "shape", None) and item.dtype.kind in "iuf"
+            }
+            return from_arrays(arrays, header)
         collector = Collector()
-        log.visititems(lambda name, item: _add(collector, name, item))
+        _gather(collector, log, log.root, "", 0)
         return collector.log()
 
 
-def _add(collector: Collector, name: str, item: Any) -> None:
-    if not hasattr(item, "shape"):
-        return  # a group
-    unit = next((item.attrs[k] for k in ("units", "unit") if k in item.attrs), None)
-    text = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
-    if item.shape is None:
-        collector.skip(name, "is empty")
-    elif item.dtype.names:
-        for field in item.dtype.names:
-            collector.add(f"{name}/{field}", item[field], text)
-    else:
-        collector.add(name, item[()], text)
+def _gather(collector: Collector, log: Opened, group: Any, prefix: str, depth: int) -> None:
+    log.check_depth(depth)
+    for key, item in log.members(group):
+        name = prefix + key
+        if not hasattr(item, "shape"):
+            _gather(collector, log, item, f"{name}/", depth + 1)
+            continue
+        unit = next((item.attrs[k] for k in ("units", "unit") if k in item.attrs), None)
+        text = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
+        if item.shape is None:
+            collector.skip(name, "is empty")
+        elif item.dtype.names:
+            table = log.values(item)
+            for field in item.dtype.names:
+                collector.add(f"{name}/{field}", table[field], text)
+        elif item.dtype.kind in "iufb":
+            collector.add(name, log.values(item), text)
+        else:
+            collector.skip(name, f"holds values of type {item.dtype}, not numbers")
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An open HDF5 file, of which no more is read than the limits allow."""
+
+    root: Any
+    budget: Budget
+    count: list[int]  # of the members that were seen, on all paths
+
+    def members(self, group: Any) -> Iterator[tuple[str, Any]]:
+        """Names and values of what lies in a group itself; links to elsewhere are passed over."""
+        h5py = import_h5py()
+        self.count[0] += len(group)
+        Limits.current().check("columns", self.count[0], "the file holds")
+        for name in group:
+            if isinstance(group.get(name, getlink=True), h5py.HardLink):
+                yield name, group[name]
+
+    def values(self, item: Any) -> Any:
+        """The values of a dataset; InputError when there are too many, or they lie in other files."""
+        if item.external or item.is_virtual:
+            raise LogError(f"{shown(item.name)} lies in other files, which are not read")
+        self.budget.take(int(item.size) * max(item.dtype.itemsize, 8))
+        return item[()]
+
+    def text(self, item: Any) -> str:
+        """The text of a dataset that holds one."""
+        if getattr(item, "shape", None) != () or item.dtype.kind not in "OS":
+            raise LogError("the deltac metadata are no text; write the log again")
+        if item.external or item.is_virtual:
+            raise LogError("the deltac metadata lie in another file, which is not read")
+        return str(item.asstr()[()])
+
+    def refers(self, item: Any) -> bool:
+        """Whether a dataset holds references to other objects of the file."""
+        h5py = import_h5py()
+        return h5py.check_dtype(ref=item.dtype) is h5py.Reference
+
+    def references(self, item: Any) -> Any:
+        """The references of a dataset."""
+        Limits.current().check("columns", int(item.size), f"{shown(item.name)} refers to")
+        return self.values(item)
+
+    def target(self, reference: Any) -> Any:
+        """What a reference points to."""
+        self.count[0] += 1
+        Limits.current().check("columns", self.count[0], "the file holds")
+        return self.root[reference]
+
+    def check_depth(self, depth: int) -> None:
+        """InputError for groups in groups, deeper than the limit: they may contain themselves."""
+        if depth > (limits := Limits.current()).nesting:
+            limits.refuse("nesting", f"its groups are nested {depth} levels deep")
 
 
 def import_h5py() -> Any:
@@ -59,22 +139,17 @@ def import_h5py() -> Any:
     try:
         import h5py
     except ImportError as error:
-        raise InputError(
+        raise PackageError(
             'HDF5 and MATLAB 7.3 files need h5py: pip install "deltac[hdf5]" (or use Parquet)'
         ) from error
     return h5py
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Any]:
+def opened_hdf5(path: Path) -> Iterator[Opened]:
     """An open HDF5 file; what h5py raises for a damaged one becomes an InputError."""
     h5py = import_h5py()
-    try:
-        with h5py.File(path, "r") as log:
-            yield log
-    except InputError:
-        raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise InputError(
-            f"the HDF5 file is damaged, truncated, or no HDF5 file; write it again. {error}"
-        ) from error
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        with damage_named("HDF5"), h5py.File(path, "r") as log:
+            yield Opened(log, Budget(size), [0])

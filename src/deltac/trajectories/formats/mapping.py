@@ -31,16 +31,15 @@ name if that is one of the log schema, and is ignored otherwise.
 
 from __future__ import annotations
 
-import math
-import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError, closest
-from deltac.mechanism.channels import split
+from deltac.errors import InputError, LogError, closest, shown
+from deltac.files import read_text
+from deltac.limits import parse_toml
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
 from deltac.trajectories.formats.units import unit
 
@@ -58,7 +57,13 @@ DIMENSIONS: Mapping[str, str] = {
 }
 """Keys of the table ``[units]`` and the SI unit that each replaces."""
 
-_TABLES = {"coordinates": "q", "speeds": "u", "accelerations": "udot", "integrals": "integral"}
+_TABLES = {
+    "coordinates": "q",
+    "speeds": "u",
+    "accelerations": "udot",
+    "works": "work",
+    "integrals": "integral",
+}
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
 _SOURCE_KEYS = ("column", "constant", "unit", "sign", "offset")
 _ORDERS = ("wxyz", "xyzw")
@@ -102,17 +107,14 @@ class LogMapping:
 
 def read_mapping(path: str | Path) -> LogMapping:
     """Read a mapping file; InputError names the file, the line and the key."""
+    if not Path(path).exists():
+        raise LogError(f"{path}: no such mapping file")
     try:
-        text = Path(path).read_text("utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such mapping file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is no TOML: {error}") from error
-    return _Parser(document, text, str(path)).mapping()
+        text = read_text(path)
+        document = parse_toml(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return _Parser(document, str(path), _places(text)).mapping()
 
 
 def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
@@ -123,8 +125,8 @@ def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
 @dataclass(frozen=True)
 class _Parser:
     document: Mapping[str, Any]
-    text: str
     path: str
+    places: Mapping[str, int]  # the line of each dotted key
 
     def mapping(self) -> LogMapping:
         for key in self.document:
@@ -136,14 +138,14 @@ class _Parser:
                 raise self.error(f"log.{key}", f"unknown key{closest(key, known)}")
         simulator = log.get("simulator", "unknown")
         if not isinstance(simulator, str) or not simulator:
-            raise self.error("log.simulator", f"found {simulator!r}, expected a name")
+            raise self.error("log.simulator", f"found {shown(simulator)}, expected a name")
         angles = log.get("angles")
         if angles is not None and not _texts(angles):
-            raise self.error("log.angles", f"found {angles!r}, expected a list of names")
+            raise self.error("log.angles", f"found {shown(angles)}, expected a list of names")
         sources: dict[str, Source] = {}
         for target, source in self.sources(log):
             if target in sources:
-                raise InputError(f"{source.where}: {target!r} is given twice; remove one")
+                raise LogError(f"{source.where}: {target!r} is given twice; remove one")
             sources[target] = source
         return LogMapping(
             sources,
@@ -164,11 +166,11 @@ class _Parser:
         for channel, speeds in self.table("forces").items():
             where = f"forces.{channel}"
             try:
-                split(channel)
+                ChannelName.parse(channel)
             except InputError as error:
                 raise self.error(where, str(error)) from None
             if not isinstance(speeds, dict):
-                raise self.error(where, f"found {speeds!r}, expected a table: speed = column")
+                raise self.error(where, f"found {shown(speeds)}, expected a table: speed = column")
             for speed, value in speeds.items():
                 yield f"force.{channel}.{speed}", self.source(f"{where}.{speed}", value)
 
@@ -178,13 +180,15 @@ class _Parser:
             value = {"columns": [f"q.{joint}.{part}" for part in QUATERNION], "order": value}
         if not isinstance(value, dict) or set(value) != {"columns", "order"}:
             raise self.error(
-                key, f"found {value!r}, expected {{ columns = [four], order = 'xyzw' }}"
+                key, f"found {shown(value)}, expected {{ columns = [four], order = 'xyzw' }}"
             )
         columns, order = value["columns"], value["order"]
         if order not in _ORDERS:
-            raise self.error(f"{key}.order", f"found {order!r}, expected 'wxyz' or 'xyzw'")
+            raise self.error(f"{key}.order", f"found {shown(order)}, expected 'wxyz' or 'xyzw'")
         if not _texts(columns) or len(columns) != 4:
-            raise self.error(f"{key}.columns", f"found {columns!r}, expected four names of columns")
+            raise self.error(
+                f"{key}.columns", f"found {shown(columns)}, expected four names of columns"
+            )
         for letter, column in zip(order, columns, strict=True):
             yield f"q.{joint}.q{letter}", Source(column, unit="1", where=self.where(key))
 
@@ -193,14 +197,16 @@ class _Parser:
         if isinstance(value, str):
             return Source(value, where=where)
         if not isinstance(value, dict):
-            raise self.error(key, f"found {value!r}, expected a column's name or {{ column = … }}")
+            raise self.error(
+                key, f"found {shown(value)}, expected a column's name or {{ column = … }}"
+            )
         for name in value:
             if name not in _SOURCE_KEYS:
                 raise self.error(f"{key}.{name}", f"unknown key{closest(name, _SOURCE_KEYS)}")
         if ("column" in value) == ("constant" in value):
             raise self.error(key, "expected either 'column' or 'constant'")
         if not isinstance(value.get("column", ""), str):
-            raise self.error(f"{key}.column", f"found {value['column']!r}, expected a name")
+            raise self.error(f"{key}.column", f"found {shown(value['column'])}, expected a name")
         written = value.get("unit")
         if written is not None:
             self.check_unit(f"{key}.unit", written)
@@ -225,7 +231,7 @@ class _Parser:
 
     def check_unit(self, key: str, written: Any) -> tuple[int, int, int, int]:
         if not isinstance(written, str):
-            raise self.error(key, f"found {written!r}, expected a unit such as 'deg'")
+            raise self.error(key, f"found {shown(written)}, expected a unit such as 'deg'")
         try:
             return unit(written).dimension
         except InputError as error:
@@ -233,49 +239,47 @@ class _Parser:
 
     def number(self, key: str, value: Mapping[str, Any], name: str, default: float) -> float:
         found = value.get(name, default)
-        if (
-            isinstance(found, bool)
-            or not isinstance(found, int | float)
-            or not math.isfinite(found)
-        ):
-            raise self.error(f"{key}.{name}", f"found {found!r}, expected a finite number")
+        if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) < 1e300:
+            raise self.error(f"{key}.{name}", f"found {shown(found)}, expected a finite number")
         return float(found)
 
     def table(self, name: str) -> Mapping[str, Any]:
         found = self.document.get(name, {})
         if not isinstance(found, dict):
-            raise self.error(name, f"found {found!r}, expected a table [{name}]")
+            raise self.error(name, f"found {shown(found)}, expected a table [{name}]")
         return found
 
     def error(self, key: str, message: str) -> InputError:
-        return InputError(f"{self.where(key)}: {message}")
+        return LogError(f"{self.where(key)}: {message}")
 
     def where(self, key: str) -> str:
-        line = _line(self.text, key)
-        return f"{self.path}{f', line {line}' if line else ''}, {key}"
+        known = key
+        while known and known not in self.places:
+            known = known.rpartition(".")[0]
+        line = f", line {self.places[known]}" if known else ""
+        return f"{self.path}{line}, {key}"
 
 
 def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
-def _line(text: str, key: str) -> int | None:
-    """The line on which a dotted key most likely stands: the longest part of it that is found."""
-    best: tuple[int, int] | None = None
+def _places(text: str) -> dict[str, int]:
+    """Dotted key -> the line on which it most likely stands."""
+    places: dict[str, int] = {}
     table = ""
-    for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*\[([^\[\]]+)\]", line)
-        entry = re.match(r"\s*([^\s=#][^=]*?)\s*=", line)
-        if header:
-            table = found = _unquoted(header[1])
-        elif entry:
-            found = ".".join(filter(None, (table, _unquoted(entry[1]))))
+    for number, line in enumerate(text.split("\n"), 1):
+        line = line.strip()
+        if line.startswith("[") and "]" in line:
+            table = found = _unquoted(line.partition("]")[0].lstrip("["))
+        elif "=" in line and not line.startswith("#"):
+            found = ".".join(filter(None, (table, _unquoted(line.partition("=")[0]))))
         else:
             continue
-        if (key == found or key.startswith(f"{found}.")) and (best is None or len(found) > best[0]):
-            best = (len(found), number)
-    return best[1] if best else None
+        places.setdefault(found, number)
+    return places
 
 
 def _unquoted(key: str) -> str:
-    return re.sub(r"\s*\.\s*", ".", key.strip()).replace('"', "").replace("'", "")
+    parts = (part.strip() for part in key.replace('"', "").replace("'", "").split("."))
+    return ".".join(parts)

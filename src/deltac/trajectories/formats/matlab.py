@@ -1,4 +1,4 @@
-"""MATLAB's .mat files: version 5 to 7 by SciPy, version 7.3 by h5py.
+"""MATLAB's .mat files: versions 4 to 7 are parsed by `mat5`, version 7.3 by h5py.
 
 Read are numeric arrays and structures of them, at any depth: ``s.joint.q`` is the column of that
 name, so that structures ``q`` and ``u`` with one field for each coordinate give the columns of the
@@ -9,16 +9,16 @@ MATLAB reads; they are skipped, and the message says how to turn them into struc
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import InputError
-from deltac.trajectories.formats.hdf5 import opened
+from deltac.errors import LogError
+from deltac.files import read_bytes
+from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
+from deltac.trajectories.formats.mat5 import MatlabObject, variables
 from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
 from deltac.trajectories.trajectory import Trajectory
 
@@ -38,13 +38,6 @@ _REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class _Object:
-    """An object of a MATLAB class, of which only the class is known."""
-
-    kind: str
-
-
 def write_mat(run: Trajectory, header: str, file: BinaryIO) -> None:
     """Write the arrays of `to_arrays` as version 5, with the names of their columns as cells."""
     from scipy.io import savemat
@@ -52,7 +45,7 @@ def write_mat(run: Trajectory, header: str, file: BinaryIO) -> None:
     arrays = to_arrays(run)
     for name, array in arrays.items():
         if array.nbytes > _LARGEST:
-            raise InputError(
+            raise LogError(
                 f"{name!r} takes {array.nbytes / 1e9:.1f} GB, and a variable of a MATLAB 5 file at "
                 "most 2.1 GB; write .h5, which MATLAB's h5read reads, or .parquet"
             )
@@ -65,18 +58,18 @@ def read_mat(path: Path) -> RawLog:
     with path.open("rb") as file:
         start = file.read(520)
     modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
-    variables = dict(_hdf5_variables(path) if modern else _scipy_variables(path))
-    if isinstance(header := variables.get("deltac"), str):
-        return from_arrays(variables, parse_header(header) or {})
+    found = dict(_hdf5_variables(path) if modern else variables(read_bytes(path)))
+    if isinstance(header := found.get("deltac"), str):
+        return from_arrays(found, parse_header(header) or {})
     collector = Collector()
-    for name, value in variables.items():
+    for name, value in found.items():
         _flatten(collector, name, value)
     return collector.log()
 
 
 def _flatten(collector: Collector, name: str, value: Any) -> None:
     """The columns of a variable: arrays, and the fields of structures, joined by dots."""
-    if isinstance(value, _Object):
+    if isinstance(value, MatlabObject):
         collector.skip(name, _explained(value.kind))
     elif isinstance(value, Mapping):
         if "signals" in value:
@@ -108,10 +101,10 @@ def _simulink(collector: Collector, name: str, structure: Mapping[str, Any]) -> 
         if not isinstance(signal, Mapping) or "values" not in signal:
             collector.skip(full, "has no field 'values', which a signal of Simulink has")
             continue
-        values = np.asarray(signal["values"])
-        if values.ndim == 3:  # a matrix signal: time comes last
+        values = signal["values"]
+        if isinstance(values, np.ndarray) and values.ndim == 3:  # a matrix signal: time comes last
             values = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
-        collector.add(full, values)
+        _flatten(collector, full, values)
 
 
 def _explained(kind: str) -> str:
@@ -120,89 +113,38 @@ def _explained(kind: str) -> str:
     return f"is an object of MATLAB's class {kind!r}, which only MATLAB can read; {remedy}"
 
 
-# -- version 5 to 7 ------------------------------------------------------------------------------
-
-
-def _scipy_variables(path: Path) -> Iterator[tuple[str, Any]]:
-    from scipy.io import loadmat
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of objects that share the name None
-            loaded = loadmat(path, chars_as_strings=True)
-    except InputError:
-        raise
-    except Exception as error:  # SciPy raises what its parser happens to stumble over
-        raise InputError(
-            f"the MATLAB file is damaged, truncated, or no MATLAB file; save it again. {error}"
-        ) from error
-    for name, value in loaded.items():
-        if _class_name(value) == "MatlabOpaque":
-            first = value.ravel()[0]
-            yield _text(first["s0"]) or name, _Object(_text(first["s2"]))
-        elif not name.startswith("__"):
-            yield name, _scipy_value(value)
-
-
-def _scipy_value(value: Any) -> Any:
-    kind = _class_name(value)
-    if kind == "MatlabObject":
-        return _Object(str(value.classname))
-    if kind == "MatlabOpaque":
-        return _Object(_text(value.ravel()[0]["s2"]))
-    if kind == "MatlabFunction":
-        return _Object("function_handle")
-    if hasattr(value, "toarray"):
-        return value.toarray()
-    if not isinstance(value, np.ndarray):  # None: an empty cell
-        return np.empty(0)
-    if value.dtype.names:
-        items = [
-            {key: _scipy_value(item[key]) for key in value.dtype.names} for item in value.ravel()
-        ]
-        return items[0] if len(items) == 1 else items
-    if value.dtype == object:
-        cells = [_scipy_value(cell) for cell in value.ravel()]
-        return cells[0] if len(cells) == 1 else cells
-    if value.dtype.kind == "U":
-        return "".join(value.ravel()) if value.size else ""
-    return value
-
-
-def _class_name(value: Any) -> str:
-    return type(value).__name__
-
-
-def _text(value: Any) -> str:
-    return value.decode("latin1") if isinstance(value, bytes) else str(value)
-
-
 # -- version 7.3 ---------------------------------------------------------------------------------
 
 
 def _hdf5_variables(path: Path) -> Iterator[tuple[str, Any]]:
-    with opened(path) as file:
-        for name, item in file.items():
+    with opened_hdf5(path) as file:
+        for name, item in file.members(file.root):
             if not name.startswith("#"):  # '#refs#' holds what cells refer to
-                yield name, _hdf5_value(file, item)
+                yield name, _hdf5_value(file, item, 0)
 
 
-def _hdf5_value(file: Any, item: Any) -> Any:
+def _hdf5_value(file: Opened, item: Any, depth: int) -> Any:
+    file.check_depth(depth)
     kind = _text(item.attrs.get("MATLAB_class", b""))
     if "MATLAB_object_decode" in item.attrs or kind == "function_handle":
-        return _Object(kind)
+        return MatlabObject(kind)
     if not hasattr(item, "shape"):  # a group is a structure
-        fields = {key: _hdf5_value(file, field) for key, field in item.items()}
+        fields = {key: _hdf5_value(file, value, depth + 1) for key, value in file.members(item)}
         return _turned(fields) if kind == "struct" or not kind else fields
     if item.attrs.get("MATLAB_empty"):
         return np.empty(0)
-    values = item[()]
-    if item.dtype.kind == "O":  # references: a cell, or one field of an array of structures
-        cells = [_hdf5_value(file, file[reference]) for reference in values.T.ravel()]
+    if file.refers(item):  # a cell, or one field of an array of structures
+        places = file.references(item).T.ravel()
+        cells = [_hdf5_value(file, file.target(place), depth + 1) for place in places]
         return cells[0] if len(cells) == 1 else cells
-    if kind == "char":
-        return "".join(map(chr, np.asarray(values).T.ravel()))
-    return np.asarray(values).T  # MATLAB's first index varies fastest
+    values = np.asarray(file.values(item))
+    if kind == "char" and values.dtype.kind in "iu":
+        return "".join(map(chr, values.T.ravel()))
+    return values.T  # MATLAB's first index varies fastest
+
+
+def _text(value: Any) -> str:
+    return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 
 def _turned(fields: dict[str, Any]) -> Any:

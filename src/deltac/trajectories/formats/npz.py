@@ -1,17 +1,37 @@
-"""NumPy's NPZ: arrays by name, and deltac's header as the text array ``deltac``."""
+"""NumPy's NPZ: arrays by name, and deltac's header as the text array ``deltac``.
+
+Archive and headers are taken apart here, not by `numpy.load`: what an array announces must be
+what the archive holds of it, and both are looked at before anything is unpacked. Nothing is unpickled.
+"""
 
 from __future__ import annotations
 
+import ast
+import math
+import os
+import struct
 import zipfile
-import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import InputError
-from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
+from deltac.errors import FileError, LogError, shown
+from deltac.files import opened
+from deltac.limits import Limits
+from deltac.trajectories.formats.raw import (
+    Budget,
+    Collector,
+    RawLog,
+    damage_named,
+    from_arrays,
+    parse_header,
+    to_arrays,
+)
 from deltac.trajectories.trajectory import Trajectory
+
+_MAGIC = b"\x93NUMPY"
+_LONGEST = 10_000  # bytes of an array's header, as in NumPy
 
 
 def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
@@ -23,25 +43,95 @@ def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
 
 def read_npz(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or each array of another program's as columns."""
-    try:
-        if not zipfile.is_zipfile(path):
-            raise InputError(
-                "this is no NPZ archive of named arrays, or it is damaged or truncated"
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if not zipfile.is_zipfile(file):
+            raise FileError("this is no NPZ archive of named arrays, or it is damaged or truncated")
+        with damage_named("NPZ"):
+            directory = _Directory(file)
+            with zipfile.ZipFile(directory) as archive:
+                directory.most = math.inf
+                return _log(archive, size)
+
+
+def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
+    collector, budget, arrays = Collector(), Budget(size), {}
+    Limits.current().check("columns", len(archive.filelist), "the archive holds")
+    for info in archive.filelist:
+        name = info.filename.removesuffix(".npy")
+        try:
+            arrays[name] = _array(archive, info, budget)
+        except TypeError as error:  # of values that are no numbers
+            collector.skip(name, str(error))
+    if "deltac" in arrays:
+        header = arrays["deltac"]
+        if header.dtype.kind != "U" or header.size != 1:
+            raise LogError("the deltac metadata are no text; write the log again")
+        return from_arrays(arrays, parse_header(str(header[()])) or {})
+    for name, values in arrays.items():
+        collector.add(name, values)
+    return collector.log()
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> Any:
+    """An array of numbers or texts; TypeError says what other values it has."""
+    what = f"the array {shown(info.filename)}"
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise LogError(f"{what} is compressed by a method that NumPy does not write")
+    with archive.open(info) as stream:
+        dtype, shape, order, start = _header(stream, what)
+        count = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject:
+            raise TypeError("holds Python objects, not numbers")
+        if dtype.kind not in "biufU":
+            raise TypeError(f"holds values of type {dtype}, not numbers")
+        if start + count != info.file_size:
+            raise FileError(
+                f"{what} announces {shape} values of {dtype.itemsize} bytes, the archive holds "
+                f"{info.file_size - start} bytes of it: the NPZ file is damaged"
             )
-        with np.load(path, allow_pickle=False) as archive:
-            if "deltac" in archive:
-                header = parse_header(str(archive["deltac"][()]))
-                return from_arrays(archive, header or {})
-            collector = Collector()
-            for name in archive.files:
-                try:
-                    collector.add(name, archive[name])
-                except ValueError:  # would need unpickling
-                    collector.skip(name, "holds Python objects, not numbers")
-            return collector.log()
-    except InputError:
-        raise
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"the NPZ file is damaged or truncated; write it again. {error}"
-        ) from error
+        if dtype.kind == "U":
+            Limits.current().check("metadata", count // 4, f"{what} is of")
+        budget.take(count)
+        content = stream.read(count)
+    if len(content) != count:
+        raise FileError(f"{what} is cut off: the NPZ file is damaged")
+    return np.frombuffer(content, dtype).reshape(shape, order=order)
+
+
+def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any, int]:
+    """The type, shape and order of an array, and where its values begin."""
+    start = stream.read(8)
+    if len(start) < 8 or start[:6] != _MAGIC or start[6] not in (1, 2, 3):
+        raise FileError(f"{what} is none of NumPy's, or it is damaged")
+    form = "<H" if start[6] == 1 else "<I"
+    (length,) = struct.unpack(form, stream.read(struct.calcsize(form)))
+    if length > _LONGEST:
+        raise LogError(f"{what} has a header of {length} bytes, expected at most {_LONGEST}")
+    text = stream.read(length).decode("utf-8" if start[6] == 3 else "latin1")
+    try:
+        header = ast.literal_eval(text)
+        descr, shape = header["descr"], header["shape"]
+        dtype = np.dtype(descr if isinstance(descr, str) else [tuple(field) for field in descr])
+        sizes = isinstance(shape, tuple) and len(shape) <= 32
+        if not sizes or not all(type(n) is int and 0 <= n < 2**48 for n in shape):
+            raise ValueError(f"shape {shown(shape)}")
+        order = "F" if header["fortran_order"] is True else "C"
+    except Exception as error:  # of Python's parser, or NumPy's
+        raise FileError(f"{what} has a damaged header: {shown(text)} ({shown(error)})") from None
+    return dtype, shape, order, 8 + struct.calcsize(form) + length
+
+
+class _Directory:
+    """A file of which no more than `most` bytes are read at once: those of an archive's directory."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file, self.most = file, float(Limits.current().header)
+
+    def read(self, count: int = -1) -> bytes:
+        if count > self.most:
+            Limits.current().check("header", count, "the directory of the archive is of")
+        return self.file.read(count)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.file, name)

@@ -8,37 +8,45 @@ rotational coordinates alone, so that their units must be known from a mechanism
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import FileError, LogError, shown
+from deltac.files import read_bytes
+from deltac.limits import Limits
+from deltac.trajectories.formats.delimited import distinct
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.trajectory import FloatArray, row_name
 
 _ROWS, _COLUMNS = ("nRows", "datarows"), ("nColumns", "datacolumns")
 _NEWEST = 3
+_END = re.compile(rb"^[ \t]*endheader[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
 _STATE = {"value": "q", "speed": "u"}
 
 
 def read_opensim(path: Path) -> RawLog:
     """The columns of the table, and what the header says of them."""
+    content = read_bytes(path)
+    _check_header(content)
     try:
-        lines = path.read_text("utf-8-sig").splitlines()
+        lines = content.decode("utf-8-sig").split("\n")
     except UnicodeDecodeError as error:
-        raise InputError("the file is not UTF-8 text; expected an OpenSim table") from error
+        raise FileError("the file is not UTF-8 text; expected an OpenSim table") from error
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
-        raise InputError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
     header = dict(_entry(line) for line in lines[:end] if "=" in line)
     _check_kind(header)
     first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
     if first is None:
-        raise InputError("no column names after 'endheader'; the file is truncated")
+        raise FileError("no column names after 'endheader'; the file is truncated")
+    limits = Limits.current()
+    limits.check("header", len(lines[first]), f"line {first + 1}: the column names are of")
     names = [name.strip() for name in lines[first].split("\t" if "\t" in lines[first] else None)]
-    repeated = next((name for i, name in enumerate(names) if name in names[:i]), None)
-    if repeated is not None:
-        raise InputError(f"the column {repeated!r} appears twice; rename or remove one")
+    limits.check("columns", len(names), "the log has")
+    distinct(names)
     table = _table(lines, first + 1, len(names))
     for keys, found, what in ((_ROWS, len(table), "rows"), (_COLUMNS, len(names), "columns")):
         _check_count(header, keys, found, what)
@@ -46,6 +54,14 @@ def read_opensim(path: Path) -> RawLog:
     return RawLog(
         columns, meanings=_meanings(names), plain_names=True, in_degrees=_in_degrees(header)
     )
+
+
+def _check_header(content: bytes) -> None:
+    """InputError for a header beyond the limit, before the file is taken apart."""
+    limits = Limits.current()
+    if _END.search(content, 0, limits.header) is None:
+        limits.check("header", len(content), "no line 'endheader' is found: the header is of")
+        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
 
 
 def _entry(line: str) -> tuple[str, str]:
@@ -56,47 +72,60 @@ def _entry(line: str) -> tuple[str, str]:
 def _check_kind(header: dict[str, str]) -> None:
     kind = header.get("DataType", "double")
     if kind != "double":
-        raise InputError(
-            f"DataType={kind}: expected double. Vectors and rotations of markers or frames are no "
+        raise LogError(
+            f"DataType={kind[:80]}: expected double. Vectors and rotations of markers or frames are no "
             "generalized coordinates; export the states or the coordinates of the motion"
         )
     version = header.get("version", "1")
-    if not version.isdigit() or int(version) > _NEWEST:
-        raise InputError(f"version={version}: this deltac reads OpenSim tables up to {_NEWEST}")
+    if version not in map(str, range(_NEWEST + 1)):
+        raise LogError(f"version={version[:80]}: this deltac reads OpenSim tables up to {_NEWEST}")
 
 
 def _in_degrees(header: dict[str, str]) -> bool:
     value = header.get("inDegrees", "no").lower()
     if value not in ("yes", "no"):
-        raise InputError(f"inDegrees={value}: expected yes or no")
+        raise LogError(f"inDegrees={value[:80]}: expected yes or no")
     return value == "yes"
 
 
 def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what: str) -> None:
     for key in keys:
         if key in header and header[key] != str(found):
-            raise InputError(
-                f"the table has {found} {what}, the header says {key}={header[key]}: the file is cut "
+            raise FileError(
+                f"the table has {found} {what}, the header says {key}={header[key][:80]}: the file is cut "
                 "off or was edited. Take the complete one, or correct the header."
             )
 
 
 def _table(lines: list[str], start: int, width: int) -> FloatArray:
-    rows = [(number, line.split()) for number, line in enumerate(lines[start:], start + 1) if line]
-    rows = [(number, fields) for number, fields in rows if fields]
-    if not rows:
-        raise InputError("there are column names but no rows; expected at least one")
-    for index, (number, fields) in enumerate(rows):
-        if len(fields) != width:
-            raise InputError(f"line {number} has {len(fields)} fields, expected {width}")
+    numbers = [number for number in range(start, len(lines)) if lines[number].strip()]
+    if not numbers:
+        raise LogError("there are column names but no rows; expected at least one")
+    Limits.current().check("rows", len(numbers), "the log has")
+    for number in (numbers[0], numbers[-1]):
+        _fields(lines, number, width)  # before room is reserved for so many
+    table = np.empty((len(numbers), width))
+    for index, number in enumerate(numbers):
+        fields = _fields(lines, number, width)
         try:
-            fields[:] = map(float, fields)  # type: ignore[arg-type]
+            # `float` also reads digits of other scripts, and underscores between digits.
+            table[index] = [float(field) for field in fields]
+            plain = lines[number].isascii() and "_" not in lines[number]
         except ValueError:
+            plain = False
+        if not plain:
             bad = next(field for field in fields if not _is_number(field))
-            raise InputError(
-                f"{row_name(index, len(rows))}, line {number}: found {bad!r}, expected a number"
-            ) from None
-    return np.array([fields for _, fields in rows], dtype=np.float64)
+            raise LogError(
+                f"{row_name(index, len(numbers))}, line {number + 1}: found {shown(bad)}, expected a number"
+            )
+    return table
+
+
+def _fields(lines: list[str], number: int, width: int) -> list[str]:
+    fields = lines[number].split()
+    if len(fields) != width:
+        raise LogError(f"line {number + 1} has {len(fields)} fields, expected {width}")
+    return fields
 
 
 def _is_number(text: str) -> bool:
@@ -104,16 +133,16 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return text.isascii() and "_" not in text
 
 
 def _meanings(names: list[str]) -> dict[str, str]:
     """What OpenSim's conventions say: paths of states, and ``_u`` beside a coordinate."""
-    meanings = {}
+    meanings, known = {}, set(names)
     for name in names:
         path = name.strip("/").split("/")
         if name.startswith("/jointset/") and len(path) == 4 and path[-1] in _STATE:
             meanings[name] = f"{_STATE[path[-1]]}.{path[-2]}"
-        elif name.endswith("_u") and (base := name.removesuffix("_u")) in names:
+        elif name.endswith("_u") and (base := name.removesuffix("_u")) in known:
             meanings[name], meanings[base] = f"u.{base}", f"q.{base}"
     return meanings

@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from deltac.errors import InputError
+from deltac.errors import FileError
+from deltac.files import opened
+from deltac.limits import Limits, require_memory
 from deltac.trajectories.formats.delimited import raw_log
-from deltac.trajectories.formats.raw import Header, RawLog, parse_header
+from deltac.trajectories.formats.raw import Budget, Header, RawLog, damage_named, parse_header
 from deltac.trajectories.trajectory import Trajectory
 
 _KEY = "deltac"
@@ -27,7 +29,11 @@ def read_parquet(path: Path) -> RawLog:
     import polars
 
     header = parquet_header(path)
-    with damage_named():
+    rows, columns = parquet_size(path)
+    Limits.current().check("rows", rows, "the log has")
+    require_memory(rows * columns * 32.0, f"{rows} rows and {columns} columns")
+    Budget(path.stat().st_size).take(rows * columns * 8)
+    with damaged():
         frame = polars.read_parquet(path, glob=False)
     return raw_log(frame, header)
 
@@ -36,15 +42,18 @@ def parquet_header(path: Path) -> Header:
     """The deltac metadata of a file, if it has them; InputError when it is no whole Parquet file."""
     import polars
 
-    with path.open("rb") as file:
+    limits = Limits.current()
+    with opened(path) as file:
         start, size = file.read(4), file.seek(0, 2)
-        file.seek(max(0, size - 4))
-        end = file.read()
+        file.seek(max(0, size - 8))
+        length, end = file.read(4), file.read()
     if start != _MAGIC:
-        raise InputError("this is no Parquet file; is the suffix right?")
+        raise FileError("this is no Parquet file; is the suffix right?")
     if size < 12 or end != _MAGIC:
-        raise InputError("the Parquet file is truncated; copy or write it again")
-    with damage_named():
+        raise FileError("the Parquet file is truncated; copy or write it again")
+    footer = int.from_bytes(length, "little")
+    limits.check("metadata", footer, "the footer of the Parquet file is of")
+    with damaged():
         metadata = polars.read_parquet_metadata(path)
     return parse_header(metadata[_KEY]) if _KEY in metadata else None
 
@@ -54,18 +63,21 @@ def parquet_size(path: Path) -> tuple[int, int]:
     import polars
 
     parquet_header(path)
-    with damage_named():
+    with damaged():
         columns = len(polars.read_parquet_schema(path))
+    Limits.current().check("columns", columns, "the log has")
+    with damaged():
         rows = polars.scan_parquet(path, glob=False).select(polars.len()).collect().item()
     return int(rows), columns
 
 
 @contextmanager
-def damage_named() -> Iterator[None]:
+def damaged() -> Iterator[None]:
     """Turn what polars raises for a damaged file into an InputError."""
     import polars
 
-    try:
-        yield
-    except (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError) as error:
-        raise InputError(f"the Parquet file is damaged; write it again. {error}") from error
+    with damage_named("Parquet"):
+        try:
+            yield
+        except polars.exceptions.PanicException as error:  # no Exception, but of Rust
+            raise ValueError(error) from error

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
+from deltac.limits import Limits, parse_json
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 Header: TypeAlias = Mapping[str, Any] | None
@@ -43,15 +45,53 @@ class RawLog:
 def parse_header(text: str | bytes) -> Header:
     """The JSON header of deltac's own logs; InputError when it is damaged."""
     try:
-        header = json.loads(text)
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        header = parse_json(text, "the deltac metadata")
+    except InputError as error:
         raise InputError(
-            f"the deltac metadata are damaged ({error}); write the log again, or remove them to "
-            "let the column names decide"
+            f"{error}. Write the log again, or remove them to let the column names decide"
         ) from error
     if not isinstance(header, dict):
-        raise InputError(f"the deltac metadata are {header!r}, expected a JSON object")
+        raise LogError(f"the deltac metadata are {shown(header)}, expected a JSON object")
     return header
+
+
+class Budget:
+    """How many bytes a file of `size` bytes may still unpack to; each step is announced beforehand."""
+
+    def __init__(self, size: int) -> None:
+        self.size, self.taken, self._asked = size, 0, 0
+
+    def take(self, count: int) -> None:
+        """Announce `count` bytes; InputError when the limits or the memory do not allow for them."""
+        self.taken += count
+        if self.taken > self._asked:  # seldom, for it looks at the memory that is free
+            Limits.current().check_unpacked(self.taken, self.size, copies=3.0)
+            self._asked = self.taken + 2**24
+
+
+@contextmanager
+def damage_named(what: str) -> Iterator[None]:
+    """Turn whatever a library stumbles over in a file of the kind `what` into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise LimitError(f"the {what} file does not fit into memory; take a part of it") from error
+    except Exception as error:
+        raise FileError(
+            f"the {what} file is damaged, truncated, or no {what} file; write it again. {error}"
+        ) from error
+
+
+def checked(raw: RawLog) -> RawLog:
+    """A log within the limits; InputError names what is beyond."""
+    limits = Limits.current()
+    limits.check("columns", len(raw.columns) + len(raw.skipped), "the log has")
+    for name, values in raw.columns.items():
+        limits.check("rows", len(values), "the log has")
+        limits.check("name", len(name), f"the name of column {shown(name)} has")
+    return raw
 
 
 class Collector:
@@ -64,6 +104,7 @@ class Collector:
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
         """A column, or the columns ``name[0]``, ``name[1]``, … of an array (T, n)."""
+        self._count()
         array = np.asarray(values)
         if array.dtype.kind not in "iufb":
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
@@ -85,7 +126,11 @@ class Collector:
 
     def skip(self, name: str, why: str) -> None:
         """Remember what is no column, to say so where it is missed."""
+        self._count()
         self.skipped[name] = f"{name!r} {why}"
+
+    def _count(self) -> None:
+        Limits.current().check("columns", len(self.columns) + len(self.skipped), "the file holds")
 
     def log(self) -> RawLog:
         """What was gathered."""
@@ -96,27 +141,35 @@ class Collector:
 
 
 def to_arrays(run: Trajectory) -> dict[str, FloatArray]:
-    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), integral."""
+    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), work, integral."""
     arrays = {"time": run.t, "q": run.q, "u": run.u}
     if run.udot is not None:
         arrays["udot"] = run.udot
     if run.forces:
         arrays["force"] = np.stack(list(run.forces.values()), axis=1)
-    if run.integrals:
-        arrays["integral"] = np.stack(list(run.integrals.values()), axis=1)
+    for name, sums in (("work", run.works), ("integral", run.integrals)):
+        if sums:
+            arrays[name] = np.stack(list(sums.values()), axis=1)
     return arrays
 
 
 def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
     """The inverse of `to_arrays`; InputError when an array is missing or of the wrong size."""
-    try:
-        rows, counts = int(header["rows"]), {k: len(header[k]) for k in _LISTS}
-        accelerations = bool(header["accelerations"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"the deltac metadata are damaged ({error!r}); write the log again"
-        ) from error
-    names = {k: list(map(str, header[k])) for k in _LISTS}
+    rows, accelerations = header.get("rows"), header.get("accelerations")
+    if type(rows) is not int or not 0 < rows <= Limits.current().rows:
+        raise _damaged("rows", rows, f"a number of rows up to {Limits.current().rows}")
+    if type(accelerations) is not bool:
+        raise _damaged("accelerations", accelerations, "true or false")
+    names: dict[str, list[str]] = {}
+    for key in _LISTS:
+        absent: Any = [] if key == "works" else None  # version 2 has no works
+        names[key] = header.get(key, absent)
+        if not isinstance(names[key], list) or not all(isinstance(n, str) for n in names[key]):
+            raise _damaged(key, names[key], "a list of names")
+    counts = {key: len(found) for key, found in names.items()}
+    width = 1 + counts["coordinates"] + counts["works"] + counts["integrals"]
+    width += counts["speeds"] * (1 + accelerations + counts["channels"])
+    Limits.current().check("columns", width, "the log has")
     columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
 
     def add(key: str, group: str, prefix: str) -> None:
@@ -132,24 +185,29 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         for i, channel in enumerate(names["channels"]):
             for j, speed in enumerate(names["speeds"]):
                 columns[f"force.{channel}.{speed}"] = force[:, i, j]
-    if counts["integrals"]:
-        add("integral", "integrals", "integral")
+    for name in ("work", "integral"):
+        if counts[f"{name}s"]:
+            add(name, f"{name}s", name)
     return RawLog(columns, header)
 
 
-_LISTS = ("coordinates", "speeds", "channels", "integrals")
+def _damaged(key: str, found: Any, expected: str) -> InputError:
+    return FileError(
+        f"the deltac metadata are damaged: {key} is {shown(found)}, expected {expected}; write the log again"
+    )
+
+
+_LISTS = ("coordinates", "speeds", "channels", "works", "integrals")
 
 
 def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
     if key not in arrays:
-        raise InputError(
-            f"no array {key!r}, which the deltac metadata announce; write the log again"
-        )
+        raise LogError(f"no array {key!r}, which the deltac metadata announce; write the log again")
     array = np.asarray(arrays[key])
     if array.dtype.kind not in "iuf":
-        raise InputError(f"array {key!r}: found values of type {array.dtype}, expected numbers")
-    if array.size != int(np.prod(shape)):
-        raise InputError(
+        raise WrongType(f"array {key!r}: found values of type {array.dtype}, expected numbers")
+    if array.size != math.prod(shape):
+        raise FileError(
             f"array {key!r}: found shape {array.shape}, the metadata say {shape}: the log is cut off "
             "or was edited. Take the complete one, or write it again."
         )

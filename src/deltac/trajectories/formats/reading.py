@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, LogError, UnknownName, closest, listed
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
@@ -23,7 +24,8 @@ _PURPOSES = {
     "u": "without it the kinetic energy and the powers are not known",
     "udot": "the accelerations, which the inertial forms of the test need",
     "force": "the generalized force of a channel, whose work the balance needs",
-    "integral": "the work that the solver took in the loop",
+    "work": "the work of a channel, which the solver took in the loop",
+    "integral": "the integral of a testing function's power, which the solver took in the loop",
 }
 
 
@@ -80,7 +82,7 @@ def to_trajectory(
     readings = interpret(raw, mapping, names)
     if raw.header is not None:
         for name in raw.skipped:
-            raise InputError(raw.skipped[name])
+            raise LogError(raw.skipped[name])
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
     ignored = [r.column for r in readings if not r.meaning]
@@ -115,7 +117,7 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
             continue
         values = raw.columns[reading.column]
         if rows is not None and len(values) != rows:
-            raise InputError(
+            raise LogError(
                 f"column {reading.column!r} has {len(values)} values, time has {rows}; expected one "
                 "for each time. Export all signals at the same sample times."
             )
@@ -144,7 +146,7 @@ def _sources(
         meaning = raw.meanings.get(name) or _own_meaning(name, raw, names)
         if meaning is not None and meaning not in sources and name not in taken:
             if name in raw.skipped:
-                raise InputError(raw.skipped[name])
+                raise LogError(raw.skipped[name])
             sources[meaning] = Source(name)
     if names is None and _strict(raw, mapping):
         return sources  # from_columns says what is missing
@@ -152,9 +154,9 @@ def _sources(
         if target not in sources:
             raise _missing(target, raw, sources)
     if not any(target.startswith("q.") for target in sources):
-        raise InputError(
+        raise LogError(
             "no column is known to be a coordinate; give the model, or say in a mapping file which "
-            f"columns are. Columns: {', '.join(raw.columns)}{_also(raw)}"
+            f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
         )
     return sources
 
@@ -178,8 +180,8 @@ def _require(column: str, where: str, target: str, raw: RawLog) -> None:
     if column in raw.columns:
         return
     if column in raw.skipped:
-        raise InputError(f"{where}: {raw.skipped[column]}")
-    raise InputError(
+        raise LogError(f"{where}: {raw.skipped[column]}")
+    raise UnknownName(
         f"{where}: the file has no column {column!r}{closest(column, raw.columns)} "
         f"(it is meant as {target!r}: {_purpose(target)}){_also(raw)}"
     )
@@ -192,16 +194,17 @@ def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputEr
             kind, _, element = target.partition(".")
             key = f'"{element}"' if "." in element else element or kind
             table = {"q": "[coordinates]", "u": "[speeds]"}.get(kind, "[log]")
-            return InputError(
+            return LogError(
                 f"no column {target!r}, but {name!r}. A name with its unit in brackets needs a mapping file, "
                 f"which then takes the unit from it: {table} {key} = "
                 f'{{ column = "{name}" }}'
             )
-    unused = [name for name in raw.columns if name not in {s.column for s in sources.values()}]
+    taken = {source.column for source in sources.values()}
+    unused = [name for name in raw.columns if name not in taken]
     hint = closest(target, unused)
     if "did you mean" not in hint and "." in target:
         hint = closest(target.partition(".")[2], unused)
-    return InputError(
+    return LogError(
         f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a "
         f"mapping file which column it is, or that it is constant{_also(raw)}"
     )
@@ -214,7 +217,11 @@ def _purpose(target: str) -> str:
 def _also(raw: RawLog) -> str:
     if not raw.skipped:
         return ""
-    return ". Not read: " + "; ".join(raw.skipped.values())
+    return (
+        ". Not read: "
+        + "; ".join(islice(raw.skipped.values(), 12))
+        + "; …" * (len(raw.skipped) > 12)
+    )
 
 
 def _reading(
@@ -262,7 +269,7 @@ def _factor(target: str, written: str, si: str | None, source: Source, column: s
     allowed = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
     if found.dimension not in allowed:
         expected = si or " or ".join(_ALLOWED[target.partition(".")[0]])
-        raise InputError(
+        raise LogError(
             f"{place}: {written!r} is no unit of {target!r}; expected one that converts to {expected}"
         )
     return found.factor
@@ -274,12 +281,13 @@ _ALLOWED = {
     "u": ("rad/s", "m/s"),
     "udot": ("rad/s^2", "m/s^2"),
     "force": ("N", "N*m"),
+    "work": ("J",),
     "integral": ("J",),
 }
 
 
 def _unknown_kind(target: str, source: Source, why: str) -> InputError:
-    return InputError(
+    return LogError(
         f"column {source.column!r}, read as {target!r}: {why}, and whether this is an angle or a "
         'length is not known. Give the model, or a mapping with [log] angles = ["…"], or with a '
         "unit for each column"
@@ -298,7 +306,7 @@ def _check_mixed(readings: list[ColumnReading]) -> None:
             continue
         a, b = unit(q[i].unit).dimension, unit(u[j].unit).dimension
         if (a[0], a[3]) != (b[0], b[3]):
-            raise InputError(
+            raise LogError(
                 f"mixed units: {q[i].meaning!r} is in {q[i].unit!r} (column {q[i].column!r}), but its "
                 f"rate {u[j].meaning!r} in {u[j].unit!r} (column {u[j].column!r}); correct one of them"
             )

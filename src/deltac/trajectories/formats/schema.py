@@ -5,6 +5,7 @@
     u.<speed>                   m/s, rad/s
     udot.<speed>                m/s², rad/s²
     force.<channel>.<speed>     generalized force, N or N·m
+    work.<channel>              J
     integral.<testing function> J
 
 Names may hold dots and spaces. The header lists them, so that its columns are known before any
@@ -20,16 +21,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, closest
-from deltac.mechanism.channels import split
+from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Raised whenever a reader of the old version would misread or refuse the new one.
 
-Version 2 has the entry `events`, without which speeds that jump would be integrated across. A log
-without events is written as version 1.
+Version 2 has the entry `events`, without which speeds that jump would be integrated across. Version 3 has
+the entry `works`.
 """
 
 UNITS: Mapping[str, str] = {
@@ -42,7 +43,7 @@ UNITS: Mapping[str, str] = {
 }
 """The units of every log; a log that declares others is refused."""
 
-_PREFIXES = ("q.", "u.", "udot.", "force.", "integral.")
+_PREFIXES = ("q.", "u.", "udot.", "force.", "work.", "integral.")
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class _Layout:
     speeds: tuple[str, ...]
     accelerations: bool
     channels: tuple[str, ...]
+    works: tuple[str, ...]
     integrals: tuple[str, ...]
 
     def columns(self) -> Iterator[str]:
@@ -63,6 +65,7 @@ class _Layout:
         if self.accelerations:
             yield from (f"udot.{name}" for name in self.speeds)
         yield from (f"force.{c}.{name}" for c in self.channels for name in self.speeds)
+        yield from (f"work.{name}" for name in self.works)
         yield from (f"integral.{name}" for name in self.integrals)
 
 
@@ -85,8 +88,9 @@ def to_columns(run: Trajectory) -> dict[str, FloatArray]:
     for prefix, names, values in groups:
         for name, column in zip(names, values.T, strict=True):
             _add(columns, f"{prefix}.{name}", column)
-    for name, column in run.integrals.items():
-        _add(columns, f"integral.{name}", column)
+    for prefix, sums in (("work", run.works), ("integral", run.integrals)):
+        for name, column in sums.items():
+            _add(columns, f"{prefix}.{name}", column)
     return columns
 
 
@@ -94,7 +98,7 @@ def to_metadata(run: Trajectory) -> dict[str, Any]:
     """The JSON header of a trajectory: plain dicts, lists, numbers and text."""
     events = {"events": [event.to_dict() for event in run.events]} if run.events else {}
     return {
-        "schema_version": SCHEMA_VERSION if run.events else 1,
+        "schema_version": SCHEMA_VERSION,
         **events,
         "rows": len(run),
         "units": dict(UNITS),
@@ -102,6 +106,7 @@ def to_metadata(run: Trajectory) -> dict[str, Any]:
         "speeds": list(run.speeds),
         "accelerations": run.udot is not None,
         "channels": list(run.forces),
+        "works": list(run.works),
         "integrals": list(run.integrals),
         "provenance": _provenance_fields(run.provenance),
     }
@@ -129,9 +134,9 @@ def from_columns(
     rows = arrays["time"].shape
     for name, array in arrays.items():
         if array.ndim != 1 or array.shape != rows:
-            raise InputError(f"column {name!r}: found shape {array.shape}, time has {rows}")
+            raise LogError(f"column {name!r}: found shape {array.shape}, time has {rows}")
     if metadata is not None and metadata.get("rows", rows[0]) != rows[0]:
-        raise InputError(
+        raise FileError(
             f"found {rows[0]} rows, the metadata say {metadata['rows']}: the log is cut off or was "
             "edited. Take the complete one, or remove its deltac metadata to use it as it is."
         )
@@ -148,7 +153,11 @@ def from_columns(
         q=table("q", layout.coordinates),
         u=table("u", layout.speeds),
         udot=table("udot", layout.speeds) if layout.accelerations else None,
-        forces={channel: table(f"force.{channel}", layout.speeds) for channel in layout.channels},
+        forces={
+            ChannelName.parse(name): table(f"force.{name}", layout.speeds)
+            for name in layout.channels
+        },
+        works={ChannelName.parse(name): arrays[f"work.{name}"] for name in layout.works},
         integrals={name: arrays[f"integral.{name}"] for name in layout.integrals},
         coordinates=layout.coordinates,
         speeds=layout.speeds,
@@ -173,7 +182,7 @@ def _distinct(names: Iterable[str]) -> list[str]:
 
 
 def _collision(name: str) -> InputError:
-    return InputError(
+    return LogError(
         f"two columns would be named {name!r}; rename an element or a joint so that "
         "'<channel>.<speed>' tells the forces apart"
     )
@@ -186,9 +195,9 @@ def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> N
     for name in expected:
         if name not in columns and not (sparse and name.startswith("force.")):
             hint = closest(name, extra) if extra else ""
-            raise InputError(f"no column {name!r}{hint} (add or rename the column)")
+            raise LogError(f"no column {name!r}{hint} (add or rename the column)")
     if extra:
-        raise InputError(
+        raise UnknownName(
             f"column {extra[0]!r} is not among those that the metadata list"
             f"{closest(extra[0], expected)} (remove or rename the column)"
         )
@@ -199,7 +208,7 @@ def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> N
 
 def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     if "time" not in columns:
-        raise InputError(
+        raise UnknownName(
             f"no column 'time'{closest('time', columns)} (the column of times, in seconds, "
             "is named 'time')"
         )
@@ -210,19 +219,26 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     speeds = _strip("u.", columns)
     for prefix, found, what in (("q", coordinates, "coordinate"), ("u", speeds, "speed")):
         if not found:
-            raise InputError(
+            raise LogError(
                 f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
-                f"for example '{prefix}.elbow'. Columns: {', '.join(columns)}"
+                f"for example '{prefix}.elbow'. Columns: {listed(columns)}"
             )
     accelerations = _strip("udot.", columns)
+    moving = set(speeds)
     for name in accelerations:
-        if name not in speeds:
-            raise InputError(
+        if name not in moving:
+            raise UnknownName(
                 f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
             )
-    channels = dict.fromkeys(_channel(name, speeds) for name in _strip("force.", columns))
+    known, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
+    channels = dict.fromkeys(_channel(n, known, lengths) for n in _strip("force.", columns))
     return _Layout(
-        coordinates, speeds, bool(accelerations), tuple(channels), _strip("integral.", columns)
+        coordinates,
+        speeds,
+        bool(accelerations),
+        tuple(channels),
+        _strip("work.", columns),
+        _strip("integral.", columns),
     )
 
 
@@ -237,18 +253,18 @@ def _unknown(name: str, columns: Iterable[str]) -> InputError:
     hint = closest(name, meant)
     if "did you mean" not in hint:
         hint = "; known: time, q.<coordinate>, u.<speed>, udot.<speed>, force.<channel>.<speed>, "
-        hint += "integral.<testing function>"
-    return InputError(
+        hint += "work.<channel>, integral.<testing function>"
+    return UnknownName(
         f"unknown column {name!r}{hint} (rename or remove the column, or say in a mapping what it is)"
     )
 
 
-def _channel(name: str, speeds: tuple[str, ...]) -> str:
+def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
     """The channel of ``<channel>.<speed>``; exactly one way to take it apart must make sense."""
     column = f"column {f'force.{name}'!r}"
-    endings = [speed for speed in speeds if name.endswith(f".{speed}")]
+    endings = [name[-n:] for n in lengths if name[-n - 1 : -n] == "." and name[-n:] in speeds]
     if not endings:
-        raise InputError(
+        raise UnknownName(
             f"{column}: expected 'force.<channel>.<speed>' and the name of a speed at its end"
             f"{closest(name.rpartition('.')[2], speeds)}"
         )
@@ -257,15 +273,15 @@ def _channel(name: str, speeds: tuple[str, ...]) -> str:
     for speed in sorted(endings, key=len):
         channel = name.removesuffix(f".{speed}")
         try:
-            split(channel)
+            ChannelName.parse(channel)
         except InputError as error:
             problem = problem or error
         else:
             channels.append(channel)
     if not channels:
-        raise InputError(f"{column}: {problem}")
+        raise LogError(f"{column}: {problem}")
     if len(channels) > 1:
-        raise InputError(
+        raise LogError(
             f"{column} is ambiguous: its channel may be {' or '.join(map(repr, channels))}. "
             "Rename the element or the joint, or add deltac metadata to the log."
         )
@@ -278,16 +294,16 @@ def _channel(name: str, speeds: tuple[str, ...]) -> str:
 def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
     version = _entry(metadata, "schema_version", int)
     if version > SCHEMA_VERSION:
-        raise InputError(
+        raise LogError(
             f"the log has schema version {version}, this deltac reads up to {SCHEMA_VERSION}. "
             "Update deltac."
         )
     if version < 1:
-        raise InputError(f"metadata: schema_version is {version}, expected 1 or more")
+        raise LogError(f"metadata: schema_version is {version}, expected 1 or more")
     for quantity, unit in _entry(metadata, "units", dict).items():
         if unit != UNITS.get(quantity, unit):
-            raise InputError(
-                f"the log has {quantity} in {unit!r}, expected {UNITS[quantity]!r}. "
+            raise LogError(
+                f"the log has {quantity} in {shown(unit)}, expected {UNITS[quantity]!r}. "
                 "Convert its columns."
             )
     return _Layout(
@@ -295,6 +311,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
         _texts(metadata, "speeds"),
         _entry(metadata, "accelerations", bool),
         _texts(metadata, "channels"),
+        _texts(metadata, "works") if version > 2 else (),
         _texts(metadata, "integrals"),
     )
 
@@ -304,7 +321,7 @@ def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
     known = [f.name for f in fields(Provenance)]
     for name in entries:
         if name not in known:
-            raise InputError(f"metadata: unknown provenance {name!r}{closest(name, known)}")
+            raise UnknownName(f"metadata: unknown provenance {name!r}{closest(name, known)}")
     return Provenance(**{"simulator": "unknown", **entries})
 
 
@@ -323,15 +340,15 @@ def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
 
 def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:
     if key not in metadata:
-        raise InputError(f"metadata: no entry {key!r}{closest(key, metadata)}")
+        raise UnknownName(f"metadata: no entry {key!r}{closest(key, metadata)}")
     value = metadata[key]
     if type(value) is not kind:  # bool is no int here
-        raise InputError(f"metadata: {key} is {value!r}, expected {kind.__name__}")
+        raise LogError(f"metadata: {key} is {shown(value)}, expected {kind.__name__}")
     return value
 
 
 def _texts(metadata: Mapping[str, Any], key: str) -> tuple[str, ...]:
     values = _entry(metadata, key, list)
     if not all(isinstance(value, str) for value in values):
-        raise InputError(f"metadata: {key} is {values!r}, expected a list of names")
+        raise LogError(f"metadata: {key} is {shown(values)}, expected a list of names")
     return tuple(values)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError, LogError
+from deltac.files import opened
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.delimited import raw_log
 from deltac.trajectories.formats.files import naming
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.formats.parquet import damage_named, parquet_header, parquet_size
+from deltac.trajectories.formats.parquet import damaged, parquet_header, parquet_size
 from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
@@ -54,11 +55,11 @@ def scan_trajectory(
     messages are counted from the first of the chunk, which the message names.
     """
     if Path(path).suffix.lower() != ".parquet":
-        raise InputError(f"{path}: only Parquet is read in parts; store the log as .parquet")
+        raise FileError(f"{path}: only Parquet is read in parts; store the log as .parquet")
     if rows < 1 or overlap < 0:
         raise InputError(f"rows is {rows}, overlap {overlap}; expected 1 or more, 0 or more")
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file")
+    with naming(path), opened(path):
+        pass
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     return _chunks(Path(path), rows, overlap, as_mapping(mapping), names)
 
@@ -72,19 +73,19 @@ def _chunks(
         header = parquet_header(path)
         total, _ = parquet_size(path)
         if header is not None and header.get("rows", total) != total:
-            raise InputError(
+            raise FileError(
                 f"found {total} rows, the metadata say {header['rows']}: the log is cut off or was "
                 "edited. Take the complete one."
             )
         if not total:
-            raise InputError("the log has no rows")
+            raise LogError("the log has no rows")
         table = polars.scan_parquet(path, glob=False)
     for start in range(0, total, rows):
         first = max(0, start - overlap)
         stop = min(total, start + rows)
         last = min(total, stop + overlap)
         with naming(path):
-            with damage_named():
+            with damaged():
                 frame = table.slice(first, last - first).collect()
             part = None if header is None else {**header, "rows": last - first}
             try:

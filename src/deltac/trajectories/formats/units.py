@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, closest
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def unit(text: str) -> Unit:
         if match.start() != end or (sign == "") != (end == 0):
             break
         if name not in _ATOMS:
-            raise InputError(f"unknown unit {name!r} in {text!r}{closest(name, _ATOMS)}")
+            raise UnknownName(f"unknown unit {name!r} in {text!r}{closest(name, _ATOMS)}")
         exponent = int(power or 1) * (-1 if sign == "/" else 1)
         factor *= _ATOMS[name].factor ** exponent
         a, b, c, d = (x + exponent * y for x, y in zip(dimension, _ATOMS[name].dimension))

@@ -1,0 +1,39 @@
+"""Constraints: closed loops, guides, couplings, rolling and skating."""
+
+from __future__ import annotations
+
+from deltac.mechanism.constraints import (
+    angle,
+    distance,
+    gear,
+    holonomic,
+    loop_prismatic,
+    loop_revolute,
+    loop_spherical,
+    loop_universal,
+    loop_weld,
+    motion_constraint,
+    point_in_plane,
+    point_on,
+    point_on_line,
+    rolling,
+    skate,
+)
+
+__all__ = [
+    "angle",
+    "distance",
+    "gear",
+    "holonomic",
+    "loop_prismatic",
+    "loop_revolute",
+    "loop_spherical",
+    "loop_universal",
+    "loop_weld",
+    "motion_constraint",
+    "point_in_plane",
+    "point_on",
+    "point_on_line",
+    "rolling",
+    "skate",
+]

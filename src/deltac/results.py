@@ -1,0 +1,356 @@
+"""`Report`, the base of what every verb returns: fields make its JSON, sections make its text.
+
+A result is a frozen dataclass that says what it holds (its fields), what a reader is told of it
+(`sections`), what was noticed (`findings`) and what a script needs (`exit_code`). All the rest follows:
+`explain()` for a terminal, `_repr_html_` for a notebook, `to_markdown()` for a pull request, `to_dict()` for
+a program.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import PurePath
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from deltac.codes import FINDINGS, finding_code
+from deltac.deprecation import RenamedAttribute
+
+SCHEMA = 1
+"""Version of the JSON; it grows when a key changes its meaning or goes, not when one is added."""
+
+WIDTH = 96
+"""Columns of text where no terminal says how many it has."""
+
+LEAST = 16
+"""A column of a table is not wrapped to fewer characters than this, nor a word ever broken."""
+
+
+# --- JSON ----------------------------------------------------------------------------------------
+
+
+def plain(value: Any) -> Any:
+    """A value in terms of JSON: dataclasses by field, arrays as lists, what is not finite as None."""
+    if isinstance(value, Record):
+        return value.contents()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.generic | np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, PurePath):
+        return str(value)
+    if is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    raise TypeError(f"{type(value).__name__} has no form in JSON; omit it from the record")
+
+
+class Record:
+    """A dataclass whose JSON has its fields, less those it omits, and some properties and methods also.
+
+    ``class Trial(Record, omit=("text",), also=("passes",))``.
+    """
+
+    _omit: ClassVar[tuple[str, ...]] = ()
+    _also: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(
+        cls, omit: tuple[str, ...] = (), also: tuple[str, ...] = (), **keywords: Any
+    ) -> None:
+        super().__init_subclass__(**keywords)
+        cls._omit, cls._also = (*cls._omit, *omit), (*cls._also, *also)
+
+    @classmethod
+    def told(cls) -> tuple[str, ...]:
+        """Names of what the JSON holds, in order."""
+        own = (f.name for f in fields(cls))  # type: ignore[arg-type]  # each subclass is a dataclass
+        return (*cls._also, *(name for name in own if name not in (*cls._omit, *cls._also)))
+
+    def contents(self) -> dict[str, Any]:
+        """What the JSON holds, in terms of JSON."""
+        values = ((name, getattr(self, name)) for name in self.told())
+        return {name: plain(value() if callable(value) else value) for name, value in values}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but time histories, in terms of JSON; what is not finite is None."""
+        return self.contents()
+
+
+def headed(kind: str, contents: Mapping[str, Any]) -> dict[str, Any]:
+    """Contents under the head that all JSON of deltac has: its schema, the version, what it is."""
+    from deltac import __version__
+
+    return {"schema": SCHEMA, "deltac": __version__, "report": kind, **contents}
+
+
+# --- text ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Table:
+    """Heads and rows of text; an empty row is a rule between rows."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which columns are mostly numbers, with or without a unit, and aligned to the right."""
+        return tuple(
+            2 * sum(bool(_NUMBER.match(cell)) for cell in cells) > len(cells)
+            for k in range(len(self.heads))
+            for cells in [[row[k] for row in self.rows if row and row[k].strip(" –")]]
+        )
+
+    def text(self, width: int = WIDTH) -> str:
+        """The table in at most `width` columns: text is wrapped, then further columns go below."""
+        lines = [self.heads, *(row for row in self.rows if row)]
+        least, natural = [], []
+        for column in zip(*lines, strict=True):
+            words = max((len(word) for cell in column for word in cell.split()), default=0)
+            natural.append(max(max(map(len, cell.split("\n"))) for cell in column))
+            least.append(min(natural[-1], max(words, LEAST)))
+        right = self.numeric
+        least = [n if number else m for m, n, number in zip(least, natural, right)]
+        blocks: list[list[int]] = [[]]
+        for k in range(len(self.heads)):
+            if blocks[-1] and sum(least[j] + 2 for j in blocks[-1]) + least[k] > width:
+                blocks.append([0] if least[0] + 2 + least[k] <= width else [])
+            blocks[-1].append(k)
+        made = [self._block(columns, natural, least, right, width) for columns in blocks]
+        return "\n\n".join(made)
+
+    def _block(
+        self,
+        columns: list[int],
+        natural: list[int],
+        least: list[int],
+        right: tuple[bool, ...],
+        width: int,
+    ) -> str:
+        """Some columns, side by side; the widest give way first."""
+        sizes = {k: natural[k] for k in columns}
+        while sum(sizes.values()) + 2 * (len(sizes) - 1) > width:
+            widest = max(sizes, key=lambda k: (sizes[k] - least[k], sizes[k]))
+            if sizes[widest] <= least[widest]:
+                break
+            sizes[widest] -= 1
+
+        def line(row: tuple[str, ...]) -> Iterator[str]:
+            cells = [
+                [part for text in row[k].split("\n") for part in _wrapped(text, sizes[k])] or [""]
+                for k in columns
+            ]
+            for n in range(max(map(len, cells))):
+                parts = (cell[n] if n < len(cell) else "" for cell in cells)
+                aligned = (
+                    part.rjust(sizes[k]) if right[k] else part.ljust(sizes[k])
+                    for k, part in zip(columns, parts)
+                )
+                yield "  ".join(aligned).rstrip()
+
+        rule = "─" * (sum(sizes.values()) + 2 * (len(sizes) - 1))
+        lines = [*line(self.heads), rule]
+        for row in self.rows:
+            lines += line(row) if row else [rule]
+        return "\n".join(lines)
+
+    def html(self) -> str:
+        """The table as an HTML fragment."""
+        rows = "".join(f"<tr>{_cells('td', row)}</tr>" for row in self.rows if row)
+        return f"<table><thead><tr>{_cells('th', self.heads)}</tr></thead><tbody>{rows}</tbody></table>"
+
+    def markdown(self) -> str:
+        """The table in GitHub's Markdown."""
+
+        def line(row: tuple[str, ...]) -> str:
+            return f"| {' | '.join(' '.join(cell.split()).replace('|', chr(92) + '|') for cell in row)} |"
+
+        marks = tuple("---:" if number else "---" for number in self.numeric)
+        return "\n".join(map(line, (self.heads, marks, *(row for row in self.rows if row))))
+
+
+@dataclass(frozen=True)
+class Verbatim:
+    """Text that keeps its lines, such as a diff."""
+
+    text: str
+
+
+Section: TypeAlias = "str | Table | Verbatim"
+"""A paragraph, a table, or text as it is."""
+
+_NUMBER = re.compile(r"^[-+±]? ?(\d[\d.e+-]*|nan|inf)( ± [\d.e+-]+)?( ?(%|[^\W\d]\S{0,5}))?$")
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False)
+
+
+def _cells(tag: str, row: tuple[str, ...]) -> str:
+    return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
+
+
+def paragraph(text: str, width: int = WIDTH) -> str:
+    """A paragraph wrapped to a width, further lines indented; no word is broken."""
+    return textwrap.fill(
+        text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+def as_text(sections: Iterable[Section], width: int = WIDTH) -> str:
+    """Sections as text; tables and verbatim text stand between empty lines."""
+    parts: list[str] = []
+    for section in sections:
+        if isinstance(section, str):
+            parts.append(paragraph(section, width))
+            continue
+        text = section.text(width) if isinstance(section, Table) else section.text.rstrip("\n")
+        parts += ["", text, ""]
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).strip("\n")
+
+
+def number(value: float, unit: str = "", digits: int = 4) -> str:
+    """A number for people, with its unit ("1" is none)."""
+    text = re.sub(r"e([+-])0*", r"e\1", f"{value:.{digits}g}").replace("e+", "e")
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
+def percent(share: float) -> str:
+    """A share in per cent, without exponents where it is large: "0.0021 %", "101 %"."""
+    value = 100.0 * float(share)
+    return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
+
+
+# --- findings and reports ------------------------------------------------------------------------
+
+Weight = Literal["cause", "doubt", "note"]
+
+
+@dataclass(frozen=True)
+class Finding(Record, also=("code",)):
+    """One thing that was noticed.
+
+    kind      a short fixed name, one of `deltac.codes.FINDINGS`: "gravity", "missing-damper", …
+    what      what it is, in a sentence
+    evidence  the numbers it rests on
+    remedy    what to change or to record; "" where nothing is to be done
+    weight    "cause": it explains what is wrong; "doubt": the log cannot be judged as it stands; "note"
+    element   the joint, body or channel, where there is one
+    factor    what to multiply by (a force, a mass), or the coefficient found, with its standard `error`
+    """
+
+    kind: str
+    what: str
+    evidence: str
+    remedy: str
+    weight: Weight = "note"
+    element: str = ""
+    factor: float | None = None
+    error: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in FINDINGS:
+            raise AssertionError(f"finding {self.kind!r} has no line in deltac/codes.py")
+
+    @property
+    def code(self) -> str:
+        """The stable code, "F-MISSING-DAMPER"."""
+        return finding_code(self.kind)
+
+    def __str__(self) -> str:
+        return f"{self.what} ({self.evidence})" + (f". {self.remedy}" if self.remedy else "")
+
+
+HEADINGS: dict[Weight, str] = {"cause": "Cause", "doubt": "Doubt", "note": "Note"}
+
+
+def told_findings(findings: Iterable[Finding]) -> Iterator[str]:
+    """Findings as paragraphs, causes first, each with its code."""
+    ranked = sorted(findings, key=lambda f: list(HEADINGS).index(f.weight))
+    return (f"{HEADINGS[f.weight]} [{f.code}]: {f}." for f in ranked)
+
+
+class Report(Record):
+    """What a verb found.
+
+    A subclass is a frozen dataclass (``repr=False``) with `sections`, `summary` and, where it judges,
+    `exit_code`.
+    """
+
+    status = RenamedAttribute("exit_code")
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed, causes first."""
+        return ()
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 consistent, 1 not, 3 unresolved."""
+        return 0
+
+    def summary(self) -> str:
+        """The outcome in one line."""
+        raise NotImplementedError
+
+    def sections(self) -> Iterator[Section]:
+        """The report for a reader: paragraphs and tables, in order."""
+        raise NotImplementedError
+
+    def explain(self, width: int = WIDTH) -> str:
+        """The whole report as text of at most `width` columns."""
+        return as_text(self.sections(), width)
+
+    def table(self, width: int = WIDTH) -> str:
+        """The tables of the report alone, as text."""
+        return as_text((part for part in self.sections() if isinstance(part, Table)), width)
+
+    def to_markdown(self) -> str:
+        """The whole report in GitHub's Markdown, as for the summary of a job."""
+        parts = []
+        for section in self.sections():
+            if isinstance(section, Table):
+                parts.append(section.markdown())
+            elif isinstance(section, Verbatim):
+                parts.append(f"```\n{section.text.rstrip()}\n```")
+            else:
+                parts.append(section)
+        return "\n\n".join(parts) + "\n"
+
+    def contents(self) -> dict[str, Any]:
+        """What the JSON holds, in terms of JSON."""
+        findings = [plain(finding) for finding in self.findings]
+        return {"exit_code": self.exit_code, **super().contents(), "findings": findings}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
+        return headed(type(self).__name__, self.contents())
+
+    def _repr_html_(self) -> str:
+        parts = [f"<p><b>{html.escape(self.summary())}</b></p>"]
+        for section in self.sections():
+            if isinstance(section, Table):
+                parts.append(section.html())
+            elif isinstance(section, Verbatim):
+                parts.append(f"<pre>{html.escape(section.text)}</pre>")
+            else:
+                parts.append(f"<p>{html.escape(section)}</p>")
+        return "\n".join(parts)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.summary()})"

@@ -1,0 +1,237 @@
+"""What can be refused before a run is computed, and the grid that it is computed on."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.dynamics.recursions import crba
+from deltac.errors import InputError
+from deltac.mechanism.events import Event
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.flow import Flow
+from deltac.simulation.solvers import Solver
+from deltac.simulation.stepping.interpreted import StageRate
+from deltac.simulation.stepping.protocol import StepGrid
+
+MOST_STEPS = 10**15
+"""Steps of a run at most: time is still told apart from step to step, and it would take years."""
+
+
+def check_request(
+    mechanism: Mechanism,
+    state: State,
+    solver: Solver,
+    equations: Equations | None,
+    controller: Controller | None,
+    step: float | None,
+    tolerance: float | None,
+) -> None:
+    """InputError for arguments that do not go together, or not with the mechanism."""
+    if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
+        raise InputError(
+            f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
+            f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
+            "Make it by mechanism.state(...)"
+        )
+    if not len(mechanism.free.u):
+        raise InputError(
+            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
+        )
+    if step is not None:
+        positive(step, "step")
+    if solver.takes_steps:
+        if step is None:
+            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
+        if tolerance is not None:
+            raise InputError(
+                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
+                "an adaptive solver such as 'DOP853'"
+            )
+    elif tolerance is not None:
+        positive(tolerance, "tolerance")
+    motors = [motor.name for motor in mechanism.motors]
+    if motors and controller is None:
+        raise InputError(
+            f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
+            "joint torque a law"
+        )
+    if controller is not None and not motors:
+        raise InputError(
+            "a controller was given, but no joint torque waits for its value; leave out the law of the "
+            "joint torques that it shall set"
+        )
+    if controller is not None and controller.hold and not solver.takes_steps:
+        raise InputError(
+            f"solver {solver.name!r} chooses its own steps, over which a controller cannot be held; use a "
+            "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
+        )
+    if controller is not None and equations is not None:
+        raise InputError(
+            "equations by hand and a controller were both given; let the equations take the controller "
+            "in, or use the mechanism's own dynamics"
+        )
+
+
+def check_events(mechanism: Mechanism, equations: Equations | None, switches: bool) -> bool:
+    """Whether a run has events to look for; InputError where it cannot look for them."""
+    if not mechanism.events and not switches:
+        return False
+    hits = [event.name for event in mechanism.events if not isinstance(event, Event)]
+    if hits and equations is not None and equations.coordinates is not None:
+        raise InputError(
+            f"impact or stop {hits[0]!r} and equations by hand in coordinates of their own cannot be "
+            "combined; write the equations in the mechanism's coordinates, or leave them out"
+        )
+    return True
+
+
+def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> None:
+    """InputError for a correction that is unknown, or does not go with the solver or with events."""
+    if correct not in (None, "energy"):
+        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
+    if correct is not None and (solver.multistep or solver.family == "taylor"):
+        raise InputError(
+            f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
+            "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
+        )
+    if correct is not None and watching:
+        raise InputError(
+            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
+            "energy that a correction would put back; leave one of them out"
+        )
+
+
+def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None) -> None:
+    """InputError where a solver differentiates what can only be called from Python."""
+    if flow.traced and controller is None:
+        return
+    if solver.family == "implicit" and controller is not None and not controller.hold:
+        raise InputError(
+            f"solver {solver.name!r} needs the derivatives of a controller that acts within steps, and they "
+            "are unknown; use Controller(..., hold=True), or 'ode5'"
+        )
+    if solver.family in ("taylor", "sundials"):
+        instead = "'ode5' or 'DOP853'" if solver.family == "taylor" else "'Radau' or 'BDF'"
+        raise InputError(
+            f"solver {solver.name!r} needs equations in symbols; a function called from Python, or a "
+            f"controller, cannot be differentiated. Use {instead}"
+        )
+
+
+def check_accelerations(
+    flow: Flow,
+    mechanism: Mechanism,
+    controller: Controller | None,
+    state: State,
+    x0: Array,
+    p: Array,
+) -> None:
+    """The accelerations at the start must be finite: else the mass matrix is singular."""
+    if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
+        raise InputError(
+            "the state is not finite; make it by mechanism.state(...), which says where"
+        )
+    if not np.isfinite(x0).all():
+        raise InputError("the coordinate map has no finite own coordinates for the initial state")
+    if flow.traced and controller is None:
+        xdot = np.array(_accelerations(flow)(state.t, x0, p)).ravel()
+    else:
+        rate = StageRate(flow, controller, p)
+        rate.hold(state.t, x0)
+        xdot = rate(state.t, x0)
+    _, u_part, _ = flow.parts
+    finite = np.isfinite(xdot[u_part])
+    if flow.equations is None:
+        finite &= ~_without_inertia(flow, state.t, x0, p)
+    bad = np.flatnonzero(~finite)
+    if bad.size:
+        names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+        which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
+        raise InputError(
+            f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
+            ": either a law is not defined there, or a joint turns something without inertia (a point "
+            "mass about itself, say), so that the mass matrix is singular"
+        )
+
+
+@lru_cache(maxsize=64)
+def _accelerations(flow: Flow) -> Any:
+    """(t, x; p) -> ẋ, as a CasADi function."""
+    return ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
+
+
+@lru_cache(maxsize=64)
+def _inertias(flow: Flow) -> Any:
+    """(t, x; p) -> the diagonal of the mass matrix, as a CasADi function."""
+    system, free = flow.system, flow.system.free_u
+    diagonal = ca.densify(ca.diag(crba(system)[free, free]))
+    return ca.Function("M", [flow.t, flow.x, flow.p], [diagonal])
+
+
+def _without_inertia(flow: Flow, t: float, x: Array, p: Array) -> NDArray[np.bool_]:
+    """Which free speeds move no mass at all: their equation is 0 = 0, whatever the rest."""
+    return np.asarray(np.array(_inertias(flow)(t, x, p)).ravel() == 0.0)
+
+
+def positive(value: float, what: str) -> float:
+    """The value as a float; InputError unless it is positive and finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        raise InputError(f"{what} is {value!r}; expected a positive, finite number")
+    return number
+
+
+def count(value: int, what: str) -> int:
+    """The value as an int; InputError unless it is one, and positive."""
+    if not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"{what} is {value!r}; expected a whole number, 1 or more")
+    return int(value)
+
+
+def whole_steps(duration: float, step: float | None, every: int) -> int:
+    """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
+    assert step is not None
+    if not duration / step <= MOST_STEPS:
+        raise InputError(
+            f"step {step:g} goes {duration / step:.3g} times into the duration {duration:g}; expected at "
+            f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
+        )
+    steps = round(duration / step)
+    if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
+        near = duration / max(1, math.ceil(duration / step))
+        raise InputError(
+            f"step {step:g} does not divide the duration {duration:g} (it goes {duration / step:.6g} "
+            f"times); the next smaller one that does is {near:.12g}"
+        )
+    if steps % every:
+        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+    return steps
+
+
+LOOKS = 8
+"""How often a solver that goes from sample to sample looks for events between two of them."""
+
+
+def sample_grid(
+    start: float, duration: float, step: float | None, solver: Solver, *, watching: bool
+) -> StepGrid | None:
+    """Samples `step` apart, the end included; None for the own steps of a solver that tells them."""
+    if step is None:
+        if solver.family == "scipy":
+            return None
+        step = duration / 200
+    looks = LOOKS if watching and solver.family != "scipy" else 1
+    count = math.ceil(duration / step * looks * (1 - 1e-12))
+    return StepGrid(start, step / looks, count, start + duration, looks)

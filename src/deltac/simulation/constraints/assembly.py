@@ -1,0 +1,128 @@
+"""Assembly: from an approximate guess to coordinates and speeds that satisfy all constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.constraints import Rows
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.independence import independence, row_names
+from deltac.errors import InputError, closest
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
+
+MET = 1e-9
+"""Largest violation (m or rad, and per s at unit speeds) of an assembled state."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A consistent state, and what the constraints are like there.
+
+    `freedom` counts the degrees of freedom; `redundant` tells, in words, the rows that follow from
+    others (harmless if `residual`, the largest violation left, is at rounding); `singular` whether the
+    configuration has a smaller rank than its neighbourhood. `moved` is the largest change of a
+    coordinate of the guess.
+    """
+
+    state: State
+    residual: float
+    freedom: int
+    redundant: str
+    singular: bool
+    moved: float
+
+
+@renamed_keywords(mechanism="model")
+def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
+    """Find coordinates and speeds near a guess that satisfy every constraint.
+
+    Args:
+        model: with constraints: a Mechanism, a Problem, or what else `load_model` takes.
+        guess: an approximate state, or values by name; its time is kept. By default the model's own start.
+        pinned: names of coordinates and speeds that keep the values of the guess.
+
+    Returns:
+        The assembly; its state is nearest to the guess in the sense of damped Newton steps in the mass
+        metric.
+
+    Raises:
+        InputError: an unknown pinned name, or constraints that cannot be met: the message names the worst
+            constraint and its residual.
+    """
+    loaded = load_model(model)
+    mechanism, guess = loaded.mechanism, loaded.start(guess)
+    q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
+    u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+    for name in pinned:
+        if name not in q_free and name not in u_free:
+            raise InputError(
+                f"pinned: unknown coordinate {name!r}{closest(name, [*q_free, *u_free])}"
+            )
+    equations = equations_of_motion(mechanism)
+    rows = equations.rows
+    t, q, u = guess.t, guess.q[mechanism.free.q].copy(), guess.u[mechanism.free.u].copy()
+    if len(rows):
+        # A pinned coordinate of a joint holds the speed that moves it; joints in quaternions as a whole.
+        held_q = _held(mechanism, [n for n in pinned if n in q_free])
+        held_u = np.array([name in pinned for name in u_free], dtype=bool)
+        q = onto_positions(equations, t, q, movable=~held_q)
+        phi, _ = equations.violation(t, q, u)
+        if not float(np.abs(phi).max(initial=0.0)) <= MET:
+            raise _unmet(rows, phi, "position", "m or rad")
+        u = onto_speeds(equations, t, q, u, movable=~held_u)
+        _, psi = equations.violation(t, q, u)
+        fastest = max(1.0, float(np.abs(u).max(initial=0.0)))
+        if not float(np.abs(psi).max(initial=0.0)) <= MET * fastest:
+            raise _unmet(rows, psi, "velocity", "m/s or rad/s")
+    found = independence(equations, t, q)
+    full_q, full_u = guess.q.copy(), guess.u.copy()
+    moved = float(np.abs(full_q[mechanism.free.q] - q).max(initial=0.0))
+    full_q[mechanism.free.q], full_u[mechanism.free.u] = q, u
+    phi, psi = equations.violation(t, q, u)
+    return Assembly(
+        state=mechanism.state(full_q, full_u, t),
+        residual=float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)),
+        freedom=found.freedom,
+        redundant=row_names(rows, found.redundant),
+        singular=found.singular,
+        moved=moved,
+    )
+
+
+def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
+    """Which free speeds must not move the pinned coordinates."""
+    held = np.zeros(len(mechanism.free.u), dtype=bool)
+    place = {int(index): k for k, index in enumerate(mechanism.free.u)}
+    for name in pinned:
+        entry = mechanism.coordinates[name]
+        joint = mechanism.joint(entry.joint)
+        first_q = mechanism.coordinates.of(joint.name).start
+        u_slice = mechanism.speeds.of(joint.name)
+        offset = KINDS[joint.kind].quaternion
+        within = entry.index - first_q
+        if offset is not None and within >= offset:
+            moving = range(u_slice.stop - 3, u_slice.stop)
+        else:
+            moving = range(u_slice.start + within, u_slice.start + within + 1)
+        for index in moving:
+            held[place[index]] = True
+    return held
+
+
+def _unmet(rows: Rows, values: Array, level: str, unit: str) -> InputError:
+    worst = int(np.argmax(np.abs(values)))
+    return InputError(
+        f"the constraints cannot be met at {level} level from this guess: {rows.names[worst]!r} is off by "
+        f"{abs(values[worst]):.3g} {unit} at best. Either they contradict each other (or what is pinned), "
+        "or the guess is too far away"
+    )

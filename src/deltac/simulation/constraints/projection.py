@@ -1,0 +1,82 @@
+"""Staying on the constraints: projection of coordinates and speeds, least in the mass metric.
+
+After each accepted step q and u are moved by M⁻¹Gᵀ(…) until φ and ψ vanish. What this does to the
+energies is booked: each testing function's integral takes the change of its E, and the integrals
+"correction kinetic" and "correction potential" the changes of K and V.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from deltac.dynamics.equations_of_motion import equations_of, quaternions
+from deltac.dynamics.kkt import DEPENDENT
+from deltac.dynamics.spatial import SX
+from deltac.simulation.flow import Flow
+
+SMALLEST_PIVOT = DEPENDENT
+"""Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
+
+
+def projection(flow: Flow) -> Any:
+    """The projection of a flow, written out once."""
+    return flow.once("projection", lambda: _projection(flow))
+
+
+def _projection(flow: Flow) -> Any:
+    """(t, x; p) -> x on the constraints, and the smallest pivot met, as a CasADi function.
+
+    One Newton step on the coordinates; then, with the factorisation there, a second one and the speeds:
+    what a step leaves of order h^(p+1) is left in fourth power.
+    """
+    bound = flow.bound
+    assert bound is not None
+    system, rows = flow.system, bound.rows
+    q_part, u_part, z_part = flow.parts
+    W = equations_of(system).W
+    place = [flow.t, system.q, system.p]
+    first = ca.Function(
+        "first", place, [ca.mtimes(W, bound.schur.least(rows.phi)), smallest_pivot(flow)]
+    )
+    second = ca.Function(
+        "second",
+        [flow.t, system.q, system.u, system.p],
+        [
+            ca.mtimes(W, bound.schur.least(rows.phi)),
+            bound.schur.least(rows.psi),
+            smallest_pivot(flow),
+        ],
+    )
+    energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
+    q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
+    dq, pivot = first(flow.t, q, flow.p)
+    near = _unit(flow, q + dq)
+    dq, du, later = second(flow.t, near, u, flow.p)
+    moved = ca.vertcat(_unit(flow, near + dq), u + du, z)
+    change = energies(flow.t, moved, flow.p) - energies(flow.t, flow.x, flow.p)
+    moved[z_part] = z + flow.booked(change)
+    return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
+
+
+def pivot(flow: Flow) -> Any:
+    """(t, x; p) -> the smallest pivot of the constraints there, as a CasADi function."""
+    given = [flow.t, flow.x, flow.p]
+    return flow.once("pivot", lambda: ca.Function("pivot", given, [smallest_pivot(flow)]))
+
+
+def smallest_pivot(flow: Flow) -> SX:
+    """How near the constraints are to being dependent: 1 independent, 0 dependent."""
+    assert flow.bound is not None
+    found = flow.bound.schur.smallest_pivot
+    if flow.own is not None:  # the solver's state holds the user's own coordinates
+        found = ca.substitute(found, flow.system.q, flow.own.q)
+    return found
+
+
+def _unit(flow: Flow, q: SX) -> SX:
+    result = ca.SX(q)
+    for place in quaternions(flow.system.mechanism):
+        result[place] = q[place] / ca.sqrt(ca.dot(q[place], q[place]))
+    return result

@@ -1,0 +1,343 @@
+"""Ensembles: many runs of one mechanism, side by side in SIMD lanes and on all cores.
+
+Members go in chunks that stay in a core's cache (`ensemble_steps`); each member's numbers depend on
+itself alone, to the last bit, whatever the chunks and threads. Memory is that of the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from deltac.arrays import Array
+from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.kernels.parallel import check_cancelled, spread
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
+from deltac.simulation.arguments import check_request, count, positive
+from deltac.simulation.constraints.feasibility import check_members, constraint_start
+from deltac.simulation.ensemble.members import (
+    States,
+    check_prescribed,
+    member_count,
+    member_parameters,
+    member_solvers,
+    member_states,
+    member_steps,
+    record_grid,
+    repeated,
+)
+from deltac.simulation.ensemble.steps import LANES, Advance, Span
+from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.time_scales import check_start
+from deltac.simulation.stepping.protocol import Progress
+from deltac.trajectories import Provenance, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Runs of N members at K recorded times.
+
+    Attributes:
+        t: recorded times (K,).
+        q, u: coordinates (K, N, nq) and speeds (K, N, nu) of all joints.
+        integrals: ∫P of each testing function (K, N), J.
+        delta_c: ΔC of each testing function (K, N), J.
+        stopped: time up to which the state of a member that blew up was seen finite (to a few steps), NaN
+            for those that completed (N,); after it its values are NaN.
+        steps, solvers: of each member, (N,).
+        sensitivity: ∂ΔC/∂p (K, N) of each testing function by each parameter asked for, J per its unit.
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    integrals: Mapping[str, Array]
+    delta_c: Mapping[str, Array]
+    stopped: Array
+    steps: Array
+    solvers: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+    provenance: Provenance
+    sensitivity: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return int(self.q.shape[1])
+
+    def member(self, k: int) -> Trajectory:
+        """One run as a trajectory, up to where it stopped; InputError if there is no such member."""
+        if not isinstance(k, int | np.integer) or not -len(self) <= k < len(self):
+            raise InputError(
+                f"member {k!r}: there are {len(self)}; expected a whole number from 0 to {len(self) - 1}"
+            )
+        completed = math.isnan(self.stopped[k])
+        message = (
+            "" if completed else f"stopped: the state is not finite after t = {self.stopped[k]:g} s"
+        )
+        rows = len(self.t) if completed else int(np.searchsorted(self.t, self.stopped[k], "right"))
+        return Trajectory(
+            t=self.t[:rows],
+            q=self.q[:rows, k],
+            u=self.u[:rows, k],
+            integrals={name: values[:rows, k] for name, values in self.integrals.items()},
+            coordinates=self.coordinates,
+            speeds=self.speeds,
+            provenance=replace(
+                self.provenance,
+                solver=self.solvers[k],
+                step=float(self.steps[k]),
+                completed=completed,
+                message=message,
+            ),
+        )
+
+    def __repr__(self) -> str:
+        failed = int(np.isfinite(self.stopped).sum())
+        return (
+            f"Ensemble({len(self)} members, {len(self.t)} recorded times to {self.t[-1]:g} s"
+            f"{f', {failed} stopped early' if failed else ''})"
+        )
+
+
+@renamed_keywords(mechanism="model")
+def simulate_ensemble(
+    model: ModelLike,
+    states: States | StateLike,
+    duration: float | None,
+    step: ArrayLike,
+    solver: str | Sequence[str] = "ode5",
+    testing: Sequence[str] = ("wang", "liu-huston"),
+    *,
+    vary: Mapping[str, ArrayLike] | None = None,
+    record_every: int | None = None,
+    sensitivity: Sequence[str] = (),
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Ensemble:
+    """Simulate many members of a mechanism with fixed-step solvers.
+
+    What differs between members has N entries, what they share one: states, steps, solvers, parameters.
+
+    Args:
+        model: what moves, as for `simulate`.
+        states: one for all members (None: the model's own start); a sequence of N, all at one time; or
+            (Q, U) of shapes (N, nq) and (N, nu), all joints, at t = 0.
+        duration: how long, s; by default the problem's.
+        step: of the solver, s, or (N,); it must divide the duration.
+        solver: a fixed-step one, see `simulate`, or N of them.
+        testing: names of the testing functions integrated in the loop.
+        vary: values (N,) of parameters by name, other ones in each member; no compilation is repeated for
+            other values.
+        record_every: keep every so many steps, the longest ones where steps differ; by default the start
+            and the end alone.
+        sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
+            from a start that does not depend on them. Each adds about two steps' work to every step.
+        threads: how many cores; all by default.
+        progress: called with the fraction done, from any thread but never from two at once.
+
+    Raises:
+        InputError: as `simulate`, and for sizes that do not fit, naming the array; for members that start
+            off a constraint or a prescribed motion, by their own parameters, naming the first.
+    """
+    loaded = load_model(model)
+    mechanism, duration = loaded.mechanism, loaded.lasting(duration)
+    if states is None or isinstance(states, Mapping | str | Path):
+        states = loaded.start(states)
+    duration = positive(duration, "duration")
+    threads = None if threads is None else count(threads, "threads")
+    if mechanism.events:
+        raise InputError(
+            f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
+            "ensemble does not stop at; simulate its members one by one, or leave the events out"
+        )
+    names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
+    t0, Q, U = member_states(mechanism, states)
+    h, solvers = member_steps(step, duration), member_solvers(solver)
+    members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
+    Q, U, p, h = (repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
+    solvers = solvers * (members // len(solvers))
+    interval, records = record_grid(h, duration, record_every)
+    if not isinstance(states, State):  # one state for all keeps its prescribed joints to itself
+        check_prescribed(mechanism, t0, Q, U, names, p)
+    first = State(t0, Q[0], U[0])
+    kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
+    for one, size in kinds:
+        check_request(mechanism, first, one, None, None, size, None)
+        check_start(mechanism, first, one, size)
+    check_members(mechanism, t0, Q, U, names, p)
+    rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
+    flow = _flow(mechanism, tuple(testing), tuple(names), rows)
+    along = tuple(names.index(name) for name in sensitivity)
+    result = _Result.empty(mechanism, flow, records + 1, members, len(along))
+    q_part, u_part, _ = flow.parts
+
+    jobs: list[tuple[Advance, int, NDArray[np.intp]]] = []
+    for one, size in kinds:
+        group = np.flatnonzero((h == size) & np.array([other is one for other in solvers]))
+        per_record = round(interval / size)
+        advance = Advance(flow, one, per_record, along)
+        starts = range(0, len(group), advance.chunk)
+        jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
+    telling = _Telling(progress, sum(records * each * len(own) for _, each, own in jobs))
+
+    def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:
+        advance, per_record, own = job
+        # Whole vectors: the last member fills up the lanes that are left.
+        padded = own[np.minimum(np.arange(-(-len(own) // LANES) * LANES), len(own) - 1)]
+        x = np.zeros((advance.rows, len(padded)))
+        x[q_part], x[u_part] = Q[padded][:, mechanism.free.q].T, U[padded][:, mechanism.free.u].T
+        values, own_step = np.ascontiguousarray(p[:, padded]), interval / per_record
+        taken = np.zeros(len(padded))
+        result.keep(0, own, t0, x, values, np.ones(len(padded), dtype=bool))
+        for k in range(records):
+            span = Span(t0, own_step, k * per_record, per_record)
+            x, taken = advance(x, taken, values, span, lambda steps: telling(steps * len(own)))
+            alive = taken == (k + 1) * per_record
+            result.keep(k + 1, own, t0 + (k + 1) * interval, x, values, alive)
+        lost = taken < records * per_record
+        result.stopped[own] = np.where(lost, t0 + taken * own_step, math.nan)[: len(own)]
+
+    spread(work, jobs, threads)
+    return result.ensemble(
+        mechanism, t0 + interval * np.arange(records + 1.0), h, solvers, sensitivity
+    )
+
+
+class _Telling:
+    """Tells `progress` the fraction of the members' steps that is done, a thousand times at most.
+
+    Work that nobody waits for ends here.
+    """
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total = progress, total
+        self._done, self._told, self._lock = 0, 0, Lock()
+
+    def __call__(self, steps: int) -> None:
+        check_cancelled()
+        if self._progress is None:
+            return
+        with self._lock:
+            self._done += steps
+            if 1000 * (self._done - self._told) >= self._total or self._done == self._total:
+                self._told = self._done
+                self._progress(self._done / self._total)
+
+
+_FLOWS: LRUCache[Flow] = LRUCache(16)
+
+
+def _flow(
+    mechanism: Mechanism, testing: tuple[str, ...], vary: tuple[str, ...], rows: tuple[int, ...]
+) -> Flow:
+    """The traced flow, shared by ensembles that differ in values alone."""
+    return _FLOWS.get(
+        (mechanism.digest(vary), testing, vary, rows),
+        lambda: build_flow(mechanism, testing, vary=vary, rows=rows, works=False),
+    )
+
+
+@lru_cache(maxsize=16)
+def _observation(flow: Flow, along: int) -> Kernel:
+    """(t, x; p) -> full q, u; of the testing functions ∫P, E, and their derivatives by parameters."""
+    n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)
+    E, given, outputs = flow.energies[:count, :], [flow.x], {}
+    moved = ca.SX(0, 1)
+    for place in range(flow.p.shape[0] - along, flow.p.shape[0]):
+        rate, unit = ca.SX.sym("dx", n), ca.SX.zeros(flow.p.shape[0])
+        unit[place] = 1
+        given.append(rate)
+        dE = ca.jtimes(E, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit))
+        moved = ca.vertcat(moved, dE, rate[z : z + count])
+    outputs = {
+        "q": ca.densify(flow.q_all),
+        "u": ca.densify(flow.u_all),
+        "integral": flow.x[z : z + count],
+        "E": E,
+        "moved": ca.densify(moved),
+    }
+    return Kernel({"t": flow.t, "x": ca.vertcat(*given)}, outputs, flow.p, name="observation")
+
+
+@dataclass(frozen=True, eq=False)
+class _Result:
+    """The arrays of an ensemble while it is made; threads write to columns of their own."""
+
+    flow: Flow
+    observe: Kernel
+    q: Array
+    u: Array
+    sums: dict[str, Array]
+    stopped: Array
+
+    @staticmethod
+    def empty(mechanism: Mechanism, flow: Flow, K: int, N: int, along: int) -> _Result:
+        nq, nu, count = len(mechanism.coordinates), len(mechanism.speeds), len(flow.testing)
+        sizes = {"integral": count, "E": count, "moved": 2 * count * along}
+        sums = {name: np.empty((size, K, N)) for name, size in sizes.items()}
+        observe = _observation(flow, along).compile()
+        return _Result(flow, observe, np.empty((K, N, nq)), np.empty((K, N, nu)), sums, np.empty(N))
+
+    def keep(
+        self, k: int, own: NDArray[np.intp], t: float, x: Array, p: Array, alive: NDArray[np.bool_]
+    ) -> None:
+        """Write the k-th record of members `own`; those not alive become NaN."""
+        seen = self.observe.flat(np.concatenate([np.full((1, x.shape[1]), t), x]), p)
+        seen[:, ~alive] = math.nan
+        seen = seen[:, : len(own)]
+        parts = self.observe.output_slices
+        self.q[k, own], self.u[k, own] = seen[parts["q"]].T, seen[parts["u"]].T
+        for name, values in self.sums.items():
+            values[:, k, own] = seen[parts[name]]
+
+    def ensemble(
+        self,
+        mechanism: Mechanism,
+        t: Array,
+        steps: Array,
+        solvers: Sequence[Solver],
+        parameters: Sequence[str],
+    ) -> Ensemble:
+        """The finished ensemble, with ΔC and its derivatives."""
+        E, z = self.sums["E"], self.sums["integral"]
+        names = self.flow.testing
+        moved = self.sums["moved"].reshape(len(parameters), 2, len(names), *z.shape[1:])
+        slopes = moved[:, 0] - moved[:, 0, :, :1] - moved[:, 1]
+        shared = len(set(solvers)) == 1 and len(set(steps.tolist())) == 1
+        return Ensemble(
+            t=t,
+            q=self.q,
+            u=self.u,
+            integrals=dict(zip(names, z)),
+            delta_c=dict(zip(names, E - E[:, :1] - z)),
+            stopped=self.stopped,
+            steps=steps,
+            solvers=tuple(solver.name for solver in solvers),
+            coordinates=mechanism.coordinates.names,
+            speeds=mechanism.speeds.names,
+            provenance=Provenance(
+                simulator="deltac",
+                solver=solvers[0].name if shared else None,
+                step=float(steps[0]) if shared else None,
+                model=mechanism.name,
+                model_hash=mechanism.hash,
+            ),
+            sensitivity={
+                name: {parameter: slopes[j, i] for j, parameter in enumerate(parameters)}
+                for i, name in enumerate(names if parameters else ())
+            },
+        )

@@ -1,0 +1,264 @@
+"""What an ensemble is made of: members' states, steps, solvers and parameters, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deltac.arrays import Array
+from deltac.dynamics.system import trace
+from deltac.errors import InputError, closest
+from deltac.mechanism.coordinates import Entries
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.simulation.arguments import count, whole_steps
+from deltac.simulation.solvers import Solver, find_solver
+
+ROUNDING = 1e-15
+"""A quaternion's length differs from one by so little after a division by it."""
+
+States: TypeAlias = State | Sequence[State] | tuple[ArrayLike, ArrayLike]
+
+
+def member_count(**sizes: int) -> int:
+    """How many members there are, of the sizes of what was given; InputError where they differ."""
+    if len(set(sizes.values()) - {1}) > 1:
+        told = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
+        raise InputError(f"members differ in number: {told}; expected one number N, or 1")
+    return max(sizes.values())
+
+
+def repeated(values: Array, members: int, axis: int) -> Array:
+    """What all members share, once for each of them."""
+    return values if values.shape[axis] == members else np.repeat(values, members, axis)
+
+
+def member_steps(step: ArrayLike, duration: float) -> Array:
+    """Steps (N,) or (1,), made to divide the duration exactly."""
+    h = np.atleast_1d(_numbers(step))
+    if h.ndim != 1 or not h.size or not np.isfinite(h).all() or not (h > 0).all():
+        raise InputError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
+    exact = {size: duration / whole_steps(duration, size, 1) for size in set(h.tolist())}
+    return np.array([exact[size] for size in h.tolist()])
+
+
+def member_solvers(solver: str | Sequence[str]) -> list[Solver]:
+    """The explicit fixed-step solvers of those names; InputError for any other."""
+    names = [solver] if isinstance(solver, str) or not isinstance(solver, Iterable) else [*solver]
+    if not names:
+        raise InputError(f"solver is {solver!r}; expected a name, or N of them")
+    found = [find_solver(name) for name in names]
+    for one in found:
+        if one.family != "fixed":
+            raise InputError(
+                f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode5' or 'ode8'"
+            )
+    return found
+
+
+def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, int]:
+    """The time between records and their number, not counting the start."""
+    longest = float(h.max())
+    steps = round(duration / longest)
+    every = steps if every is None else count(every, "record_every")
+    if steps % every:
+        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+    records = steps // every
+    interval = duration / records
+    for size in set(h.tolist()):
+        between = interval / size
+        if abs(between - round(between)) > 1e-9 * between:
+            raise InputError(
+                f"step {size:g} does not divide the time between records, {interval:g} s; choose "
+                "record_every so that all steps do"
+            )
+    return interval, records
+
+
+def member_parameters(
+    mechanism: Mechanism, vary: Mapping[str, ArrayLike], sensitivity: Sequence[str]
+) -> tuple[list[str], Array]:
+    """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last."""
+    if not isinstance(vary, Mapping):
+        raise InputError(
+            f"vary is {vary!r}; expected values (N,) by name, such as {{'m': [1.0, 2.0]}}. Names alone are "
+            "for `simulate`, where they say what stays a parameter of the compiled code"
+        )
+    if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
+        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
+    for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
+        for name in wanted:
+            if name not in mechanism.parameters:
+                raise InputError(
+                    f"{what}: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
+                )
+    names = [name for name in vary if name not in sensitivity] + list(sensitivity)
+    columns = []
+    for name in names:
+        given = vary.get(name, mechanism.parameters[name])
+        values = np.atleast_1d(_numbers(given))
+        if values.ndim != 1 or not values.size or not np.isfinite(values).all():
+            raise InputError(
+                f"vary: the values of {name!r} are {given!r}; expected finite numbers, an array (N,)"
+            )
+        columns.append(values)
+    if len({len(c) for c in columns} - {1}) > 1:
+        sizes = {name: len(c) for name, c in zip(names, columns)}
+        raise InputError(f"vary: the parameters differ in their number of members: {sizes}")
+    count = max((len(c) for c in columns), default=1)
+    table = np.array([np.broadcast_to(c, count) for c in columns]).reshape(len(names), count)
+    _check_extremes(mechanism, names, table)
+    return names, table
+
+
+def _numbers(given: object) -> Array:
+    """An array of what was given; an empty one if these are no numbers."""
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def _check_extremes(mechanism: Mechanism, names: Sequence[str], table: Array) -> None:
+    """InputError if the members with a parameter's least or largest value are no mechanisms."""
+    for values in table:
+        for k in {int(values.argmin()), int(values.argmax())}:
+            member = dict(zip(names, map(float, table[:, k])))
+            try:
+                mechanism.with_parameters(**member)
+            except InputError as error:
+                told = ", ".join(f"{name} = {value:g}" for name, value in member.items())
+                raise InputError(f"vary: member {k} ({told}): {error}") from None
+
+
+def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, Array]:
+    """Start time, Q (N, nq), U (N, nu), of finite values, quaternions of unit length.
+
+    N = 1 for a state that all share.
+    """
+    given = [states] if isinstance(states, State) else states
+    if not isinstance(given, list | tuple) or not given:
+        raise InputError(f"states: found {_told(states)}; {_EXPECTED}")
+    if any(isinstance(one, State) for one in given):
+        t, Q, U = _gathered(mechanism, given)
+    elif len(given) == 2:
+        t, Q, U = 0.0, *(_array(what, values) for what, values in zip("QU", given))
+    else:
+        raise InputError(
+            f"states: found a {type(given).__name__} of {len(given)} entries; {_EXPECTED}"
+        )
+    _check_values("Q", Q, mechanism.coordinates)
+    _check_values("U", U, mechanism.speeds)
+    if len(Q) != len(U):
+        raise InputError(f"Q has {len(Q)} members, U has {len(U)}")
+    return t, _with_unit_quaternions(mechanism, Q), U
+
+
+_EXPECTED = "expected a State, a sequence of States, or (Q, U) of shapes (N, nq) and (N, nu)"
+
+
+def _told(given: object) -> str:
+    shape = getattr(given, "shape", None)
+    return type(given).__name__ if shape is None else f"one array of shape {shape}"
+
+
+def _gathered(mechanism: Mechanism, states: Sequence[object]) -> tuple[float, Array, Array]:
+    """The common time of states, and their coordinates and speeds by rows."""
+    nq, nu = len(mechanism.coordinates), len(mechanism.speeds)
+    found: list[State] = []
+    for k, state in enumerate(states):
+        if not isinstance(state, State):
+            raise InputError(
+                f"states: member {k} is of type {type(state).__name__}; expected a State, as others"
+            )
+        if state.q.shape != (nq,) or state.u.shape != (nu,):
+            raise InputError(
+                f"states: member {k} has {state.q.size} coordinates and {state.u.size} speeds; the "
+                f"mechanism {mechanism.name!r} has {nq} and {nu}. Make it by mechanism.state(...)"
+            )
+        if found and state.t != found[0].t:
+            raise InputError(
+                f"states: member {k} starts at t = {state.t:g} s, member 0 at {found[0].t:g} s; expected one "
+                "time for all"
+            )
+        found.append(state)
+    return found[0].t, np.array([s.q for s in found]), np.array([s.u for s in found])
+
+
+def _array(what: str, values: ArrayLike) -> Array:
+    try:
+        return np.atleast_2d(np.asarray(values, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{what}: expected numbers, an array (N, n{what.lower()}); {error}"
+        ) from None
+
+
+def _check_values(what: str, values: Array, entries: Entries) -> None:
+    if values.ndim != 2 or not len(values) or values.shape[1] != len(entries):
+        raise InputError(
+            f"{what} has shape {values.shape}, expected (N, {len(entries)}), N at least 1: "
+            f"{', '.join(entries.names)}"
+        )
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        raise InputError(
+            f"{what}: member {bad[0][0]}, {entries[int(bad[0][1])].name!r} is not finite"
+        )
+
+
+def _with_unit_quaternions(mechanism: Mechanism, Q: Array) -> Array:
+    """The coordinates with quaternions divided by their lengths, as `Mechanism.state` does."""
+    result = Q.copy()
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is None:
+            continue
+        start = mechanism.coordinates.of(joint.name).start + offset
+        place = slice(start, start + 4)
+        length = np.sqrt(np.einsum("ij,ij->i", Q[:, place], Q[:, place]))
+        bad = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
+        if len(bad):
+            k = int(bad[0])
+            raise InputError(
+                f"states: member {k}: the quaternion of joint {joint.name!r}, {tuple(Q[k, place].tolist())}, "
+                f"has length {length[k]:.6g}; expected a unit quaternion, scalar first. Divide it by its "
+                "length"
+            )
+        # What is of unit length but for rounding keeps its bits.
+        length[np.abs(length - 1.0) <= ROUNDING] = 1.0
+        result[:, place] /= length[:, None]
+    return result
+
+
+def check_prescribed(
+    mechanism: Mechanism, t: float, Q: Array, U: Array, names: Sequence[str], p: Array
+) -> None:
+    """InputError for the first member whose prescribed joints are not where their laws put them.
+
+    By its own parameters, `p` (np, N) of `names`; within what `Mechanism.state` allows.
+    """
+    if not any(joint.prescribed for joint in mechanism.joints):
+        return
+    system = trace(mechanism, names)
+    for given, symbols, entries in (
+        (Q, system.q_all, mechanism.coordinates),
+        (U, system.u_all, mechanism.speeds),
+    ):
+        places = [k for k, entry in enumerate(entries) if entry.prescribed]
+        law = ca.Function("law", [system.t, system.p], [symbols[places]])
+        due, found = np.array(law(t, p)).T, given[:, places]
+        bad = np.argwhere(~(np.abs(found - due) <= 1e-6 * np.maximum(1.0, np.abs(due))))
+        if len(bad):
+            k, j = map(int, bad[0])
+            due = np.broadcast_to(due, found.shape)
+            raise InputError(
+                f"states: member {k}: {entries[places[j]].name!r} is prescribed: its law gives "
+                f"{due[k, j]:.9g} at t = {t:g}, the state says {found[k, j]:.9g}. Make it by "
+                "mechanism.state(...), of the mechanism with the member's parameters"
+            )

@@ -1,0 +1,283 @@
+"""Steps of many members at once: whole steps compiled, or stage by stage for large mechanisms.
+
+State arrays are (n, B), a column a member. Where a member's numbers lie in a batch leaves no trace in
+them: all arithmetic is in kernels, elementwise, and B is a multiple of the SIMD width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.spatial import SX
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.simulation.constraints.projection import SMALLEST_PIVOT
+from deltac.simulation.constraints.singular import CarefulStep
+from deltac.simulation.flow import Flow
+from deltac.simulation.solvers import Solver
+from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, FixedMethod
+from deltac.simulation.stepping.interpreted import numeric_masks, settle_kernel
+from deltac.simulation.stepping.runge_kutta import Parts, tableau_of
+
+FUSED_INSTRUCTIONS = 4000
+"""Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""
+
+LANES = 8
+"""Members come in multiples of this: no kernel has a wider SIMD vector."""
+
+CHUNK_BYTES = 2**20
+"""The arrays of a chunk of members together: they stay in the cache of one core."""
+
+CHUNKS = (8 * 11, 8 * 127)
+"""Fewest and most members in a chunk; a call costs some microseconds, so that fewer do not pay."""
+
+
+HUGE = 1e300
+"""A state with entries beyond this is not finite, or about to be."""
+
+
+Tick: TypeAlias = Callable[[int], None]
+"""Told after each kernel call how many steps it took; what it raises ends the work."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """Steps `first` to `first` + `count` of size `h` (s), from time `t0` on."""
+
+    t0: float
+    h: float
+    first: int
+    count: int
+
+
+class Advance:
+    """Takes chunks of members through spans of steps, for one flow and solver.
+
+    With `along`, the places of parameters in `flow.p`, the state is followed by its derivatives with
+    respect to them, ∂x/∂p: exact ones of the discrete motion, by forward differentiation of a step.
+    """
+
+    def __init__(self, flow: Flow, solver: Solver, count: int, along: tuple[int, ...] = ()) -> None:
+        """Choose and compile the way for spans of `count` steps.
+
+        Raises InputError where derivatives are asked of a step too large to be compiled as one.
+        """
+        self.flow, self.solver = flow, solver
+        self.rows = flow.x.shape[0] * (1 + len(along))
+        size = int(_method(flow, solver).single_step.n_instructions()) * (1 + 2 * len(along))
+        self.fused = 0
+        if size <= FUSED_INSTRUCTIONS or along:
+            if size > MOST_INSTRUCTIONS:
+                raise InputError(
+                    f"sensitivity: a step of {flow.system.mechanism.name!r} with its derivatives has about "
+                    f"{size} instructions, too many to compile as one (at most {MOST_INSTRUCTIONS}); take "
+                    "differences between members with vary= instead, or name fewer parameters"
+                )
+            room = max(1, min(MOST_STEPS_PER_CALL, FUSED_INSTRUCTIONS // size))
+            self.fused = max(m for m in range(1, room + 1) if count % m == 0)
+            steps_kernel(flow, solver, self.fused, along).compile()
+        else:
+            rate_kernel(flow).compile()
+        self.along = along
+
+    @property
+    def chunk(self) -> int:
+        """How many members go together."""
+        arrays = 2 if self.fused else self.solver.stages + 3
+        most = CHUNK_BYTES // (8 * (int(self.rows) + 2) * arrays)
+        most = min(max(most, CHUNKS[0]), CHUNKS[1])
+        # An odd number of vectors: rows a power of two apart would share few places in the cache.
+        return max(1, (most // LANES - 1) | 1) * LANES
+
+    def __call__(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array]:
+        """The states (rows, B) after the span, and the number of steps (B,) that members have taken.
+
+        A member whose state ceases to be finite is frozen at one that it had before, and takes no more
+        steps. `p` (np, B) are the values of the parameters.
+        """
+        with np.errstate(all="ignore"):
+            after, worst, count = (self._whole if self.fused else self._staged)(
+                x, taken, p, span, tick
+            )
+        if self.flow.bound is not None:
+            for k in np.flatnonzero(~(worst > SMALLEST_PIVOT) & (taken == span.first)):
+                after[:, k], count[k] = self._carefully(x[:, k], p[:, k], span, tick)
+        return after, count
+
+    def _whole(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array, Array]:
+        kernel = steps_kernel(self.flow, self.solver, self.fused, self.along)
+        n, B = x.shape
+        here, after = np.empty((n + 3, B)), np.empty((n + 3, B))
+        here[:n], here[n], here[n + 1], here[n + 2] = x, span.first, 1.0, taken
+        constants = np.empty((len(p) + 2, B))
+        constants[:-2], constants[-2], constants[-1] = p, span.t0, span.h
+        for _ in range(0, span.count, self.fused):
+            kernel.flat(here, constants, out=after)
+            here, after = after, here
+            tick(self.fused)
+        return here[:n], here[n + 1], here[n + 2]
+
+    def _staged(
+        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+    ) -> tuple[Array, Array, Array]:
+        flow, (n, B) = self.flow, x.shape
+        rate, settle = rate_kernel(flow), settle_kernel(flow)
+        given = np.empty((rate.n_in, B))
+        given[1 + n :] = p
+        y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
+        tableau = tableau_of(self.solver.name)
+        # x, then the rates of the stages; behind x the settling kernel has a row for its pivot.
+        arrays = np.empty(((len(tableau.b) if tableau is not None else 1) + 1, n, B))
+        now = arrays.reshape(-1, B)[:n]
+        settled = arrays.reshape(-1, B)[: n + 1]
+        now[...] = x
+
+        def evaluate(t: float, state: Array) -> Array:
+            given[0], y[...] = t, state
+            return rate.flat(given, out=np.empty((n, B)))
+
+        for k in range(span.first, span.first + span.count):
+            t = span.t0 + k * span.h
+            if tableau is not None:
+                for i, row in enumerate(tableau.a):
+                    given[0] = t + tableau.c[i] * span.h
+                    _combine(arrays, tuple(span.h * a for a in row), y)
+                    rate.flat(given, out=arrays[i + 1])
+                _combine(arrays, tuple(span.h * b for b in tableau.b), y)
+            else:
+                assert self.solver.step is not None
+                y[...] = self.solver.step(evaluate, t, now, span.h, _parts(flow))
+            if settle is not None:
+                given[0] = span.t0 + (k + 1) * span.h
+                settle.flat(given, out=settled)
+                np.minimum(worst, settled[n], out=worst)
+            else:
+                now[...] = y
+            # Adding up is faster than looking at every entry, and no sum hides what is not finite.
+            alive = np.isfinite(np.add.reduce(now, axis=0)) & (taken == k)
+            taken += alive
+            if not alive.all():
+                np.copyto(now, x, where=~alive)
+            tick(1)
+        return now.copy(), worst, taken
+
+    def _carefully(self, x: Array, p: Array, span: Span, tick: Tick) -> tuple[Array, float]:
+        """A member whose constraints became dependent on the way, by least squares.
+
+        Its derivatives are not known beyond: NaN.
+        """
+        n = self.flow.x.shape[0]
+        careful = CarefulStep(self.flow, self.solver, numeric_masks(self.flow), p)
+        state = x[:n]
+        for k in range(span.count):
+            after = careful(span.t0 + (span.first + k) * span.h, state, span.h)
+            if not np.isfinite(after).all():
+                return np.concatenate([state, np.full(len(x) - n, np.nan)]), span.first + k
+            state = after
+            tick(0)
+        return np.concatenate([state, np.full(len(x) - n, np.nan)]), span.first + span.count
+
+
+@lru_cache(maxsize=16)
+def _method(flow: Flow, solver: Solver) -> FixedMethod:
+    return FixedMethod(flow, solver)
+
+
+@lru_cache(maxsize=16)
+def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] = ()) -> Kernel:
+    """(x, k, worst, taken; p, t0, h) -> the same `fused` steps later, so that buffers may alternate.
+
+    `worst` is the smallest pivot on the way, `taken` counts the steps of members that stay finite;
+    others keep the state they had.
+    """
+    step = _step(flow, solver, along)
+    x = ca.SX.sym("x", step.size1_in(0))
+    k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
+    worst, taken = ca.SX.sym("worst"), ca.SX.sym("taken")
+    after, smallest, sums = x, worst, ca.SX(0)
+    for i in range(fused):
+        after, pivot = step(after, k + i, flow.p, t0, h)
+        if flow.bound is not None:
+            smallest = ca.fmin(smallest, pivot)
+        sums = sums + ca.fabs(_total(after))  # remembers any state on the way that was not finite
+    healthy = ca.logic_and(sums < HUGE, taken == k)
+    return Kernel(
+        {"x": x, "k": k, "worst": worst, "taken": taken},
+        {
+            "x": ca.if_else(healthy, after, x),
+            "k": k + fused,
+            "worst": smallest,
+            "taken": ca.if_else(healthy, taken + fused, taken),
+        },
+        ca.vertcat(flow.p, t0, h),
+        inline=True,
+        name="steps",
+    )
+
+
+@lru_cache(maxsize=16)
+def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
+    """(x, k, p, t0, h) -> the state and its derivatives one step later, and the smallest pivot met."""
+    single = _method(flow, solver).single_step
+    if not along:
+        return single
+    k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
+    after, pivot = single(flow.x, k, flow.p, t0, h)
+    given, moved = [flow.x], [after]
+    for place in along:
+        rate, unit = ca.SX.sym("dx", flow.x.shape[0]), ca.SX.zeros(flow.p.shape[0])
+        unit[place] = 1
+        given.append(rate)
+        moved.append(ca.jtimes(after, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit)))
+    inputs = [ca.vertcat(*given), k, flow.p, t0, h]
+    return ca.Function("step", inputs, [ca.densify(ca.vertcat(*moved)), pivot], {"cse": True})
+
+
+def _total(x: SX) -> SX:
+    total = ca.SX(0)
+    for entry in ca.vertsplit(x):
+        total = total + entry
+    return total
+
+
+@lru_cache(maxsize=16)
+def rate_kernel(flow: Flow) -> Kernel:
+    """(t, x, p) -> ẋ."""
+    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
+    return Kernel(inputs, {"xdot": flow.xdot}, inline=True, name="rate")
+
+
+@lru_cache(maxsize=64)
+def _combination(weights: tuple[float, ...]) -> Kernel:
+    """(x, k_1, …) -> x + Σ w_i k_i, entry by entry; the weights are folded into the code."""
+    x, k = ca.SX.sym("x"), ca.SX.sym("k", len(weights))
+    total = x
+    for weight, rate in zip(weights, ca.vertsplit(k)):
+        total = total + weight * rate
+    return Kernel({"x": x, "k": k}, {"y": total}, name="stage")
+
+
+def _combine(stages: Array, weights: tuple[float, ...], out: Array) -> None:
+    """Write x + Σ w_i k_i to `out` (n, B), where `stages` (s + 1, n, B) holds x and the rates."""
+    if not any(weights):
+        out[...] = stages[0]
+        return
+    used = stages.reshape(len(stages), -1)[: len(weights) + 1]
+    _combination(weights).flat(used, out=out.reshape(1, -1))
+
+
+@lru_cache(maxsize=16)
+def _parts(flow: Flow) -> Any:
+    masks = numeric_masks(flow)
+    return Parts(*(mask[:, None] for mask in (masks.q, masks.u, masks.z)))

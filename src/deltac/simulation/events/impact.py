@@ -1,0 +1,263 @@
+"""Impacts: from the state before to the state after, with every impulse and what it feeds.
+
+Impulses go through the mass matrix and the constraints. Without friction: Newton's restitution, all contacts
+that touch at once as one complementarity problem (J. J. Moreau, Unilateral contact and dry friction in finite
+freedom dynamics, 1988), which makes no energy where their restitutions agree. Otherwise, or where that would
+make some, one contact after the other, the fastest approach first; a contact with friction by `stronge`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.coordinates import OwnCoordinates
+from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
+from deltac.dynamics.recursions import crba
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.testing_functions import testing_functions
+from deltac.errors import DeltacError
+from deltac.mechanism.channels import ChannelName
+from deltac.simulation.events.stronge import REST, collide
+from deltac.simulation.flow import Flow
+
+MOST_IMPACTS = 2000
+"""Impacts of single contacts at one instant, before the rest of them is taken as plastic."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact that may receive an impulse; its normal speed is `normal`·u + `drift`, of free speeds u (n,).
+
+    `tangents` (2 by n) and `tangent_drift` (2,) give the slip; empty rows for a stop. The first direction of
+    a contact is its normal.
+    """
+
+    normal: Array
+    drift: float
+    tangents: Array
+    tangent_drift: Array
+    restitution: float
+    friction: float
+
+    @property
+    def rows(self) -> Array:
+        """Directions (1 or 3 by n)."""
+        return np.vstack([self.normal, self.tangents]) if self.friction else self.normal[None, :]
+
+    @property
+    def drifts(self) -> Array:
+        """Relative velocity of the contact at u = 0, by direction."""
+        return (
+            np.append(self.drift, self.tangent_drift) if self.friction else np.array([self.drift])
+        )
+
+
+class Inertia:
+    """M⁻¹ of a mechanism whose constraints, G Δu = 0, are kept: A = RᵀR."""
+
+    def __init__(self, M: Array, G: Array) -> None:
+        """`M` (n, n) of the free speeds, `G` (nc, n) independent rows."""
+        root = np.linalg.cholesky(M)
+        R = np.linalg.solve(root, np.eye(len(M)))
+        if len(G):
+            basis, _ = np.linalg.qr(R @ G.T)
+            R = R - basis @ (basis.T @ R)
+        self.R = R
+
+    def response(self, impulse: Array) -> Array:
+        """Δu of a generalized impulse (n,)."""
+        return self.R.T @ (self.R @ impulse)
+
+
+def resolve(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array]:
+    """Impulses of the contacts by direction (1 or 3 each), so that none approaches any more."""
+    smooth = all(not contact.friction for contact in contacts)
+    if smooth:
+        found = _together(inertia, contacts, u)
+        if found is not None:
+            return found
+    return _one_by_one(inertia, contacts, u)
+
+
+def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array] | None:
+    """Newton's law for all contacts at once; None where it would make energy that no e > 1 asked for."""
+    from scipy.optimize import nnls
+
+    N = np.array([contact.normal for contact in contacts])
+    v = N @ u + np.array([contact.drift for contact in contacts])
+    e = np.array([contact.restitution for contact in contacts])
+    C = inertia.R @ N.T
+    wanted = v + e * np.minimum(v, 0.0)
+    if len(contacts) == 1:
+        return [np.array([max(0.0, -wanted[0] / float(C[:, 0] @ C[:, 0]))])]
+    c = np.linalg.lstsq(C.T, wanted, rcond=None)[0]
+    p, _ = nnls(C, -c)
+    after = v + C.T @ (C @ p)
+    made = float(p @ (0.5 * (v + after)))
+    size = float(p @ np.abs(v)) + np.finfo(float).tiny
+    if (e <= 1.0).all() and (made > 1e-12 * size or (after < -1e-9 * np.abs(v).max()).any()):
+        return None
+    return [np.array([value]) for value in p]
+
+
+def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array]:
+    total = [np.zeros(len(contact.rows)) for contact in contacts]
+    u = u.copy()
+    approach = [float(c.normal @ u + c.drift) for c in contacts]
+    scale = max(abs(v) for v in approach)
+    for _ in range(MOST_IMPACTS):
+        approach = [float(c.normal @ u + c.drift) for c in contacts]
+        k = int(np.argmin(approach))
+        if approach[k] >= -REST * scale:
+            return total
+        contact = contacts[k]
+        D = contact.rows
+        C = inertia.R @ D.T
+        impulse = collide(C.T @ C, D @ u + contact.drifts, contact.restitution, contact.friction)
+        total[k] += impulse
+        u = u + inertia.R.T @ (C @ impulse)
+    # What is left after so many is a plastic impact of all at once.
+    plastic = [Contact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts]
+    rest = _together(inertia, plastic, u)
+    if rest is None:
+        raise DeltacError(f"the impacts of {len(contacts)} contacts at once come to no end")
+    for k, impulse in enumerate(rest):
+        total[k][0] += impulse[0]
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Collider:
+    """Impacts of a mechanism at a state of its flow."""
+
+    flow: Flow
+    points: tuple[ImpactPoint, ...]
+    _at: ca.Function
+    _fed: ca.Function
+
+    @staticmethod
+    def of(flow: Flow, points: tuple[ImpactPoint, ...], split: OwnCoordinates | None) -> Collider:
+        """Write out what impacts need; `split` as for the testing functions of the flow."""
+        system, bound = flow.system, flow.bound
+        none = ca.SX.zeros(0, len(system.mechanism.speeds))
+        outputs: list[SX] = [
+            crba(system),
+            none if bound is None else bound.rows.G_all,
+            system.u_all,
+        ]
+        for point in points:
+            outputs += [point.normal, point.drift, point.n, point.push]
+            outputs += [point.restitution, point.friction]
+        here = [flow.t, flow.x, flow.p]
+        impulses = Impulses.symbols(len(system.mechanism.speeds))
+        known = impulse_terms(system, impulses, split, bound)
+        functions = testing_functions(flow.testing)
+        fed = ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions))
+        columns = list(impulses.columns().values())
+        return Collider(
+            flow,
+            points,
+            ca.Function("impact", here, outputs),
+            ca.Function("fed", [*here, *columns], [fed]),
+        )
+
+    def collide(
+        self, touching: Sequence[int], t: float, x: Array, p: Array
+    ) -> tuple[Array, dict[ChannelName, Array]]:
+        """The state after an impact of the points that touch, and the impulses by channel."""
+        system, bound = self.flow.system, self.flow.bound
+        free = system.free_u
+        M, G_all, u_all, *rest = (np.array(value) for value in self._at(t, x, p))
+        u_all = u_all.ravel()
+        inertia = Inertia(M[np.ix_(free, free)], G_all[:, free])
+        numbers = [rest[6 * k : 6 * k + 6] for k in touching]
+        frames = [
+            _directions(n.ravel(), push, normal.ravel()) for normal, _, n, push, _, _ in numbers
+        ]
+        contacts = []
+        for rows, (_, drift, _, _, e, mu) in zip(frames, numbers):
+            # What prescribed joints give the contact belongs to its drift.
+            drifts = rows @ u_all - rows[:, free] @ u_all[free]
+            drifts[0] += float(drift.item())
+            contacts.append(
+                Contact(
+                    rows[0, free],
+                    float(drifts[0]),
+                    rows[1:, free],
+                    drifts[1:],
+                    float(e.item()),
+                    float(mu.item()) if len(rows) > 1 else 0.0,
+                )
+            )
+        found = resolve(inertia, contacts, u_all[free])
+        impulses: dict[ChannelName, Array] = {}
+        total = np.zeros(len(u_all))
+        for k, rows, impulse in zip(touching, frames, found):
+            pushed = rows[: len(impulse)].T @ impulse
+            total += pushed
+            channel = self.points[k].channel
+            impulses[channel] = impulses.get(channel, np.zeros(len(u_all))) + pushed
+        change = np.zeros(len(u_all))
+        change[free] = inertia.response(total[free])
+        tied = np.zeros(len(u_all))
+        if bound is not None:
+            needed = M[np.ix_(free, free)] @ change[free] - total[free]
+            multipliers = np.linalg.lstsq(G_all[:, free].T, needed, rcond=None)[0]
+            for name in dict.fromkeys(bound.rows.names):
+                places = bound.rows.places(name)
+                held = G_all[places].T @ multipliers[places]
+                impulses[ChannelName("constraint", name)] = held
+                tied += held
+        driving = np.zeros(len(u_all))
+        driven = system.driven_u
+        driving[driven] = (M @ change - total - tied)[driven]
+        for joint in system.mechanism.joints:
+            if joint.prescribed:
+                place = system.mechanism.speeds.of(joint.name)
+                impulses[ChannelName("prescribed", joint.name)] = _only(driving, place)
+        after = x.copy()
+        _, u_part, _ = self.flow.parts
+        after[u_part] += change[free]
+        after[self._integrals] += self._fed_by(t, x, p, u_all, change, total, driving, tied)
+        return after, impulses
+
+    @property
+    def _integrals(self) -> slice:
+        """Where the testing functions' integrals lie in x."""
+        start = self.flow.parts[2].start + len(self.flow.works)
+        return slice(start, start + len(self.flow.testing))
+
+    def _fed_by(
+        self,
+        t: float,
+        x: Array,
+        p: Array,
+        u: Array,
+        change: Array,
+        contact: Array,
+        driving: Array,
+        tied: Array,
+    ) -> Array:
+        fed = self._fed(t, x, p, u, u + change, contact, driving, tied)
+        return np.array(fed).ravel()
+
+
+def _directions(n: Array, push: Array, normal: Array) -> Array:
+    """Rows (1 or 3 by nu): the normal, and two tangents where there is a surface."""
+    if not n.any():
+        return normal[None, :]
+    first = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
+    first /= np.linalg.norm(first)
+    frame = np.array([n, first, np.cross(n, first)])
+    return frame @ push.T
+
+
+def _only(vector: Array, place: slice) -> Array:
+    kept = np.zeros_like(vector)
+    kept[place] = vector[place]
+    return kept

@@ -1,0 +1,347 @@
+"""What may happen in a run: its sides, the first event within a step, and what an event does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.impacts import impact_points
+from deltac.errors import DeltacError, InputError
+from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.events import Event, JointStop
+from deltac.simulation.events.impact import Collider
+from deltac.simulation.events.location import EPS, End, crossing, may_cross
+from deltac.simulation.events.switching import switched
+from deltac.simulation.events.witness import Witness, Witnesses
+from deltac.simulation.events.zeno import Accumulation
+from deltac.simulation.flow import Flow
+from deltac.simulation.stepping.interpreted import StageRate
+
+TOUCHING = 1e-10
+"""Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
+
+SLOW = 1e-12
+"""Speeds of a contact below this are none, by the speeds of the run or 1 m/s; so with accelerations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Eventful:
+    """A flow made ready for events, compiled once: its branches held if they are to be found."""
+
+    flow: Flow
+    watch: Witnesses
+    collider: Collider
+
+    def run(self, rate: StageRate, p: Array, t: float, x: Array) -> EventRun:
+        """The events of a run from (t, x); InputError where parts overlap there."""
+        found = EventRun(self.watch, self.collider, rate, p)
+        check_apart(found, t, x)
+        return found
+
+
+@lru_cache(maxsize=32)
+def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
+    """Prepare the events of a flow."""
+    system = flow.system
+    functions = ca.SX(0, 1)
+    names: tuple[str, ...] = ()
+    if switches:
+        held = switched(flow)
+        flow, functions, names = held.flow, held.functions, held.names
+    points = impact_points(system)
+    own = trace_map(system, split) if split is not None else None
+    events = tuple(e for e in system.mechanism.events if isinstance(e, Event))
+    watch = Witnesses(flow, points, events, functions, names)
+    return Eventful(flow, watch, Collider.of(flow, points, own))
+
+
+@dataclass(frozen=True)
+class Happened:
+    """An event of a run: states of the solver, parameters (sides included), impulses."""
+
+    t: float
+    names: tuple[str, ...]
+    before: Array
+    after: Array
+    p_before: Array
+    p_after: Array
+    inputs: Array
+    impulses: dict[ChannelName, Array]
+
+
+class EventRun:
+    """The events of one run: on which side of zero everything is that is watched, and what has happened.
+
+    Pairs that touch and neither close nor part are at rest on each other: rounding alone would take their
+    gaps across zero again and again. Theirs may fall by `slack` before that is an impact.
+
+    Attributes:
+        p: the values of the parameters, with the sides of laws that switch.
+        happened: the events so far.
+        message: why the run cannot go on, if so; `ended` by which terminal event.
+    """
+
+    def __init__(self, watch: Witnesses, collider: Collider, rate: StageRate, p: Array) -> None:
+        """`p` are the parameters of the flow without the sides."""
+        n = len(watch)
+        self.watch, self.collider, self.rate = watch, collider, rate
+        self.p = np.concatenate([p, np.zeros(len(watch.switch_names))])
+        self.rate.parameters = self.p
+        self._sides, self._slack = np.zeros(n), np.zeros(n)
+        self._sides[: len(watch.points)] = 1.0
+        self._accumulation = Accumulation(watch.names)
+        self._here: Witness | None = None  # at the state where the run is
+        self.happened: list[Happened] = []
+        self.message, self.ended = "", ""
+        self.last: list[str] = []
+
+    @property
+    def decided(self) -> bool:
+        """Whether everything that is watched has a side."""
+        return bool((self._sides != 0.0).all())
+
+    def begin(self, t: float, x: Array) -> Array:
+        """Sides of everything; contacts that are closed and closing hit at once. The state to go on from."""
+        sight, m = self._look(t, x), len(self.watch.points)
+        self._sides[m:] = np.sign(np.where(sight.g == 0.0, sight.rate, sight.g))[m:]
+        self._apply_sides()
+        touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
+        if any(sight.rate[k] < -self._slow(x) for k in touching):
+            x = self._strike(t, x, touching)
+        elif touching:
+            self._rest(t, x, touching)
+        return x
+
+    def clear(self, t: Array, x: Array) -> int:
+        """How many of the steps between so many states (T, n), the first where the run is, have no event."""
+        g, rate = self.watch.along(t, x, self.rate.batch(t, x), self.p)
+        sides = self._sides[:, None]
+        values = sides * g + self._slack[:, None]
+        slopes = sides * rate * np.diff(t, append=t[-1])
+        last = sides * rate[:, 1:] * np.diff(t)
+        suspect = may_cross(np.maximum(values[:, :-1], 0.0), slopes[:, :-1], values[:, 1:], last)
+        parted = (self._slack > 0.0)[:, None] & (g[:, 1:] > TOUCHING)
+        eventful = (suspect | parted).any(axis=0)
+        passed = int(np.argmax(eventful)) if eventful.any() else len(t) - 1
+        if passed:
+            self._here = None
+        return passed
+
+    def decide(self, t: float, x: Array) -> bool:
+        """Whether a side that was undecided so far is told by where a step has led."""
+        if self.decided:
+            return False
+        sight = self._look(t, x)
+        told = (self._sides == 0.0) & (np.sign(sight.g) != 0.0)
+        if told.any():
+            self._sides = np.where(told, np.sign(sight.g), self._sides)
+            self._apply_sides()
+        return bool(told.any())
+
+    def first(
+        self,
+        t0: float,
+        x0: Array,
+        t1: float,
+        x1: Array,
+        state: Callable[[float], Array],
+        fresh: bool,
+    ) -> tuple[float, Array, list[int]] | None:
+        """The first event within a step: its time, the state there, and all that pass zero then.
+
+        `state` gives states within the step, `fresh` tells that an event has just happened at its start.
+        Where there is none, the run is at the end of the step.
+        """
+        h = t1 - t0
+        before = self._here or self._look(t0, x0)
+        after = self._look(t1, x1)
+        sides, slack = self._sides, self._slack
+        start, end = sides * before.g + slack, sides * after.g + slack
+        start_rate, end_rate = h * sides * before.rate, h * sides * after.rate
+        start = np.maximum(start, 0.0)  # what is at zero has just been dealt with
+        suspects = np.flatnonzero(may_cross(start, start_rate, end, end_rate) & (sides != 0.0))
+        resolution = 2 * EPS * max(abs(t1), h) / h
+        found: dict[int, float] = {}
+        for k in suspects:
+            looked = crossing(
+                partial(self._glance, int(k), t0, h, state),
+                End(0.0, float(start[k]), float(start_rate[k])),
+                End(1.0, float(end[k]), float(end_rate[k])),
+                resolution,
+                after=bool(start[k] <= TOUCHING) or fresh,
+            )
+            if looked is not None:
+                found[int(k)] = looked
+        if not found:
+            self._here = after
+            self._slack[after.g > TOUCHING] = 0.0  # pairs that rested on each other and have parted
+            return None
+        theta = min(found.values())
+        together = [k for k, place in found.items() if place - theta <= 16 * resolution]
+        if 1.0 - theta <= max(16 * resolution, 1e-13):
+            return t1, x1, together
+        t = t0 + theta * h
+        return t, state(t), together
+
+    def happen(self, t: float, x: Array, which: list[int]) -> Array:
+        """What the events `which` do at (t, x): the state after them."""
+        m, n_events = len(self.watch.points), len(self.watch.events)
+        before, p_before, self._here = x, self.p.copy(), None
+        self.last = [self.watch.names[k] for k in which]
+        for k in which:
+            if k >= m:
+                self._sides[k] = -self._sides[k]
+        directions = self.watch.directions
+        told = [k for k in which if k >= m and directions[k] in (0, self._sides[k])]
+        self._apply_sides()
+        closed = [k for k in which if k < m]
+        if closed:
+            sight = self._look(t, x)
+            touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
+            names = tuple(self.watch.names[k] for k in told)
+            x = self._strike(t, x, sorted({*closed, *touching}), names)
+        elif told:
+            self._record(t, before, x, p_before, [self.watch.names[k] for k in told], {})
+            self._check_switch(t, x, [k for k in told if k >= m + n_events])
+        self._finish(t, told)
+        return x
+
+    def _apply_sides(self) -> None:
+        count = len(self.watch.switch_names)
+        if count:
+            self.p = np.concatenate([self.p[: len(self.p) - count], self._sides[-count:]])
+            self.rate.parameters = self.p
+
+    def _look(self, t: float, x: Array) -> Witness:
+        return self.watch.at(t, x, self.rate(t, x), self.p)
+
+    def _glance(
+        self, k: int, t0: float, h: float, state: Callable[[float], Array], theta: float
+    ) -> tuple[float, float]:
+        t = t0 + theta * h
+        sight = self._look(t, state(t))
+        value = self._sides[k] * sight.g[k] + self._slack[k]
+        return float(value), float(self._sides[k] * h * sight.rate[k])
+
+    def _strike(self, t: float, x: Array, touching: list[int], also: tuple[str, ...] = ()) -> Array:
+        """An impact of the points that touch; the state after it."""
+        before, p_before = x, self.p.copy()
+        try:
+            x, impulses = self.collider.collide(touching, t, x, self.p)
+        except DeltacError as error:
+            self.message = f"stopped at t = {t:.9g} s: {error}"
+            return x
+        also = (*also, *self._jumped_over(t, x))
+        sight = self._look(t, x)
+        channels = dict.fromkeys(self.watch.points[k].channel for k in touching)
+        hit = [c for c in channels if impulses[c].any()]
+        pushed = {name: impulse for name, impulse in impulses.items() if impulse.any()}
+        self._record(t, before, x, p_before, [*hit, *also], pushed)
+        for k in touching:
+            moved = self.watch.names[k] in hit
+            if moved and self._accumulation.add(k, t, float(sight.rate[k])):
+                self.message = self._accumulation.words(k)
+        if not self.message:
+            self._rest(t, x, touching)
+        return x
+
+    def _jumped_over(self, t: float, x: Array) -> list[str]:
+        """Events and switches whose zero the speeds jumped across, their sides brought up to date."""
+        sight, m = self._look(t, x), len(self.watch.points)
+        sides = np.sign(sight.g)
+        changed = (self._sides * sides < 0.0) & (np.arange(len(sides)) >= m)
+        self._sides = np.where(changed, sides, self._sides)
+        self._apply_sides()
+        directions, last = self.watch.directions, m + len(self.watch.events)
+        told = [k for k in np.flatnonzero(changed) if directions[k] in (0, sides[k]) and k < last]
+        self._finish(t, [int(k) for k in told])
+        return [self.watch.names[int(k)] for k in told]
+
+    def _finish(self, t: float, told: list[int]) -> None:
+        """A terminal event among those that happened ends the run."""
+        m = len(self.watch.points)
+        for k in told:
+            if m <= k < m + len(self.watch.events) and self.watch.events[k - m].terminal:
+                self.ended = f"event {self.watch.events[k - m].name!r} at t = {t:.9g} s"
+
+    def _record(
+        self,
+        t: float,
+        before: Array,
+        after: Array,
+        p_before: Array,
+        names: list[str],
+        impulses: dict[ChannelName, Array],
+    ) -> None:
+        if not names:  # nothing was pushed: pairs that only touch
+            return
+        inputs, p_after = self.rate.motors(t, after).copy(), self.p.copy()
+        self.happened.append(
+            Happened(t, tuple(names), before, after, p_before, p_after, inputs, impulses)
+        )
+
+    def _slow(self, x: Array) -> float:
+        """The speed below which a contact neither closes nor parts."""
+        return SLOW * max(1.0, float(np.abs(x[self.watch.flow.parts[1]]).max(initial=0.0)))
+
+    def _rest(self, t: float, x: Array, touching: list[int]) -> None:
+        """Pairs that touch and do not part: they stay so, or are pressed on, and that is no impact."""
+        sight, slow = self._look(t, x), self._slow(x)
+        udot = self.rate(t, x)[self.watch.flow.parts[1]]
+        none = SLOW * max(1.0, float(np.abs(udot).max(initial=0.0)))
+        for k in touching:
+            resting = abs(sight.rate[k]) <= slow
+            self._slack[k] = TOUCHING + max(0.0, -float(sight.g[k])) if resting else 0.0
+            if resting and sight.bend[k] < -none:
+                self.message = (
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is in lasting contact, pressed on "
+                    "and not parting; impacts are of an instant. Let a terminal event end the run there, or "
+                    "use a compliant contact"
+                )
+
+    def _check_switch(self, t: float, x: Array, which: list[int]) -> None:
+        """A law that drives the motion back to where it switches cannot be followed."""
+        sight = self._look(t, x)
+        for k in which:
+            if self._sides[k] * sight.rate[k] < 0.0:
+                self.message = (
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} leads back to where it switches, "
+                    "from both sides (stick, a sliding mode): the law has no value there. Give it a steep "
+                    "but continuous slope in place of the jump"
+                )
+
+
+def check_apart(run: EventRun, t: float, x: Array) -> None:
+    """InputError where parts overlap from the start, with the pair, the depth and a remedy."""
+    watch, points = run.watch, run.watch.points
+    if not points:
+        return
+    gaps = watch.at(t, x, run.rate(t, x), run.p).g[: len(points)]
+    worst = int(np.argmin(gaps))
+    if gaps[worst] >= -TOUCHING:
+        return
+    point = points[worst]
+    happening = next(
+        e
+        for e in watch.flow.system.mechanism.events
+        if not isinstance(e, Event) and e.name == point.name
+    )
+    if isinstance(happening, JointStop):
+        what = (
+            f"coordinate {happening.coordinate!r} is beyond the {point.label} limit of joint stop"
+        )
+    else:
+        pair = f"{happening.first.body!r} and {happening.second.body!r}"
+        where = f" ({point.label})" if point.label else ""
+        what = f"the shapes of {pair} overlap{where} at the start: impact"
+    raise InputError(
+        f"{what} {point.name!r} by {-gaps[worst]:.6g} m or rad at t = {t:g} s; start from a state in which "
+        "the gap is zero or positive"
+    )

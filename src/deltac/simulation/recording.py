@@ -1,0 +1,231 @@
+"""What is recorded of a run: the solver's states as a trajectory of the whole mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import DeltacError
+from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.mechanism import Mechanism
+from deltac.simulation.constraints.projection import SMALLEST_PIVOT, smallest_pivot
+from deltac.simulation.constraints.singular import SingularMotion
+from deltac.simulation.events.run import Happened
+from deltac.simulation.flow import Flow
+from deltac.simulation.stepping.protocol import Motion
+from deltac.trajectories import Occurrence, Provenance, Trajectory
+
+LOST = 1e-3
+"""A projected state this far off a constraint (m or rad) is not on it."""
+
+NEARLY_DEPENDENT = 1e-3
+"""Smallest pivot of the constraints at a sample that an adaptive run is told of."""
+
+
+def observer(flow: Flow) -> Kernel:
+    """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
+    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
+    return Kernel(
+        {name: column for name, column in inputs.items() if column.shape[0]},
+        {
+            "q": flow.q_all,
+            "u": flow.u_all,
+            "udot": flow.udot_all,
+            "driving": flow.driving,
+            **{str(name): force for name, force in flow.reactions.items()},
+            **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
+        },
+        flow.p,
+        name="observation",
+    )
+
+
+def recorded(
+    mechanism: Mechanism,
+    flow: Flow,
+    observe: Kernel,
+    motion: Motion,
+    p: Array,
+    provenance: Provenance,
+) -> Trajectory:
+    """The samples of a motion as a trajectory of the mechanism."""
+    q_part, u_part, summed = flow.parts
+    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
+    if flow.inputs.shape[0]:
+        arrays["inputs"] = motion.inputs
+    if flow.given.shape[0]:
+        assert flow.equations is not None
+        arrays["given"] = np.array(
+            [
+                flow.equations(t, x[q_part].copy(), x[u_part].copy())
+                for t, x in zip(motion.t, motion.x)
+            ]
+        )
+    seen = observe(parameters=p, **arrays)
+    rows = len(motion.t)
+    singular = _singular(flow, seen, motion, p)
+    note = _where(singular) if singular.size else _near(seen, motion, provenance)
+    q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
+    good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
+    if not good.all():  # the last state before a run broke down may have no acceleration
+        stop = int(np.argmin(good))
+        if stop == 0:
+            raise DeltacError(
+                f"the accelerations are not finite at the start; {provenance.message}"
+            )
+        rows = stop
+    forces = {
+        name: force[:rows] for name, force in logged_forces(flow, seen, motion.inputs).items()
+    }
+    if note:
+        provenance = replace(provenance, notes={**provenance.notes, "singular": note})
+    table = (motion.x[:rows, summed] - motion.x[0, summed]).T
+    return Trajectory(
+        t=motion.t[:rows],
+        q=q[:rows],
+        u=u[:rows],
+        udot=udot[:rows],
+        forces=forces,
+        works=dict(zip(flow.works, table)),
+        integrals=dict(zip(flow.integrals, table[len(flow.works) :])),
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        provenance=provenance,
+    )
+
+
+def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[ChannelName, Array]:
+    """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
+    mechanism = flow.system.mechanism
+    rows, nu = len(inputs), len(mechanism.speeds)
+    forces: dict[ChannelName, Array] = {}
+    driving = seen["driving"].reshape(rows, -1)
+    for joint in mechanism.joints:
+        if joint.prescribed:
+            place = mechanism.speeds.of(joint.name)
+            force = np.zeros((rows, nu))
+            force[:, place] = driving[:, place]
+            forces[ChannelName("prescribed", joint.name)] = force
+    forces.update({name: seen[name].reshape(rows, -1) for name in flow.reactions})
+    for name, place_in in flow.system.input_places.items():
+        element = next(e for e in mechanism.motors if e.name == name)
+        force = np.zeros((rows, nu))
+        force[:, mechanism.speeds.of(element.joint)] = inputs[:, place_in]
+        forces[ChannelName("actuator", name)] = force
+    return forces
+
+
+def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:
+    """The motion up to where its constraints can no longer be met, and words for it.
+
+    A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
+    what comes after is no motion.
+    """
+    if not flow.projecting or flow.bound is None:
+        return motion
+    rows = flow.bound.rows
+    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
+    kernel = flow.once("violation", lambda: Kernel(inputs, {"phi": rows.phi}, name="violation"))
+    given = {"p": p} if flow.p.shape[0] else {}
+    phi = np.abs(kernel(t=motion.t, x=motion.x, **given)["phi"].reshape(len(motion.t), -1))
+    lost = ~(phi <= LOST).all(axis=1)
+    if not lost.any():
+        locked = "; or the mechanism is locked, and its constraints cannot be met any further"
+        return replace(motion, message=motion.message + locked) if motion.message else motion
+    first = max(1, int(np.argmax(lost)))
+    name = rows.names[int(np.nanargmax(phi[first]))]
+    message = (
+        f"stopped: constraint {name!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
+        f"{np.nanmax(phi[first]):.2g} m or rad): the mechanism is locked or at the end of its reach. What "
+        "was computed until then is kept; let the motion end earlier, or change the constraint"
+    )
+    return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
+
+
+def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> Array:
+    """Times of samples at which the constraints are dependent; there, what was seen is seen anew.
+
+    The factorisation fails at such a sample, but least squares tell what the mechanism does.
+    """
+    if "pivot" not in seen or flow.equations is not None:
+        return np.empty(0)
+    flagged = np.flatnonzero(~(seen["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1))
+    if flagged.size and not flow.inputs.shape[0]:
+        again = SingularMotion(flow, p)
+        for k in flagged:
+            for name, value in again.observed(float(motion.t[k]), motion.x[k]).items():
+                seen[name][k] = value
+    return motion.t[flagged]
+
+
+def _near(seen: dict[str, Array], motion: Motion, provenance: Provenance) -> str:
+    """What an adaptive run near a singular configuration has to know, or an empty text.
+
+    Fixed steps that meet one are taken again by least squares; the others pass it unguarded.
+    """
+    if provenance.step is not None or "pivot" not in seen:
+        return ""
+    nearest = int(np.argmin(seen["pivot"]))
+    if seen["pivot"][nearest] > NEARLY_DEPENDENT:
+        return ""
+    return (
+        f"the constraints are nearly dependent at t = {motion.t[nearest]:.9g} s, where {provenance.solver} "
+        "may change to another branch of the motion; compare with a fixed-step solver"
+    )
+
+
+def _where(times: Array) -> str:
+    """In words, when a run was at a singular configuration."""
+    shown = ", ".join(f"{t:.9g}" for t in times[:5])
+    return f"the constraints are dependent at t = {shown}{' s, …' if len(times) > 5 else ' s'}"
+
+
+def with_occurrences(
+    flow: Flow, observe: Kernel, happened: Sequence[Happened], run: Trajectory
+) -> Trajectory:
+    """The trajectory with what happened, as far as its rows go; `flow` may have its branches held."""
+    events = [e for e in happened if run.t[0] <= e.t <= run.t[-1]]
+    if not events:
+        return run
+    seen = []
+    for states, sides in (("before", "p_before"), ("after", "p_after")):
+        arrays: dict[str, Array] = {
+            "t": np.array([e.t for e in events]),
+            "x": np.array([getattr(e, states) for e in events]),
+        }
+        if flow.inputs.shape[0]:
+            arrays["inputs"] = np.array([e.inputs for e in events])
+        if flow.given.shape[0]:
+            assert flow.equations is not None
+            q, u, _ = flow.parts
+            arrays["given"] = np.array(
+                [
+                    flow.equations(t, x[q].copy(), x[u].copy())
+                    for t, x in zip(arrays["t"], arrays["x"])
+                ]
+            )
+        values = observe(parameters=np.array([getattr(e, sides) for e in events]), **arrays)
+        shaped = {name: value.reshape(len(events), -1) for name, value in values.items()}
+        inputs = np.array([e.inputs for e in events])
+        seen.append((shaped, logged_forces(flow, shaped, inputs)))
+    (before, forces_before), (after, forces_after) = seen
+    made = tuple(
+        Occurrence(
+            t=e.t,
+            names=e.names,
+            q=before["q"][k],
+            u_before=before["u"][k],
+            u_after=after["u"][k],
+            udot_before=before["udot"][k],
+            udot_after=after["udot"][k],
+            forces_before={name: force[k] for name, force in forces_before.items()},
+            forces_after={name: force[k] for name, force in forces_after.items()},
+            impulses=e.impulses,
+        )
+        for k, e in enumerate(events)
+    )
+    return replace(run, events=made)

@@ -1,0 +1,285 @@
+"""How fast friction and contact act, and what that asks of a step; overlaps at the start of a run.
+
+Contact and regularised friction are stiff: an explicit step must follow the oscillation of a mass on its
+contact, √(m_eff/k), and the decay of slip within the friction's width, m_eff w/(μ N). Both are estimated
+at the start of a run, from the effective mass 1/(J M⁻¹ Jᵀ) of each contact point.
+A touch to come must be resolved by implicit steps too. What a step may be is told by `stiffness`.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
+from deltac.dynamics.contact import rubbing_point
+from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
+from deltac.dynamics.recursions import crba
+from deltac.dynamics.system import System, trace
+from deltac.errors import InputError
+from deltac.mechanism.contact import Contact
+from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
+from deltac.mechanism.laws import evaluate
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
+from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
+from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.stiffness import StiffStep, longest_step, remedy
+
+
+@dataclass(frozen=True)
+class TimeScale:
+    """A time (s) within which a force element acts, estimated at a state.
+
+    `element` has the name ("contact floor"), `kind` is "oscillation" (τ = √(m_eff/k), the period is 2πτ)
+    or "decay" (a speed falls by 1/e within τ, of dissipation or of slip by friction); `why` tells it.
+    `touch` says that a blow is to come, which lasts about πτ.
+    """
+
+    element: str
+    kind: str
+    value: float
+    why: str
+    touch: bool = False
+
+    @property
+    def rate(self) -> complex:
+        """λ (1/s) of the motion exp(λ t): i/τ of an oscillation, −1/τ of a decay."""
+        return (1j if self.kind == "oscillation" else -1.0) / self.value
+
+
+@renamed_keywords(mechanism="model")
+def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
+    """Time scales of a model's friction and contacts at a state, the shortest first.
+
+    Of a contact, the overlap that is taken is the largest of: the present one; the one that carries the
+    weight of its effective mass; the one that stops it, at its speed of approach with what it gains by
+    falling through the gap. All is an estimate from the present state, not a bound on the motion.
+    """
+    loaded = load_model(model)
+    return tuple(
+        sorted(_found(loaded.mechanism, loaded.start(state)), key=lambda scale: scale.value)
+    )
+
+
+def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float | None) -> None:
+    """InputError for shapes that overlap too deeply; warns `StiffStep` of a step that is far too large."""
+    if not any(isinstance(e, Contact | JointFriction | PointFriction) for e in mechanism.elements):
+        return
+    _check_overlaps(mechanism, state)
+    if not solver.takes_steps or step is None:
+        return
+    limits = [
+        (longest_step(solver, scale.rate, touch=scale.touch), scale)
+        for scale in time_scales(mechanism, state)
+    ]
+    longest, worst = min(limits, key=lambda limit: limit[0], default=(math.inf, None))
+    if worst is not None and step > longest:
+        warnings.warn(
+            f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
+            f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
+            "longer ones",
+            StiffStep,
+            stacklevel=3,
+        )
+
+
+# --- at a state --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Touch:
+    """A contact point at a state: gap, normal, relative velocity, W = J M⁻¹ Jᵀ (3, 3; 1/kg)."""
+
+    label: str
+    gap: float
+    n: Array
+    velocity: Array
+    W: Array
+
+    @property
+    def mass(self) -> float:
+        """Effective mass along the normal (kg); without bound if nothing moves there."""
+        return _inverse(float(self.n @ self.W @ self.n))
+
+    @property
+    def sliding_mass(self) -> float:
+        """The least effective mass across the normal (kg)."""
+        across = np.eye(3) - np.outer(self.n, self.n)
+        return _inverse(float(np.linalg.eigvalsh(across @ self.W @ across)[-1]))
+
+
+_KEPT: LRUCache[tuple[dict[str, tuple[str, ...]], Any]] = LRUCache(16)
+
+
+def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]], Array]:
+    """The contact points of every element that has some, and M⁻¹ of the free speeds."""
+
+    def make() -> tuple[dict[str, tuple[str, ...]], Any]:
+        system = trace(mechanism)
+        V = all_velocities(system)
+        free = system.free_u
+        labels: dict[str, tuple[str, ...]] = {}
+        columns = []
+        for element in mechanism.elements:
+            points = _points(system, element)
+            if points:
+                labels[element.name] = tuple(p.label for p in points)
+            for point in points:
+                # Apart, each surface point is taken where it is: it is there that they would touch.
+                one, other = (
+                    velocity_at(system, V, k, place)
+                    for k, place in zip(point.links, (point.on_first, point.on_second))
+                )
+                v = one - other
+                J = ca.jacobian(v, system.u)
+                columns.append(ca.vertcat(point.gap, point.n, v, ca.vec(J)))
+        height = 7 + 3 * len(free)
+        table = ca.densify(ca.horzcat(*columns)) if columns else ca.SX(height, 0)
+        M = ca.densify(crba(system)[free, free])
+        return labels, ca.Function("touches", [system.t, system.q, system.u], [table, M])
+
+    labels, f = _KEPT.get(mechanism.digest(), make)
+    free = mechanism.free
+    table, M = (np.array(x) for x in f(state.t, state.q[free.q], state.u[free.u]))
+    inverse = np.linalg.pinv(M)
+    found: dict[str, list[_Touch]] = {}
+    rows = iter(table.T)
+    for name, some in labels.items():
+        found[name] = []
+        for label in some:
+            row = next(rows)
+            J = row[7:].reshape(3, -1, order="F")
+            found[name].append(_Touch(label, float(row[0]), row[1:4], row[4:7], J @ inverse @ J.T))
+    return found, inverse
+
+
+def _points(system: System, element: object) -> tuple[Gap, ...]:
+    match element:
+        case Contact():
+            return gaps(system, element.first, element.second)
+        case PointFriction():
+            return (rubbing_point(system, element),)
+    return ()
+
+
+def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
+    touches, inverse = _touches(mechanism, state)
+    known = {**mechanism.parameters, "t": state.t}
+    known |= {f"q.{e.name}": float(state.q[e.index]) for e in mechanism.coordinates}
+    known |= {f"u.{e.name}": float(state.u[e.index]) for e in mechanism.speeds}
+    place = {int(i): k for k, i in enumerate(mechanism.free.u)}
+    for element in mechanism.elements:
+        match element:
+            case Contact():
+                lies = any(touch.gap <= 0.0 for touch in touches[element.name])
+                for touch in touches[element.name]:
+                    yield from _of_contact(mechanism, element, touch, lies=lies)
+            case PointFriction():
+                (touch,) = touches[element.name]
+                slope = max(evaluate(element.normal_force, known), 0.0) * _slope(element.law, known)
+                name = f"point friction {element.name!r}"
+                yield from _decay(
+                    name, touch.sliding_mass, slope, "slip within the friction's width"
+                )
+            case JointFriction():
+                where = mechanism.speeds.of(element.joint)
+                for i, law in zip(range(where.start, where.stop), element.laws):
+                    mass = _inverse(inverse[place[i], place[i]]) if i in place else math.inf
+                    name = f"joint friction {element.name!r}"
+                    yield from _decay(name, mass, _slope(law, known), "slip within its width")
+
+
+def _of_contact(
+    mechanism: Mechanism, element: Contact, touch: _Touch, *, lies: bool
+) -> Iterator[TimeScale]:
+    """Of one point; where a shape `lies` on the other already, a gap elsewhere is no blow to come."""
+    m = touch.mass
+    if not math.isfinite(m):
+        return
+    name = f"contact {element.name!r}"
+    k, n, d = (
+        mechanism.number(x) for x in (element.stiffness, element.exponent, element.dissipation)
+    )
+    g = math.hypot(*(mechanism.number(component) for component in mechanism.gravity))
+    approach2 = max(-float(touch.n @ touch.velocity), 0.0) ** 2 + 2 * g * max(touch.gap, 0.0)
+    settled = max(-touch.gap, (m * g / k) ** (1 / n))
+    blow = ((n + 1) * m * approach2 / (2 * k)) ** (1 / (n + 1))
+    x = max(settled, blow)
+    hits = blow > settled and not (lies and touch.gap > 0.0)
+    if x <= 0.0:
+        if n > 1.0:
+            return  # nothing presses: the stiffness is zero
+        x = 0.0
+    stiffness, force = n * k * x ** (n - 1), k * x**n
+    why = f"the oscillation √(m_eff/k) of {m:.3g} kg on {stiffness:.3g} N/m"
+    yield TimeScale(name, "oscillation", math.sqrt(m / stiffness), why, hits)
+    damping = d * force if element.model == "hunt-crossley" else d
+    yield from _decay(name, m, damping, "its dissipation")
+    if element.friction is not None:
+        slope = force * _slope(element.friction, mechanism.parameters)
+        why = "slip within the friction's width"
+        yield from _decay(name, touch.sliding_mass, slope, why)
+
+
+def _decay(element: str, mass: float, slope: float, why: str) -> Iterator[TimeScale]:
+    """The decay m/c of a speed by a force c v."""
+    if slope > 0.0 and math.isfinite(mass):
+        yield TimeScale(element, "decay", mass / slope, why)
+
+
+def _slope(law: FrictionLaw, known: Mapping[str, float]) -> float:
+    """The slope of friction at rest: s/w + b."""
+    s, w, b = (evaluate(x, known) for x in (law.static, law.width, law.viscous))
+    return s / w + b
+
+
+def _inverse(mobility: float) -> float:
+    return 1.0 / mobility if mobility > 0.0 else math.inf
+
+
+# --- overlaps ----------------------------------------------------------------------------------------
+
+
+def _check_overlaps(mechanism: Mechanism, state: State) -> None:
+    """InputError for a start at which a contact's shapes overlap more than it allows."""
+    touches, _ = _touches(mechanism, state)
+    for element in mechanism.elements:
+        if not isinstance(element, Contact):
+            continue
+        worst = min(touches[element.name], key=lambda touch: touch.gap)
+        allowed = _deepest(mechanism, element)
+        if -worst.gap > allowed:
+            pair = f"{element.first.body!r} and {element.second.body!r}"
+            at = f" ({worst.label})" if worst.label else ""
+            raise InputError(
+                f"the start: the shapes of {pair} of contact {element.name!r} overlap by "
+                f"{-worst.gap:.4g} m{at}, more than {allowed:.4g} m; move them apart, or say "
+                f"contact(..., deepest={-worst.gap * 1.01:.2g}) if that is meant"
+            )
+
+
+def _deepest(mechanism: Mechanism, element: Contact) -> float:
+    if element.deepest is not None:
+        return mechanism.number(element.deepest)
+    sizes = [_thickness(mechanism, shape) for shape in (element.first, element.second)]
+    return 0.1 * min(sizes)
+
+
+def _thickness(mechanism: Mechanism, shape: Shape) -> float:
+    """The smallest dimension of a shape; of a point and of a half-space there is none."""
+    match shape:
+        case Sphere() | Capsule():
+            return 2.0 * mechanism.number(shape.radius) or math.inf
+        case Box():
+            return min(mechanism.number(size) for size in shape.size)
+    return math.inf

@@ -1,0 +1,282 @@
+"""Implicit fixed steps: a step's equations are compiled once and solved again and again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+from deltac.kernels import Kernel
+from deltac.simulation.flow import Flow
+from deltac.simulation.solvers import Solver
+from deltac.simulation.stepping.implicit.form import Form, Settings
+from deltac.simulation.stepping.implicit.newton import Newton, Outcome, StepSystem
+from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEquations
+from deltac.simulation.stepping.interpreted import StageRate
+from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+
+DEFAULT_RADIUS = 0.8
+"""Spectral radius of generalized-α at infinity, where none is asked for."""
+
+
+def check_radius(solver: Solver, radius: float | None) -> float:
+    """The spectral radius of a run; InputError for one out of [0, 1], or a solver that has none."""
+    if radius is None:
+        return DEFAULT_RADIUS
+    if solver.name != "generalized-alpha":
+        raise InputError(
+            f"spectral_radius is {radius!r}, and solver {solver.name!r} has none; leave it out, or use "
+            "'generalized-alpha'"
+        )
+    try:
+        number = float(radius)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not 0.0 <= number <= 1.0:
+        raise InputError(
+            f"spectral_radius is {radius!r}; expected a number from 0 (what is fast is gone in a step) to "
+            "1 (no numerical damping)"
+        )
+    return number
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A step that was taken: its unknowns y; x and memory after it, its rates (u̇, P) and multipliers λ."""
+
+    y: Array
+    x: Array
+    memory: Array
+    rates: Array
+    multipliers: Array
+
+
+class ImplicitMethod:
+    """An implicit solver on a flow, in symbols and compiled: kept between runs, and without numbers."""
+
+    def __init__(self, flow: Flow, solver: Solver) -> None:
+        """Write the step's equations out; InputError for what the solver cannot do."""
+        self.flow, self.solver = flow, solver
+        self.form = Form(flow)
+        if solver.name == "discrete-gradient":
+            _check_conservative(flow)
+
+    @cached_property
+    def _data(self) -> dict[str, ca.SX]:
+        width = 2 * (self.flow.u_size + self.form.integrals)
+        memory = width if self.solver.name == "generalized-alpha" else 0
+        return {
+            "t": ca.SX.sym("t0"),
+            "h": ca.SX.sym("h"),
+            "x": ca.SX.sym("x0", self.flow.x.shape[0]),
+            "memory": ca.SX.sym("memory", memory),
+            "inputs": self.flow.inputs,
+            "p": self.flow.p,
+            "radius": ca.SX.sym("radius"),
+        }
+
+    @cached_property
+    def equations(self) -> StepEquations:
+        """The step in symbols."""
+        d = self._data
+        q, u, z = self.flow.parts
+        before = Before(d["t"], d["h"], d["x"][q], d["x"][u], d["x"][z], d["memory"])
+        settings = Settings(d["inputs"], d["p"], d["radius"])
+        return SCHEMES[self.solver.name](self.form, before, settings)
+
+    @cached_property
+    def system(self) -> StepSystem:
+        """The step's equations, compiled."""
+        e = self.equations
+        return StepSystem(e.unknowns, self._data, e.residual, e.speeds)
+
+    @cached_property
+    def ending(self) -> Kernel:
+        """What follows from the unknowns: the state and the memory after the step, rates, multipliers."""
+        e = self.equations
+        inputs = {"y": e.unknowns, **{n: c for n, c in self._data.items() if c.shape[0]}}
+        outputs = {"after": e.after, "memory": e.memory, "rates": e.rates, "lam": e.multipliers}
+        return Kernel(inputs, outputs, name=f"end of a step of {self.solver.name}")
+
+    @cached_property
+    def rates(self) -> Any:
+        """(t, x, inputs, p) -> accelerations and powers of the equations of motion, solved."""
+        flow, n = self.flow, self.flow.q_size
+        rates = flow.xdot[n : n + flow.u_size + self.form.integrals]
+        return ca.Function("rates", [flow.t, flow.x, flow.inputs, flow.p], [ca.densify(rates)])
+
+
+class ImplicitSteps:
+    """The steps of an implicit method in one run: Newton's factors, the method's memory, the last step."""
+
+    on_grid = True
+
+    def __init__(self, method: ImplicitMethod, rate: StageRate, p: Array, radius: float) -> None:
+        """Nothing is computed before the first step; `rate` holds what motors are set to."""
+        self._method, self._motors, self._p, self._radius = method, rate, p, radius
+        self._newton, ending = Newton(method.system), method.ending
+        self._in, self._out = np.empty(ending.n_in), np.empty(ending.n_out)
+        self._places = [ending.output_slices[n] for n in ("after", "memory", "rates", "lam")]
+        self._memory: tuple[Array, float] | None = None  # and the length of the steps it is of
+        self._previous: tuple[Array, Array, float] | None = None  # unknowns, speeds before, length
+        self._tried: tuple[Taken, Array, float] | None = None
+        self._fastest = 0.0
+
+    def attempt(self, t: float, x: Array, until: float) -> Step:
+        """Solve a step's equations; StepFailed in words where Newton's method does not."""
+        h = until - t
+        if self._memory is None or abs(self._memory[1] - h) > 1e-6 * h:  # beyond rounding of times
+            self._memory = self._start(t, x, h), h
+        memory = self._memory[0]
+        taken = self._solved(t, x, h, memory)
+        self._tried = taken, x[self._method.flow.parts[1]], h
+
+        def exact(time: float) -> Array:
+            if time <= t:
+                return x
+            share, n = (time - t) / h, len(memory) // 2
+            rates, aux = memory[:n], memory[n:]  # auxiliary rates are ahead by a share of the step
+            part = np.concatenate([rates, rates + share * (aux - rates)])
+            return self._solved(t, x, time - t, part).x
+
+        return Step(t, x, until, taken.x, exact)
+
+    def accept(self, t: float, x: Array) -> None:
+        """The method's memory goes on from the end of the step."""
+        assert self._tried is not None
+        taken, u, h = self._tried
+        self._memory, self._previous = (taken.memory, h), (taken.y, u, h)
+
+    @property
+    def taken(self) -> Taken:
+        """What the last attempt came to."""
+        assert self._tried is not None
+        return self._tried[0]
+
+    def restart(self, t: float, x: Array, p: Array) -> None:
+        """From rates of the motion there, and a new Jacobian."""
+        self._p, self._memory, self._previous = p, None, None
+        self._newton.forget()
+
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+        """Steps go one by one."""
+        return None
+
+    def _solved(self, t: float, x: Array, h: float, memory: Array) -> Taken:
+        u = x[self._method.flow.parts[1]]
+        data = np.concatenate([[t, h], x, memory, self._motors.held, self._p, [self._radius]])
+        self._fastest = max(self._fastest, float(np.abs(u).max()))
+        outcome = Outcome(np.empty(0), False, 0, np.empty(0))
+        for guess in self._guesses(u, h, memory):
+            outcome = self._newton.solve(guess, data, self._fastest)
+            if outcome.solved:
+                break
+            self._newton.forget()
+        if not outcome.solved:
+            raise StepFailed(_stopped(self._method, t, h, outcome))
+        self._in[: len(outcome.y)], self._in[len(outcome.y) :] = outcome.y, data
+        out = self._method.ending.single(self._in, self._out).copy()
+        return Taken(outcome.y, *(out[place] for place in self._places))
+
+    def _guesses(self, u: Array, h: float, memory: Array) -> list[Array]:
+        """Where to start Newton's method: as in the last step, then from the present speeds."""
+        n = len(u)
+        now = np.zeros(self._method.system.size)
+        now[:n] = h * memory[:n] if len(memory) else u
+        if self._previous is None:
+            return [now]
+        y, u_before, before = self._previous
+        on = (h / before) * y
+        if not len(memory):
+            on[:n] = u + (h / before) * (u - u_before)
+        return [on, now]
+
+    def _start(self, t: float, x: Array, h: float) -> Array:
+        """The memory before the first step: rates of the motion, auxiliary ones by a trial step.
+
+        The auxiliary rates belong to t + (α_m − α_f) h; with those of t itself, multipliers would begin
+        with an error of first order.
+        """
+        if self._method.solver.name != "generalized-alpha":
+            return np.empty(0)
+        rates = self._rates(t, x)
+        self._previous = None
+        try:
+            trial = self._solved(t, x, h, np.concatenate([rates, rates]))
+        except StepFailed:
+            return np.concatenate([rates, rates])
+        following = self._rates(t + h, trial.x)
+        offset = (self._radius - 1) / (self._radius + 1)  # α_m − α_f
+        return np.concatenate([rates, rates + offset * (following - rates)])
+
+    def _rates(self, t: float, x: Array) -> Array:
+        """Accelerations and powers of the equations of motion, solved."""
+        return np.asarray(self._method.rates(t, x, self._motors.held, self._p)).ravel()
+
+
+def _stopped(method: ImplicitMethod, t: float, h: float, outcome: Outcome) -> str:
+    """In words, why a step could not be taken."""
+    if not np.isfinite(outcome.residual).all():
+        why = f"the equations of motion{_worst(method, h, outcome)} are not defined at the states tried"
+    else:
+        why = (
+            "the equations are singular"
+            if outcome.singular
+            else f"Newton's method found no solution in {outcome.iterations} iterations"
+        )
+        why += f"; what is left of the equations of motion is{_worst(method, h, outcome)}"
+    return (
+        f"in the step to {t + h:.9g} s {why}. The motion up to t = {t:.9g} s is kept. Take a smaller step; "
+        "if that does not help, look for a law that jumps or is not defined there, or for constraints that "
+        "lock"
+    )
+
+
+def _worst(method: ImplicitMethod, h: float, outcome: Outcome) -> str:
+    """The largest part of what is left of the equations of motion, and the speed it belongs to."""
+    flow = method.flow
+    forces = np.abs(outcome.residual[: flow.u_size]) / h
+    worst = int(np.argmax(np.where(np.isfinite(forces), forces, np.inf)))
+    size = f" {forces[worst]:.3g} N or N·m" if np.isfinite(forces[worst]) else ""
+    if flow.own is not None:
+        return size
+    mechanism = flow.system.mechanism
+    return f"{size} for speed {mechanism.speeds[int(mechanism.free.u[worst])].name!r}"
+
+
+def _check_conservative(flow: Flow) -> None:
+    """InputError unless K + V is a function of the state alone, which the scheme can keep."""
+    mechanism = flow.system.mechanism
+    advice = "use 'implicit-midpoint' or 'generalized-alpha'"
+    if flow.equations is not None:
+        raise InputError(
+            "solver 'discrete-gradient' keeps the energy of the mechanism, which equations by hand need "
+            f"not have; {advice}"
+        )
+    for joint in mechanism.joints:
+        if joint.prescribed:
+            raise InputError(
+                f"solver 'discrete-gradient' keeps the energy, and the prescribed joint {joint.name!r} "
+                f"feeds it; {advice}"
+            )
+    if flow.bound is not None:
+        rows = flow.bound.rows
+        for k, name in enumerate(rows.names):
+            if ca.sparsify(ca.simplify(rows.b[k])).nnz():
+                raise InputError(
+                    f"solver 'discrete-gradient' keeps the energy, and constraint {name!r}, which moves "
+                    f"in time, feeds it; {advice}"
+                )
+    from deltac.dynamics.forces import channels
+
+    for channel in channels(flow.system):
+        if channel.explicit is not None:
+            raise InputError(
+                f"solver 'discrete-gradient' keeps the energy, and {channel.name!r}, whose law depends on "
+                f"time, feeds it; {advice}"
+            )

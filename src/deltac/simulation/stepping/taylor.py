@@ -1,0 +1,190 @@
+"""heyoka's adaptive Taylor method, in double and quadruple precision: the reference."""
+
+from __future__ import annotations
+
+import copy
+import math
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import quaternions
+from deltac.errors import InputError
+from deltac.mechanism.laws import is_smooth
+from deltac.simulation.flow import Flow
+from deltac.simulation.stepping.protocol import Block, Step, StepGrid
+
+MOST_AHEAD = 256
+"""Samples taken in one call, between reports of progress."""
+
+KINKED = (
+    "FABS",
+    "SIGN",
+    "FMIN",
+    "FMAX",
+    "LT",
+    "LE",
+    "EQ",
+    "NE",
+    "NOT",
+    "AND",
+    "OR",
+    "FLOOR",
+    "CEIL",
+    "FMOD",
+    "COPYSIGN",
+    "IF_ELSE_ZERO",
+)
+
+
+class TaylorSteps:
+    """Taylor's method from sample to sample; its own steps within, and its state, are its own.
+
+    The state is kept in the method's precision, and only what is recorded is rounded.
+    """
+
+    on_grid = True
+
+    def __init__(self, flow: Flow, p: Array, tolerance: float | None, *, quad: bool) -> None:
+        """Its order follows from the tolerance, whose default is the precision of the numbers.
+
+        Raises InputError where heyoka is not installed.
+        """
+        try:
+            import heyoka as hy
+        except ImportError:
+            raise InputError(
+                "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
+            ) from None
+        self._flow, self._tolerance = flow, tolerance
+        self._real: Any = hy.real128 if quad else float
+        self._quaternions = [] if flow.own is not None else quaternions(flow.system.mechanism)
+        self._p, self._at, self._pair = p, math.nan, dict[tuple[float, ...], tuple[Any, Any]]()
+
+    @property
+    def _methods(self) -> tuple[Any, Any]:
+        """The integrator of the run, and one for parts of its steps; others where a law switches.
+
+        Copies: threads may run the same mechanism at once. Raises InputError for laws that are not smooth.
+        """
+        key = tuple(self._p.tolist())
+        if key not in self._pair:
+            kept = _taylor_method(self._flow, key, self._tolerance, self._real)
+            self._pair[key] = copy.copy(kept), copy.copy(kept)
+        return self._pair[key]
+
+    def attempt(self, t: float, x: Array, until: float) -> Step:
+        """Steps up to `until`; for events the method again, from the start."""
+        method, probe = self._methods
+
+        def exact(time: float) -> Array:
+            if time <= t:
+                return x
+            self._place(probe, t, x)
+            probe.propagate_until(self._real(time))
+            return np.asarray(probe.state).astype(np.float64)
+
+        if self._at != t:
+            self._place(method, t, x)
+            method.propagate_until(self._real(t + self._first(method, until - t)))
+        method.propagate_until(self._real(until))
+        self._at = until
+        return Step(t, x, until, np.asarray(method.state).astype(np.float64), exact)
+
+    def accept(self, t: float, x: Array) -> None:
+        """The method goes on by itself, unless it is ahead of what is accepted."""
+        if self._at != t:
+            self._at = math.nan
+
+    def restart(self, t: float, x: Array, p: Array) -> None:
+        """From another state, and with other parameters."""
+        self._p, self._at = p, math.nan
+
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+        """The next samples."""
+        count = min(most, MOST_AHEAD, grid.count - k)
+        times, (method, _), limit = grid.times(k, count + 1), self._methods, {}
+        if self._at != times[0]:
+            self._place(method, times[0], x)
+            times = times[:2]
+            limit = {"max_delta_t": self._real(self._first(method, times[1] - times[0]))}
+        outcome = method.propagate_grid(times.astype(self._real), **limit)
+        found = np.asarray(outcome[-1]).astype(np.float64)[1:]
+        # What was not reached is not finite.
+        states = np.full((len(times) - 1, len(x)), np.nan)
+        states[: len(found)] = found
+        self._at = float(times[-1])
+        for place in self._quaternions:
+            states[:, place] /= np.linalg.norm(states[:, place], axis=1, keepdims=True)
+        return Block(states)
+
+    def _place(self, method: Any, t: float, x: Array) -> None:
+        method.time = self._real(t)
+        method.state[:] = x.astype(self._real)
+
+    def _first(self, method: Any, most: float) -> float:
+        """A safe length of the first step, from all Taylor coefficients at the start.
+
+        The method goes by the last two orders only, and at a start from rest these may vanish by symmetry.
+        """
+        t, x = method.time, np.array(method.state)
+        method.step(max_delta_t=self._real(0.0), write_tc=True)
+        coefficients = np.abs(np.asarray(method.tc).astype(np.float64))
+        method.state[:] = x
+        method.time = t
+        size = max(1.0, float(np.abs(x.astype(np.float64)).max()))
+        orders = np.arange(1, coefficients.shape[1])
+        largest = coefficients[:, 1:].max(axis=0)
+        with np.errstate(divide="ignore"):
+            radius = float(np.min((size / largest) ** (1.0 / orders)))
+        return min(most, radius / math.e**2)
+
+
+@lru_cache(maxsize=32)
+def _taylor_method(
+    flow: Flow, p: tuple[float, ...], tolerance: float | None, real: type[Any]
+) -> Any:
+    """Heyoka's integrator of the flow, at no state in particular: made once, or from the disk cache."""
+    import heyoka as hy
+
+    from deltac.kernels import compiled, prepare_heyoka, to_heyoka
+
+    # With numbers for the parameters, a law whose branches are held is one of its branches.
+    xdot = ca.densify(ca.substitute(flow.xdot, flow.p, ca.DM(p))) if p else ca.densify(flow.xdot)
+    function = ca.Function("xdot", [flow.t, flow.x], [ca.cse(xdot)])
+    _require_smooth(flow, function)
+    source = (prepare_heyoka(), real.__name__, tolerance, function.serialize())
+
+    def made() -> Any:
+        names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
+        (rates,) = to_heyoka(function, [[hy.time], names])
+        options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
+        nowhere = np.zeros(len(names)).astype(real)
+        return hy.taylor_adaptive(
+            list(zip(names, rates)), nowhere, fp_type=real, compact_mode=True, **options
+        )
+
+    return compiled(repr(source), made)
+
+
+def _require_smooth(flow: Flow, function: Any) -> None:
+    """InputError if ẋ, as a function, has a kink anywhere, naming the law where one is to blame."""
+    kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
+    if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
+        return
+    where = "the equations of motion"
+    for element in flow.system.mechanism.elements:
+        for value in vars(element).values():
+            laws = value if isinstance(value, tuple) else (value,)
+            if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in laws):
+                where = f"a law of {type(element).__name__} {element.name!r}"
+    for joint in flow.system.mechanism.joints:
+        if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in joint.motion):
+            where = f"the motion of joint {joint.name!r}"
+    raise InputError(
+        f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
+        "where, a comparison; the spring of a quaternion). Use switches=True, 'ode5' or 'DOP853'"
+    )

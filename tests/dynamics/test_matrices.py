@@ -1,0 +1,287 @@
+"""The theory's matrices: their identities on random mechanisms, closed forms, reactions by other means."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+
+import deltac as dc
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.kkt import least_squares
+from deltac.dynamics.matrices import Matrices, matrices_at, stacked
+from deltac.errors import InputError
+from tests.systems.constrained_mechanisms import Tied, condition, four_bar, parallelogram, tied
+from tests.systems.machines import pendulum
+from tests.systems.random_mechanisms import Options, Sample, samples
+
+ROUNDING = 1e-9
+"""Relative to the largest term: complements are solved for, and random mechanisms are badly scaled."""
+
+
+few = settings(max_examples=settings().max_examples // 3)
+"""An example takes some tenths of a second."""
+
+
+def near(a: Any, b: Any, *scale: Any, loss: float = 1.0) -> None:
+    """Equal to rounding of the largest of a, b and `scale`, magnified by `loss`."""
+    size = max(float(np.abs(np.asarray(x)).max(initial=0.0)) for x in (a, b, *scale, 1.0))
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=ROUNDING * size * loss)
+
+
+def vanishes(product: Any, *scale: Any, loss: float = 1.0) -> None:
+    near(product, np.zeros(np.shape(product)), *scale, loss=loss)
+
+
+def identities(m: Matrices, loss: float = 1.0) -> None:
+    """What must hold of the matrices of any state that meets its constraints."""
+    R, R_hat = m.R, m.R_hat
+    near(m.R @ m.u + m.v_t, m.v, R, loss=loss)
+    near(m.R_hat @ m.u_hat + m.v_t_hat, m.v, R_hat, loss=loss)
+    vanishes(m.J @ m.R, R, loss=loss)
+    vanishes(m.J @ m.R_hat, R_hat, loss=loss)
+    vanishes(m.A @ m.R_hat, R_hat, loss=loss)
+    near(m.J @ m.v_t, -m.f_t, m.v_t, loss=loss)
+    near(m.A @ m.v_t_hat, -m.b, m.v_t_hat, loss=loss)
+    vanishes(m.J @ m.v + m.f_t, m.v, loss=loss)
+    vanishes(m.A @ m.v + m.b, m.v, loss=loss)
+    near(m.J_joints @ m.v, -m.f_t_joints, m.v)
+    vanishes(m.J_joints @ m.R, R, loss=loss)
+    vanishes(m.F_r + m.F_r_star, np.abs(R_hat).T @ np.abs(m.M @ m.v_dot), loss=loss)
+    vanishes(m.F + m.F_star + m.F_prime, m.F)
+    # F′ is what joints, loops and motion constraints can exert, and nothing else.
+    inner = m.F_prime - m.J.T @ m.lambda_c - m.A.T @ m.lambda_m
+    multipliers = np.linalg.lstsq(m.J_joints.T, inner, rcond=None)[0]
+    near(m.J_joints.T @ multipliers, inner, m.F_prime, loss=loss)
+
+
+@given(samples(Options()))
+def test_identities_of_trees(sample: Sample) -> None:
+    loss = float(np.linalg.cond(sample.book.mass_matrix)) if len(sample.book.free) else 1.0
+    m = matrices_at(sample.mechanism, sample.t, sample.q, sample.u, joints=True)
+    identities(m, max(1.0, 1e-4 * loss))
+    assert len(m.J) == len(m.A) == 0 and m.R is not m.R_hat
+    near(m.R @ m.udot[sample.mechanism.free.u] + m.R_dot @ m.u + m.v_t_dot, m.v_dot, m.R_dot)
+
+
+@few
+@given(tied(Options(bodies=3, massless=False, thin=False)))
+def test_identities_with_constraints(tied: Tied) -> None:
+    s = tied.sample
+    loss = condition(tied)
+    assume(loss < 1e6)  # nearly dependent constraints have nearly any multipliers
+    m = matrices_at(s.mechanism, s.t, s.q, s.u, joints=True)
+    identities(m, loss)
+    rank = len(tied.independent)
+    assert m.R_hat.shape[1] == len(s.mechanism.free.u) - rank
+
+
+@few
+@given(tied(Options(bodies=3, massless=False, thin=False)))
+def test_the_recursions_find_the_same(tied: Tied) -> None:
+    """u̇ and, where no row is redundant, λ of the factorised equations that simulations use."""
+    s, free = tied.sample, tied.sample.mechanism.free
+    loss = condition(tied)
+    assume(loss < 1e6)
+    m = matrices_at(s.mechanism, s.t, s.q, s.u)
+    motion = equations_of_motion(s.mechanism)
+    terms = motion.terms(s.t, s.q[free.q], s.u[free.u])
+    rows = list(tied.independent)
+    solved = least_squares(terms.M, terms.G[rows])
+    force = terms.force - terms.bias
+    lam = solved.multipliers(force, terms.gamma[rows])
+    udot = solved.free_response(force + terms.G[rows].T @ lam)
+    near(m.udot[free.u], udot, loss=loss)
+    G = m.B[:, free.u].T @ np.vstack([m.J, m.A]).T
+    ties = G @ np.concatenate([m.lambda_c, m.lambda_m])
+    near(ties, terms.G[rows].T @ lam, force, loss=loss)
+
+
+# --- closed forms --------------------------------------------------------------------------------------
+
+
+def test_closed_forms_of_the_triple_pendulum() -> None:
+    """R, v, M, F and F* of three bars in a chain, written out (chapter 3 of the thesis)."""
+    problem = dc.problems.load("triple-pendulum")
+    mechanism = problem.mechanism
+    names = mechanism.coordinates.names
+    theta, rate = np.array([0.3, 1.1, -0.4]), np.array([0.7, -1.2, 2.0])
+    relative = np.diff(theta, prepend=0.0), np.diff(rate, prepend=0.0)
+    state = mechanism.state(dict(zip(names, relative[0])), dict(zip(names, relative[1])))
+    m = matrices_at(mechanism, 0.0, state.q, state.u)
+    l, W, g = np.array([0.1, 0.25, 0.5]), np.array([10.0, 30.0, 20.0]), 9.8
+    mass, r = W / g, l / 2
+    R = np.zeros((18, 3))
+    for body in range(3):
+        for k in range(body + 1):
+            arm = r[k] if k == body else l[k]
+            R[6 * body : 6 * body + 2, k] = arm * np.array([np.cos(theta[k]), np.sin(theta[k])])
+        R[6 * body + 5, body] = 1.0
+    R = R @ np.tril(np.ones((3, 3)))  # absolute rates from those of the joints
+    np.testing.assert_allclose(m.R, R, atol=1e-14)
+    np.testing.assert_allclose(m.v, R @ relative[1], atol=1e-13)
+    place = [l[:k] @ np.c_[np.sin(theta[:k]), -np.cos(theta[:k])] for k in range(4)]
+    for k in range(3):
+        at = place[k] + r[k] * np.array([np.sin(theta[k]), -np.cos(theta[k])])
+        np.testing.assert_allclose(m.x[7 * k : 7 * k + 2], at, atol=1e-14)
+    np.testing.assert_allclose(m.M.diagonal()[0::6], mass, rtol=1e-14)
+    np.testing.assert_allclose(m.M.diagonal()[5::6], mass * l**2 / 12, rtol=1e-13)
+    np.testing.assert_allclose(m.F.reshape(3, 6)[:, 1], -W, rtol=1e-14)
+    # At the tip nothing hangs on bar 3: its hinge carries what accelerates it.
+    np.testing.assert_allclose(
+        m.reaction_force[2, :2], (m.M @ m.v_dot)[12:14] - m.F[12:14], rtol=1e-12
+    )
+
+
+def test_the_bead_on_a_hoop_is_acatastatic() -> None:
+    """A hoop of radius r about the vertical at Ω: v_t = Ω × x, and K2 − K0 + V is constant."""
+    problem = dc.problems.load("bead-on-hoop")
+    m = matrices_at(problem.mechanism, 0.0, problem.state.q, problem.state.u, joints=True)
+    assert np.abs(m.v_t).max() > 0.1 and m.R.shape[1] == 1
+    identities(m)
+
+
+# --- reactions by other means --------------------------------------------------------------------------
+
+
+def arm(spread: bool) -> tuple[dc.Mechanism, dc.State]:
+    """Two bodies and ball joints, in joint coordinates, or as free bodies held together by constraints."""
+    bodies = [
+        dc.body("upper", 1.3, [0.2, 0.1, 0.15], [0.05, 0.1, -0.3]),
+        dc.body("lower", 0.7, [0.1, 0.12, 0.08], [0.02, -0.05, -0.2]),
+    ]
+    tree = dc.Mechanism(
+        bodies,
+        [
+            dc.joints.spherical("shoulder", "ground", "upper", position=[0.1, 0.2, 0.3]),
+            dc.joints.spherical("elbow", "upper", "lower", position=[0, 0.1, -0.6]),
+        ],
+        gravity=[0, 0, -9.81],
+    )
+    turn = np.array([0.8, 0.2, -0.5, 0.3])
+    turn2 = np.array([0.5, -0.3, 0.6, 0.2])
+    state = tree.state(
+        {"shoulder": turn / np.linalg.norm(turn), "elbow": turn2 / np.linalg.norm(turn2)},
+        {"shoulder": [0.5, -1.0, 2.0], "elbow": [1.0, 0.7, -0.4]},
+    )
+    if not spread:
+        return tree, state
+    apart = dc.Mechanism(
+        bodies,
+        [dc.free("one", "upper"), dc.free("two", "lower")],
+        gravity=[0, 0, -9.81],
+        constraints=[
+            dc.constraints.loop_spherical("shoulder", "ground", "upper", point1=[0.1, 0.2, 0.3]),
+            dc.constraints.loop_spherical("elbow", "upper", "lower", point1=[0, 0.1, -0.6]),
+        ],
+    )
+    m = matrices_at(tree, 0.0, state.q, state.u)
+    q, u = [], []
+    for k, body in enumerate(bodies):
+        x, E = m.x[7 * k : 7 * k + 3], rotation_of(m.x[7 * k + 3 : 7 * k + 7])
+        lever = -E @ np.array(body.mass_centre)
+        w = m.v[6 * k + 3 : 6 * k + 6]
+        q += [*(x + lever), *m.x[7 * k + 3 : 7 * k + 7]]
+        u += [*(m.v[6 * k : 6 * k + 3] + np.cross(E @ w, lever)), *w]
+    return apart, apart.state(q, u)
+
+
+def rotation_of(q: Any) -> Any:
+    w, v = q[0], np.asarray(q[1:])
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def test_reactions_against_multipliers_of_free_bodies() -> None:
+    tree, state = arm(spread=False)
+    apart, loose = arm(spread=True)
+    m = matrices_at(tree, 0.0, state.q, state.u)
+    far = matrices_at(apart, 0.0, loose.q, loose.u)
+    np.testing.assert_allclose(far.v, m.v, atol=1e-13)
+    np.testing.assert_allclose(far.v_dot, m.v_dot, atol=1e-11)
+    # A row of a spherical loop is the place on body 2 less that on body 1, so λ acts on body 2.
+    np.testing.assert_allclose(far.lambda_c.reshape(2, 3), m.reaction_force, atol=1e-11)
+    np.testing.assert_allclose(m.reaction_moment, 0.0, atol=1e-11)
+    np.testing.assert_allclose(far.reaction_force, 0.0, atol=1e-11)  # free joints carry nothing
+    assert far.loop_rows == ("shoulder",) * 3 + ("elbow",) * 3
+
+
+def test_reactions_against_mujoco() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><compiler autolimits="true"/><option gravity="0.3 0 -9.81"/><worldbody>
+        <body name="a" pos="0.1 0 0.2"><joint name="h1" axis="1 0.2 0.3"/>
+          <inertial pos="0.05 0.1 -0.3" mass="1.3" diaginertia="0.2 0.1 0.15"/>
+          <body name="b" pos="0 0.1 -0.6"><joint name="h2" axis="0 1 0.4"/>
+            <inertial pos="0.02 -0.05 -0.2" mass="0.7" diaginertia="0.1 0.12 0.08"/></body>
+        </body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [0.4, -0.9], [1.5, -2.0]
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    mechanism, _ = dc.read_mechanism(model)
+    state = mechanism.state(data.qpos, data.qvel)
+    m = matrices_at(mechanism, 0.0, state.q, state.u)
+    np.testing.assert_allclose(m.udot, data.qacc, rtol=1e-10)
+    for k, joint in enumerate(mechanism.joints):
+        body = int(model.body(joint.child).id)
+        moment, force = data.cfrc_int[body, :3], data.cfrc_int[body, 3:]
+        about = data.subtree_com[model.body_rootid[body]]
+        np.testing.assert_allclose(m.reaction_force[k], force, atol=1e-10)
+        at_joint = moment + np.cross(about - m.reaction_place[k], force)
+        np.testing.assert_allclose(m.reaction_moment[k], at_joint, atol=1e-10)
+
+
+# --- choices and bad input -------------------------------------------------------------------------------
+
+
+def four_bar_state() -> tuple[dc.Mechanism, dc.State]:
+    mechanism = four_bar()
+    return mechanism, dc.assemble(mechanism, mechanism.state(parallelogram(1.0), [1, -1, 1])).state
+
+
+@pytest.mark.parametrize("crank", ["hinge0", "hinge1", "hinge2"])
+def test_independent_speeds_are_those_asked_for(crank: str) -> None:
+    mechanism, state = four_bar_state()
+    m = matrices_at(mechanism, 0.0, state.q, state.u, independent=[crank], joints=True)
+    assert m.speeds == m.speeds_hat == (crank,)
+    identities(m)
+
+
+def test_bad_input() -> None:
+    mechanism, state = four_bar_state()
+    with pytest.raises(InputError, match="hinge0.*follows"):
+        matrices_at(mechanism, 0.0, state.q, state.u, independent=["hinge1", "hinge0"])
+    with pytest.raises(InputError, match="'hinge'"):
+        matrices_at(mechanism, 0.0, state.q, state.u, independent=["hinge"])
+    with pytest.raises(InputError, match="'motor'"):
+        dc.matrices(mechanism, state, inputs={"motor": 1.0})
+
+
+def test_motors_without_a_law() -> None:
+    mechanism = replace(pendulum(), forces=[dc.forces.joint_torque("motor", "hinge")])
+    state = mechanism.state({"hinge": 0.3})
+    idle = matrices_at(mechanism, 0.0, state.q, state.u)
+    pulled = matrices_at(mechanism, 0.0, state.q, state.u, inputs={"motor": [1.5]})
+    # m l² q̈ = −m g l sin q + τ
+    np.testing.assert_allclose(pulled.udot - idle.udot, 1.5 / (2.0 * 0.5**2), rtol=1e-12)
+    with pytest.raises(InputError, match="motor"):
+        dc.matrices(mechanism, state, inputs={"motor": [1.0, 2.0]})
+
+
+def test_quaternions_along_a_run_keep_their_sign() -> None:
+    mechanism = dc.Mechanism(
+        [dc.bodies.box("box", 1.0, [0.1, 0.2, 0.3])], [dc.joints.spherical("j", "ground", "box")]
+    )
+    samples = []
+    for angle in np.linspace(0, 2 * np.pi, 30):
+        turn = [np.cos(angle / 2), np.sin(angle / 2), 0, 0]
+        state = mechanism.state({"j": turn})
+        samples.append(matrices_at(mechanism, 0.0, state.q, state.u))
+    x = stacked(samples).x
+    assert x.shape == (30, 7)
+    assert np.abs(np.diff(x[:, 3:], axis=0)).max() < 0.2

@@ -1,0 +1,162 @@
+"""`Report`: JSON of every result, text in any width, codes that are listed."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.codes import FINDINGS, finding_code
+from deltac.diagnosis.explain.causes import PREFERENCE
+from deltac.errors import InputError, LogError, UnknownName
+from deltac.results import SCHEMA, Finding, Record, Report, Section, Table, Verbatim, as_text
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+@dataclass(frozen=True)
+class Part(Record, omit=("hidden",), also=("twice",)):
+    x: float
+    hidden: object = None
+
+    @property
+    def twice(self) -> float:
+        return 2.0 * self.x
+
+
+@dataclass(frozen=True, repr=False)
+class Sample(Report):
+    parts: tuple[Part, ...]
+    values: Any
+    names: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        return (Finding("gravity", "a", "b", "c", "cause"),)
+
+    @property
+    def exit_code(self) -> int:
+        return 3
+
+    def summary(self) -> str:
+        return "one <line>"
+
+    def sections(self) -> Any:
+        yield "a <paragraph> & more"
+        yield Table(("name", "value | unit"), (("x", "1.5 J"), (), ("total", "-2 %")))
+        yield Verbatim("-old\n+new")
+
+
+SAMPLE = Sample(
+    (Part(np.inf, hidden=object()), Part(2.0)),
+    np.array([[1.0, np.nan], [np.inf, 4.0]]),
+    {"path": Path("a"), "n": np.int64(3), "flag": np.bool_(True), "none": None},
+)
+
+
+def test_fields_make_the_json() -> None:
+    told = json.loads(json.dumps(SAMPLE.to_dict(), allow_nan=False))
+    assert list(told)[:4] == ["schema", "deltac", "report", "exit_code"]
+    assert (told["schema"], told["report"], told["exit_code"]) == (SCHEMA, "Sample", 3)
+    assert told["parts"] == [{"twice": None, "x": None}, {"twice": 4.0, "x": 2.0}]
+    assert told["values"] == [[1.0, None], [None, 4.0]]
+    assert told["names"] == {"path": "a", "n": 3, "flag": True, "none": None}
+    assert told["findings"][0]["code"] == "F-GRAVITY"
+
+
+def test_what_has_no_json_is_an_error_of_ours() -> None:
+    with pytest.raises(TypeError, match="object has no form in JSON"):
+        Sample((), object()).to_dict()
+
+
+def test_sections_make_text_html_and_markdown() -> None:
+    assert str(SAMPLE) == "one <line>" and repr(SAMPLE) == "Sample(one <line>)"
+    assert SAMPLE.table() == "name   value | unit\n───────────────────\nx             1.5 J\n" + (
+        "───────────────────\ntotal          -2 %"
+    )
+    shown = SAMPLE._repr_html_()
+    assert "one &lt;line&gt;" in shown and "<paragraph>" not in shown
+    assert "<td>1.5 J</td>" in shown and "<pre>-old\n+new</pre>" in shown
+    told = SAMPLE.to_markdown()
+    assert "| name | value \\| unit |\n| --- | ---: |" in told and "```\n-old\n+new\n```" in told
+
+
+def test_the_old_name_of_the_exit_code_warns() -> None:
+    with pytest.warns(DeprecationWarning, match="exit_code"):
+        assert SAMPLE.status == 3
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+def test_text_keeps_to_its_width_and_breaks_no_word(width: int) -> None:
+    rows = tuple(
+        (f"element-{k}", "a sentence of words that must be wrapped somewhere", f"{k}.5 J", "x" * 12)
+        for k in range(3)
+    )
+    sections: tuple[Section, ...] = (
+        "equation-error " * 12,
+        Table(("name", "what it is", "energy", "code"), rows),
+    )
+    text = as_text(sections, width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "a sentence of words" in " ".join(text.split()) or width < 60
+    assert len(re.findall(r"\bequation-error\b", text)) == 12
+    assert all(text.count(row[0]) >= 1 and text.count("x" * 12) == 3 for row in rows)
+
+
+# --- codes ----------------------------------------------------------------------------------------
+
+
+def test_the_page_of_codes_lists_them_all() -> None:
+    listed = dict(
+        re.findall(
+            r"^\| `([EF]-[A-Z0-9-]+)` \| (.*) \|$", (DOCS / "codes.md").read_text("utf-8"), re.M
+        )
+    )
+    findings = {finding_code(kind): meaning for kind, meaning in FINDINGS.items()}
+    errors = {code: meaning.rstrip(".") for code, meaning in InputError.codes().items()}
+    of_commands = {"E-USAGE", "E-INTERNAL"}
+    assert {c: m for c, m in listed.items() if c not in of_commands} == findings | errors
+    assert of_commands <= set(listed)
+
+
+def test_every_cause_has_a_code() -> None:
+    assert set(PREFERENCE) <= set(FINDINGS)
+    with pytest.raises(AssertionError, match="codes.py"):
+        Finding("no-such-kind", "a", "b", "c")
+
+
+def test_an_error_that_adds_where_has_the_code_of_its_cause() -> None:
+    try:
+        try:
+            raise LogError("no column 'time'")
+        except InputError as error:
+            raise InputError(f"run.csv: {error}") from error
+    except InputError as error:
+        assert error.code == "E-LOG"
+    assert InputError("x").code == "E-VALUE" and issubclass(UnknownName, KeyError)
+    assert str(UnknownName("unknown 'x'")) == "unknown 'x'"
+
+
+@pytest.mark.parametrize(
+    ("call", "code"),
+    [
+        (lambda: dc.audit("no-such-problem", "run.csv"), "E-NAME"),
+        (lambda: dc.audit(3, "run.csv"), "E-TYPE"),
+        (lambda: dc.audit("simple-pendulum", "missing.csv"), "E-FILE"),
+        (lambda: dc.problems.load("simple-pendulum").mechanism.state({"elbow": 1.0}), "E-NAME"),
+        (lambda: dc.point_mass("ball", -1.0), "E-MODEL"),
+        (lambda: dc.audit("simple-pendulum", 3), "E-TYPE"),
+        (lambda: dc.check_equations("simple-pendulum", lambda t, q, u: q[5]), "E-SOURCE"),
+        (lambda: dc.study("simple-pendulum", steps=[1e-2, -1.0]), "E-VALUE"),
+    ],
+)
+def test_errors_have_codes(call: Any, code: str) -> None:
+    with pytest.raises(InputError) as stop:
+        call()
+    assert stop.value.code == code

@@ -22,22 +22,56 @@ BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
 USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
 """Codes of errors that are no InputError: of the command line itself, and of deltac."""
 
+COMMANDS: dict[str, tuple[str, str]] = {
+    "study": (
+        "Run a motion at several steps: is the error the integrator's?",
+        "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
+        "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
+    ),
+    "audit": (
+        "Judge logs: where every joule went, and what is wrong.",
+        "deltac audit arm.xml run.parquet --tolerance 1e-3 --explain\n"
+        "  deltac audit robot.py:model runs/*.csv --mapping map.toml --format github",
+    ),
+    "check": (
+        "Check equations of motion at random states; repair them.",
+        "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
+    ),
+    "recommend": (
+        "Find the cheapest solver and step that keep a tolerance.",
+        "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
+    ),
+    "mutate": (
+        "Make mistakes on purpose, and see which tests notice.",
+        "deltac mutate model.py:pendulum eom.py:rhs",
+    ),
+    "problems": (
+        "List the problem library, or run one of its problems.",
+        "deltac problems\n  deltac problems n-four-bar --set n=3",
+    ),
+    "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
+    "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
+}
+"""What the list of commands says of each, and the examples in its help."""
+
+PAGES = {"problems": "guide", "reproduce": "thesis", "mutate": "repair", "cache": "guide"}
+"""Pages of the documentation that are not named like their command."""
+
 app = typer.Typer(
     name="deltac",
     help="Energy testing functions: can this multibody simulation be trusted?",
+    epilog="Completion for bash, zsh and fish: deltac --install-completion",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("reproduce")(reproduce.command)
-app.command("problems")(problems.command)
-app.command("study")(study.command)
-app.command("audit")(audit.command)
-app.command("recommend")(recommend.command)
-app.command("check")(check.command)
-app.command("mutate")(mutate.command)
-app.command("cache")(cache.command)
+for module in (study, audit, check, recommend, mutate, problems, reproduce, cache):
+    command = module.__name__.rpartition(".")[2]
+    short, examples = COMMANDS[command]
+    page = f"docs/{PAGES.get(command, command)}.md"
+    epilog = f"\b\nExamples:\n  {examples}\nMore: {page}"
+    app.command(command, short_help=short, epilog=epilog)(module.command)
 
 
 def _version(wanted: bool) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import Form, Format, Json, checked_figure, deliver, progress_bar, write
 
 
 def command(
@@ -44,11 +44,12 @@ def command(
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
-    Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
     from deltac.diagnosis.inputs.models import load_callable
     from deltac.diagnosis.recommend.recommend import recommend
@@ -72,4 +73,4 @@ def command(
         from deltac.report import recommendation_figure
 
         write(recommendation_figure(f"{model}: work and precision", found), figure)
-    deliver(found, as_json, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure)

@@ -89,9 +89,11 @@ class Rival:
 
     def trajectory(self, like: dc.Trajectory, found: Any) -> dc.Trajectory:
         """SciPy's states in place of those of a run of deltac's at the same instants."""
-        q, u, integrals = (found.y[part].T for part in self.flow.parts)
-        named = dict(zip(self.flow.integrals, integrals.T, strict=True))
-        return replace(like, q=q, u=u, udot=None, integrals=named)
+        q, u, sums = (found.y[part] for part in self.flow.parts)
+        first = len(self.flow.works)
+        works = dict(zip(self.flow.works, sums[:first], strict=True))
+        integrals = dict(zip(self.flow.integrals, sums[first:], strict=True))
+        return replace(like, q=q.T, u=u.T, udot=None, works=works, integrals=integrals)
 
 
 def _energy_error(problem: dc.problems.Problem, run: dc.Trajectory) -> float:

@@ -15,7 +15,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.explain.causes import Candidate, candidates
 from deltac.diagnosis.explain.columns import column_kernels, evaluate
-from deltac.diagnosis.explain.regression import white_noise
+from deltac.diagnosis.measurements.digits import white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))

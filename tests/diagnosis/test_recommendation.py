@@ -46,7 +46,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
         run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
         exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
         ledger = dc.balance(problem.mechanism, run, testing=("wang",))
-        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.turnover)
+        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.energy_exchanged)
         errors.append(max(energy, share_of_ranges(run, exact)))
     assert errors[0] <= 1.1e-6
     assert errors[1] > 0.9e-6
@@ -379,7 +379,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
     assert advice.coarser is not None
     coarser = run(advice.best.solver, advice.coarser.setting)
     ledger = dc.balance(mechanism, coarser, testing=("wang",))
-    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.turnover
+    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.energy_exchanged
     exact = run("mujoco:rk4", advice.coarser.setting / 32)
     # What fails is one of the two, or the run itself; the energy counts corrections too.
     assert max(energy, distance(mechanism, coarser, exact)) > 0.5 * tolerance

@@ -27,7 +27,9 @@ def log(run: Trajectory, udot: bool) -> Trajectory:
     """What another program would have written; corrections are known, for they are no guess."""
     kept = {n: x for n, x in run.integrals.items() if n.startswith("correction")}
     source = Provenance("another program", step=run.provenance.step)
-    return replace(run, udot=run.udot if udot else None, integrals=kept, provenance=source)
+    return replace(
+        run, udot=run.udot if udot else None, works={}, integrals=kept, provenance=source
+    )
 
 
 def of_runs(mechanism: Any, make: Any, udot: bool, order: int | None = 4) -> Study:

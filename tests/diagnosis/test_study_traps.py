@@ -26,7 +26,9 @@ def kinds(study: Study) -> set[str]:
 def log(run: Trajectory, udot: bool = False, step: bool = True) -> Trajectory:
     """The bare log that another program would have written."""
     source = Provenance("another program", step=run.provenance.step if step else None)
-    return replace(run, udot=run.udot if udot else None, integrals={}, forces={}, provenance=source)
+    return replace(
+        run, udot=run.udot if udot else None, works={}, integrals={}, forces={}, provenance=source
+    )
 
 
 def samples(step: float, q: Any, u: Any, udot: Any = None, **forces: Any) -> Trajectory:

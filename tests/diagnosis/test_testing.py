@@ -38,7 +38,7 @@ def test_the_message_says_what_is_wrong(run: dc.Trajectory) -> None:
 
 
 def test_what_cannot_be_judged_does_not_pass(run: dc.Trajectory) -> None:
-    few = replace(run.every(10), integrals={}, udot=None)
+    few = replace(run.every(10), works={}, integrals={}, udot=None)
     with pytest.raises(AssertionError, match="unresolved"):
         assert_balanced("simple-pendulum", few, tolerance=1e-9)
 

@@ -34,7 +34,7 @@ def test_the_machines_hold_what_they_should(motion: Any) -> None:
     mechanism, run = motion
     ledger = dc.balance(mechanism, run, testing=NAMES)
     for name, work in ledger.work.items():
-        assert np.abs(work).max() > 1e-5 * ledger.turnover, name
+        assert np.abs(work).max() > 1e-5 * ledger.energy_exchanged, name
     kinds = {name.split()[0] for name in ledger.work}
     assert {"gravity", "damper", "actuator", "prescribed"} <= kinds
 
@@ -56,9 +56,9 @@ def test_integral_form_closes(name: str, work: str, motion: Any) -> None:
     """In the loop to the error of ode8; on samples to the error bar as well."""
     mechanism, run = motion
     ledger = dc.balance(mechanism, run, work, (name,))
-    floor = 1e-11 * ledger.turnover
+    floor = 1e-11 * ledger.energy_exchanged
     assert (np.abs(ledger.delta_c[name]) < ledger.error_bar[name] + floor).all()
-    assert ledger.error_bar[name].max() < 1e-7 * ledger.turnover
+    assert ledger.error_bar[name].max() < 1e-7 * ledger.energy_exchanged
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -108,7 +108,7 @@ def test_delta_c_falls_at_the_order_of_the_solver(solver: str) -> None:
         run = dc.simulate(mechanism, state, 1.0, 1.0 / steps, solver, names)
         ledger = dc.balance(mechanism, run)
         sizes.append([np.abs(ledger.delta_c[name]).max() for name in names])
-        assert min(sizes[-1]) > 1e-14 * ledger.turnover, "at rounding: choose larger steps"
+        assert min(sizes[-1]) > 1e-14 * ledger.energy_exchanged, "at rounding: choose larger steps"
     slopes = np.log2(np.array(sizes[0]) / np.array(sizes[1]))
     for name, slope in zip(names, slopes, strict=True):
         assert order - 0.3 < slope < order + 1.5, (name, slopes)

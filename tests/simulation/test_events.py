@@ -160,7 +160,7 @@ def test_events_of_equations_by_hand() -> None:
 
 
 def test_a_correction_and_events_do_not_go_together() -> None:
-    mechanism = oscillator(dc.event("zero", "q.x"))
+    mechanism = oscillator(dc.events.event("zero", "q.x"))
     with pytest.raises(dc.InputError, match="cannot be combined with events"):
         dc.simulate(mechanism, mechanism.state({"x": 1.0}), 1.0, 0.1, "ode4", correct="energy")
 

@@ -154,5 +154,5 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
-    allowed = found.tolerance * found.ledger.turnover
+    allowed = found.tolerance * found.ledger.energy_exchanged
     write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,9 @@ from deltac.importers.names import (
 from deltac.importers.passive import Findings, disabled, read_passive, total_armature
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.tree import read_tree
+from deltac.importers.urdf import Urdf, read_urdf
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
-
-_SHAPES = re.compile(r"<(visual|collision)\b[^>]*?(/>|>.*?</\1\s*>)", re.DOTALL)
 
 
 def require_mujoco() -> Any:
@@ -38,8 +37,10 @@ def require_mujoco() -> Any:
     return mujoco
 
 
-def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]]:
+def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark], Urdf | None]:
     """The compiled model of a path, `MjModel` or `MjSpec`, what to call it, and what was assumed.
+
+    Last comes the URDF file, whose links and floating joints take the place of the model's.
 
     `base` = "free" puts a free joint under the root link of a URDF file, which else stands still.
 
@@ -50,9 +51,9 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     if base not in ("fixed", "free"):
         raise InputError(f"base: expected 'fixed' or 'free', found {base!r}")
     if isinstance(source, mujoco.MjModel):
-        return source, "an MjModel", []
+        return source, "an MjModel", [], None
     if isinstance(source, mujoco.MjSpec):
-        return _compiled(source.copy(), "the MjSpec"), "an MjSpec", []
+        return _compiled(source.copy(), "the MjSpec"), "an MjSpec", [], None
     if not isinstance(source, str | Path):
         raise WrongType(
             f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
@@ -62,39 +63,44 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     if not path.is_file():
         raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
-        model, assumed = _urdf(mujoco, path, base)
-        return model, path.name, assumed
+        model, assumed, urdf = _urdf(mujoco, path, base)
+        return model, path.name, assumed, urdf
     if path.suffix.lower() not in (".xml", ".mjcf"):
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
     try:
-        return mujoco.MjModel.from_xml_path(str(path)), path.name, []
+        with _quiet(mujoco):
+            return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
     except ValueError as error:
         raise ModelError(_refused(path.name, error)) from None
 
 
-def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark]]:
-    assumed: list[Remark] = []
-    try:
-        text = path.read_text("utf-8")
-        spec = mujoco.MjSpec.from_file(str(path))
-        if not _meshes_open(spec):
-            # Meshes are often out of reach (package://…); a link's inertia is in the file itself.
-            spec = mujoco.MjSpec.from_string(_SHAPES.sub("", text))
-            assumed.append(
-                Remark(
-                    path.name,
-                    "meshes cannot be opened, so all shapes were left out",
-                    "links without <inertial> have no mass; contact forces must come from the log",
-                )
+def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf | None]:
+    """The compiled tree of a URDF file, what was assumed, and the file itself.
+
+    The model has the file's own inertias where MuJoCo takes them, and placeholders where it does not.
+    """
+    urdf = read_urdf(path)
+    assumed = list(urdf.remarks)
+    # Meshes are often out of reach (package://…), and MuJoCo is strict about inertias.
+    for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
+        try:
+            with _quiet(mujoco):
+                spec = _tree(mujoco, urdf, placeholders and bool(urdf.links), shapes, path, base)
+                model = spec.compile()
+            break
+        except ValueError as error:
+            problem = _refused(path.name, error)
+    else:
+        raise ModelError(problem)
+    if not shapes:
+        assumed.append(
+            Remark(
+                path.name,
+                "meshes cannot be opened, so all shapes were left out",
+                "contact forces must come from the log",
             )
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
-    except ValueError as error:
-        raise ModelError(_refused(path.name, error)) from None
+        )
     if base == "free":
-        for root in spec.worldbody.bodies:
-            if not root.joints:
-                root.add_freejoint(name="base")
         assumed.append(Remark("base", "the root link floats: a free joint was put under it"))
     else:
         assumed.append(
@@ -104,23 +110,36 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark]]:
                 "for a robot that moves about, read it with base='free'",
             )
         )
-    # Links on fixed joints keep their names, unless only the sum of inertias is one that MuJoCo takes.
-    apart = spec.copy()
-    apart.compiler.fusestatic = False
-    try:
-        return apart.compile(), assumed
-    except ValueError:
-        model = _compiled(spec, path.name)
-    assumed.append(Remark(path.name, "links on fixed joints were joined with their parents"))
-    return model, assumed
+    return model, assumed, urdf
 
 
-def _meshes_open(spec: Any) -> bool:
+def _tree(mujoco: Any, urdf: Urdf, placeholders: bool, shapes: bool, path: Path, base: str) -> Any:
+    """A spec of the file whose links on fixed joints keep their names."""
+    spec = mujoco.MjSpec.from_string(urdf.text(placeholders, shapes))
+    spec.modelfiledir = str(path.parent)
+    spec.compiler.fusestatic = False
+    if urdf.links:
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    if base == "free":
+        for root in spec.worldbody.bodies:
+            if not root.joints:
+                root.add_freejoint(name="base")
+    return spec
+
+
+@contextmanager
+def _quiet(mujoco: Any) -> Iterator[None]:
+    """Without MuJoCo's remarks on standard output, and in a file MUJOCO_LOG.TXT where the program runs."""
+    if not hasattr(mujoco, "MjLogConfig"):  # of older versions
+        yield
+        return
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig()
+    quiet.logto_console = quiet.logto_file = False
+    quiet.set()
     try:
-        spec.copy().compile()
-    except ValueError as error:
-        return "opening file" not in str(error) and "resource" not in str(error).lower()
-    return True
+        yield
+    finally:
+        before.set()
 
 
 def _compiled(spec: Any, name: str) -> Any:
@@ -219,9 +238,9 @@ def read_mechanism(
     """
     if equality not in ("log", "constraints"):
         raise ModelError(f"equality: expected 'log' or 'constraints', found {equality!r}")
-    model, name, assumed = load_model(source, base)
+    model, name, assumed, urdf = load_model(source, base)
     found = Findings(assumed=assumed)
-    tree = read_tree(model, total_armature(model))
+    tree = read_tree(model, total_armature(model), urdf)
     found.ignored.extend(tree.remarks)
     found.read.insert(0, _counts(len(tree.bodies), tree.joints))
     read_passive(model, found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -11,14 +10,14 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.checks import withheld_equalities
-from deltac.diagnosis.audit.rules import Measures, judge
+from deltac.diagnosis.audit.evidence import gather
+from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.inputs.models import load_model
-from deltac.diagnosis.residuals.at_samples import EquationTerms, equation_terms
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.diagnosis.residuals.one_step import OneStep
+from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-3
 """Energy error that is accepted by default, as a fraction of the energy turned over."""
-
-EXACT = 1.0 - 1e-6
-"""Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +49,18 @@ class Row:
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "left_over"),
-    also=("relative", "turnover", "method", "delta_c", "error_bar", "rows", "samples", "imported"),
+    omit=("ledger", "run", "mechanism", "import_report", "left_over", "step"),
+    also=(
+        "relative",
+        "turnover",
+        "method",
+        "delta_c",
+        "error_bar",
+        "rows",
+        "samples",
+        "imported",
+        "one_step",
+    ),  # fmt: skip
 ):
     """What an audit found.
 
@@ -67,7 +73,10 @@ class Audit(
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
         left_over: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |left_over| as a fraction of the energy turned over.
+        tolerance: accepted |left_over| as a fraction of the energy turned over, or of the energy that the
+            system has, where that is less.
+        step: the one-step test of the rows, where it was made.
+        strict: whether a mistake within the tolerance sets the exit code.
     """
 
     ledger: Ledger
@@ -78,31 +87,45 @@ class Audit(
     function: str
     left_over: Array
     tolerance: float
+    step: OneStep | None = None
+    strict: bool = False
+
+    @property
+    def one_step(self) -> dict[str, Any] | None:
+        """What the one-step test says: the integrator, and what is left of each equation."""
+        return None if self.step is None else self.step.to_dict()
 
     @property
     def relative(self) -> float:
-        """Largest |left_over| as a fraction of the energy turned over."""
-        largest = float(np.abs(self.left_over).max())
-        return largest / self.ledger.turnover if self.ledger.turnover > 0.0 else 0.0
+        """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
+        return float(np.abs(self.left_over).max()) / self.beside if self.beside > 0.0 else 0.0
+
+    @property
+    def beside(self) -> float:
+        """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
+        return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
 
     @property
     def exit_code(self) -> int:
         """Exit code of the command line: 0 the balance holds within the tolerance, 1 not, 3 unresolved.
 
         A mistake in the model that stays within the tolerance is named by the verdict and is 0, unless a
-        channel of the model moved more energy than that otherwise than in the log, or one is missing.
+        channel of the model moved more energy than that otherwise than in the log, or one is missing. If
+        `strict`, a mistake that is real counts however small it is.
         """
         if self.verdict.kind == "unresolved":
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
-        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
         kept = self.verdict.kind == "consistent" or small
+        if self.strict and any(f.kind == "small-but-real" for f in self.findings):
+            return 1
         return 0 if kept and not differs else 1
 
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
         ledger = self.ledger
-        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+        unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
         def row(name: str, energy: float, basis: str) -> Row:
             return Row(name, energy, energy / unit, basis)
@@ -126,7 +149,7 @@ class Audit(
     @property
     def turnover(self) -> float:
         """The energy turned over, J."""
-        return self.ledger.turnover
+        return self.ledger.energy_exchanged
 
     @property
     def method(self) -> str:
@@ -162,7 +185,8 @@ class Audit(
         sign = ">" if self.relative > self.tolerance else "≤"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.turnover:.4g} J turned over (confidence {self.verdict.confidence})"
+            f"{self.beside:.4g} J {'turned over' if self.beside == self.turnover else 'that the system has'} "
+            f"(confidence {self.verdict.confidence})"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -199,6 +223,7 @@ def audit(
     tolerance: float = TOLERANCE,
     work: str | None = None,
     mapping: Any = None,
+    strict: bool = False,
 ) -> Audit:
     """Judge a log against a model.
 
@@ -210,6 +235,7 @@ def audit(
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -222,33 +248,34 @@ def audit(
     loaded = load_model(model)
     mechanism = loaded.mechanism
     log_read = read_log(mechanism, log, work, mapping)
-    run, ledger, findings = log_read.run, log_read.ledger, list(log_read.findings)
+    import_report = loaded.import_report
+    findings = list(log_read.findings)
+    findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
+    findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
+    findings += checks.impacts_not_held(mechanism, log_read.run)
+    measured = log_read.run.udot is not None and not _derived(log_read.run, "udot")
+    evidence = gather(
+        mechanism, log_read, work, tolerance, import_report, findings, measured=measured
+    )
+    log_read = evidence.log
+    run, ledger = log_read.run, log_read.ledger
+    findings += evidence.findings
     function = _function(ledger)
     left_over = ledger.uncorrected(function)
-    missing = checks.assumed_zero(run, loaded.import_report)
+    missing = checks.assumed_zero(run, import_report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
-    if _derived(run, "u"):
-        basis["u"] = "derived"
-    if _derived(run, "udot"):
-        basis["u̇"] = "derived"
+    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
     ledger = replace(ledger, basis=basis)
-    findings += checks.suspicious_conventions(mechanism, log_read.consecutive)
-    findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.assumed_zero_finding(missing)
-    findings += checks.impacts_not_held(mechanism, run)
-    findings += motors.differing_gears(run, ledger, tolerance, loaded.import_report)
-    works = foreign_channels(mechanism, log_read.consecutive, loaded.import_report)
-    findings += foreign_notes(works, ledger.turnover)
-    terms = None
-    if basis["u̇"] == "measured" and len(mechanism.free.u):
-        terms = equation_terms(mechanism, run)
-        findings += _of_equations(
-            mechanism, log_read, terms, tolerance, loaded.import_report, findings
-        )
+    findings += motors.differing_gears(run, ledger, tolerance, import_report)
+    works = foreign_channels(mechanism, log_read.consecutive, import_report)
+    findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        held_energy=_held_energy(ledger),
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(left_over).max()),
         bar=float(ledger.error_bar[function].max()) + held,
@@ -260,62 +287,26 @@ def audit(
         outside_gaps=_outside_gaps(mechanism, log_read, function),
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
     )
+    findings += small_but_real(measures, evidence)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
-    verdict = judge(measures, terms, tuple(ranked))
+    verdict = judge(measures, evidence, tuple(ranked))
     return Audit(
         ledger=ledger,
-        verdict=replace(
-            verdict, limits=(*verdict.limits, *motors.limits(run, loaded.import_report))
-        ),
+        verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, import_report))),
         run=run,
         mechanism=mechanism,
-        import_report=loaded.import_report,
+        import_report=import_report,
         function=function,
         left_over=left_over,
         tolerance=tolerance,
+        step=evidence.step,
+        strict=strict,
     )
 
 
-def _of_equations(
-    mechanism: Mechanism,
-    log: Log,
-    terms: EquationTerms,
-    tolerance: float,
-    import_report: ImportReport | None,
-    known: list[Finding],
-) -> list[Finding]:
-    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
-    if any(f.weight == "doubt" for f in known):
-        return checks.blame(terms)
-    whole = log.consecutive is log.run
-    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
-    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
-    if misread:
-        return misread + checks.blame(terms)
-    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
-    now_and_then = checks.intermittent(terms, log.run, tolerance)
-    simple: list[Finding] = []
-    if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
-    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
-    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
-
-
-def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
-    """The few causes that explain the residual of consecutive samples; none where these are too few.
-
-    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
-    """
-    from deltac.diagnosis.explain.explain import EXPLAINS, explanation
-    from deltac.diagnosis.explain.regression import LEAST_ROWS
-    from deltac.diagnosis.explain.search import MOST
-
-    if len(run) >= LEAST_ROWS:
-        least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-            return list(explanation(mechanism, run, "samples", least, most=most).findings)
-    return []
+def _held_energy(ledger: Ledger) -> float:
+    """The energy that the system has at a time, as far as it changes: max K and the range of V, J."""
+    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
 
 
 def _function(ledger: Ledger) -> str:

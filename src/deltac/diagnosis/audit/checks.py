@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     EquationTerms,
@@ -52,9 +53,9 @@ def differing_channels(
             continue  # the importer said that it left this to the log
         difference = logged - (own if own is not None else 0.0)
         energy = _moved(terms, difference)
-        if energy <= tolerance * ledger.turnover:
+        if energy <= tolerance * ledger.energy_exchanged:
             continue
-        found.append(_difference(name, own, logged, energy, ledger.turnover))
+        found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
     return found
 
 
@@ -123,6 +124,7 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
                     "Log them with the state that they belong to: after a step most engines hold new "
                     "positions beside old forces. deltac.record_mujoco takes care of that",
                     "doubt",
+                    what,
                 )
             ]
     return []
@@ -356,11 +358,24 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     ]
 
 
-def suspicious_conventions(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
-    """What the log betrays of units and conventions: degrees, the order of quaternions, gaps."""
+def suspicious_conventions(
+    mechanism: Mechanism, run: Trajectory, known: list[Finding]
+) -> list[Finding]:
+    """What the log betrays of units and conventions: degrees, the order of quaternions, gaps.
+
+    Of runs whose origin is known only what is certain is told. What a unit explains is taken out of
+    `known`, and what `known` tells already is not told again.
+    """
     found: list[Finding] = []
+    told = {f.kind for f in known}
     for s in suspicions(run, mechanism):
-        doubtful = s.certain and s.kind not in ("gap", "rate")  # which coarse samples show too
+        if s.kind == "rate" or (trusted(run) and not s.certain):
+            continue
+        if told & {"swapped-columns", "clipped-column"} and s.kind != "gap":
+            continue
+        doubtful = s.certain and s.kind != "gap"
+        if doubtful:
+            known[:] = [f for f in known if f.kind not in OF_RATES]
         found.append(
             Finding(
                 s.kind.replace(" ", "-"),
@@ -373,6 +388,9 @@ def suspicious_conventions(mechanism: Mechanism, run: Trajectory) -> list[Findin
     return found
 
 
+OF_RATES = ("clock-scale", "gear-between-q-and-u", "speed-not-rate", "late-rows")
+"""Findings of the kinematic test that a wrong unit or order makes too."""
+
 _SLIPS = {
     "degrees": "degrees in place of radians",
     "turns": "turns in place of radians",
@@ -381,7 +399,6 @@ _SLIPS = {
     "centimetres": "centimetres in place of metres",
     "time": "times in another unit than seconds",
     "sign": "a coordinate and its speed of opposite signs",
-    "rate": "a speed that is not the rate of its coordinate",
     "quaternion order": "quaternions stored scalar last (xyzw); scalar first (wxyz) is expected",
     "quaternion conjugate": "conjugated quaternions",
     "angular velocity frame": "an angular velocity in the parent's components",

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from deltac.diagnosis.audit.evidence import Evidence, beyond
 from deltac.diagnosis.residuals.at_samples import EquationTerms
+from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 
 NOTHING = 1e-12
@@ -26,6 +28,9 @@ BEYOND = 30.0
 IDLE = 2.0
 """Energy turned over below so many times what is left is that itself: nothing was exchanged."""
 
+FAR = 3.0
+"""How many tolerances a residual without a known cause must be to accuse the equations."""
+
 HALF = 0.5
 """Share of what is left that the residual must account for to be its cause."""
 
@@ -34,16 +39,18 @@ HALF = 0.5
 class Measures:
     """Numbers (J, s) that a verdict on one log rests on.
 
-    turnover  energy turned over; scale: that and the energies themselves; kinetic: the largest K
+    turnover  energy turned over; held_energy: what of energy the system has at a time
+    scale     all of that, and the energies themselves; kinetic: the largest K
     left      largest |ΔC|, corrections included; bar: the error bar of its quadrature, and `held`:
               what of it comes of forces held over steps that were not all logged
-    tolerance accepted share of the turnover
+    tolerance accepted share of the smaller of turnover and energy held
     spacing   of the samples; step: of the simulator, if known; method: how the work was taken
     outside_gaps  gives left and bar of the parts between gaps, if rows are missing
     bar_growth  gives how many times larger the bar is on every second sample
     """
 
     turnover: float
+    held_energy: float
     scale: float
     kinetic: float
     left: float
@@ -59,7 +66,17 @@ class Measures:
     @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
-        return self.tolerance * self.turnover
+        return self.tolerance * self.beside
+
+    @property
+    def fine(self) -> bool:
+        """Whether the samples tell the energy to the tolerance; their error grows with what is exchanged."""
+        return self.bar <= self.tolerance * self.turnover
+
+    @property
+    def beside(self) -> float:
+        """The energy exchanged, which grows with time, or that the system has, where that is less, J."""
+        return min(self.turnover, self.held_energy) if self.held_energy > 0.0 else self.turnover
 
     @property
     def idle(self) -> bool:
@@ -83,17 +100,22 @@ class Measures:
         return self.left > sure * self.bar
 
 
-def judge(
-    measures: Measures, terms: EquationTerms | None, findings: tuple[Finding, ...]
-) -> Verdict:
+def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...]) -> Verdict:
     """The verdict on one log.
 
-    A log that was misread, or in which nothing moves, cannot be judged. Then the equations of motion at
-    the samples speak, which no integration enters; then ΔC against tolerance and error bar.
+    A log that was misread, or in which nothing moves, cannot be judged. Then the equations speak, by the
+    one-step test and at the samples; then ΔC against tolerance and error bar.
     """
+    terms, step = evidence.terms, evidence.step
+    proven = step is not None and step.closes
+    borne = step is not None and not step.significant.any()
+    tested = terms is not None or proven
+    small = any(f.kind == "small-but-real" for f in findings)
 
-    def verdict(kind: Kind, confidence: Confidence, *evidence: str) -> Verdict:
-        return Verdict(kind, confidence, evidence, findings)
+    def verdict(kind: Kind, confidence: Confidence, *said: str) -> Verdict:
+        if small:
+            confidence = "medium" if confidence == "high" else "low"
+        return Verdict(kind, confidence, tuple(x for x in said if x), findings)
 
     balance = _balance(measures)
     if any(f.weight == "doubt" for f in findings):
@@ -101,26 +123,36 @@ def judge(
         return verdict(
             "unresolved", "high", f"The log is not what it claims to be ({named}): correct it first"
         )
-    equations = _equations(terms)
+    equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
     if causes == {"constraint-drift"}:
-        return verdict("integration-error", "medium", balance, equations, _smaller_step(measures))
+        return verdict("integration-error", "medium", balance, *equations, _smaller_step(measures))
     if causes:
         closed = terms is not None and not terms.significant.any()
         # Equations closed by forces as logged do not speak for the model.
-        told = () if closed else (equations, *_slight(measures))
-        return verdict("equation-error", "high", balance, *told)
+        told = () if closed else (*equations, *_slight(measures))
+        by_steps = step is not None and step.significant.any()
+        sure = not by_steps or float(step.ratio.max()) > BEYOND if step is not None else True
+        return verdict("equation-error", "high" if sure else "medium", balance, *told)
     if terms is not None and terms.significant.any():
         share = float(np.abs(terms.share_of_energy).max())
-        if float(terms.relative.max()) > measures.tolerance or (
+        if float(terms.relative[terms.significant].max()) > measures.tolerance or (
             measures.left > measures.allowed and share >= HALF * measures.left
         ):
             accounted = f"The residual of the equations accounts for {share:.3g} J of what is left"
-            return verdict("equation-error", "medium", balance, equations, accounted)
+            return verdict("equation-error", "medium", balance, *equations, accounted)
+    if step is not None and beyond(step, measures.tolerance):
+        far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
+        if far.any():
+            return verdict("equation-error", "medium", balance, *equations)
+        if measures.left > measures.allowed:
+            return verdict("unresolved", "medium", balance, *equations, _open(step))
+    elif (
+        small and step is not None and step.spent >= HALF * measures.left > HALF * measures.allowed
+    ):
+        return verdict("equation-error", "medium", balance, *equations)
     if measures.idle and measures.within_motion:
-        return verdict(
-            "consistent", "medium" if terms is None else "high", _idle(measures), equations
-        )
+        return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
     if measures.turnover <= NOTHING * measures.scale:
         return verdict(
             "unresolved",
@@ -131,42 +163,123 @@ def judge(
     if measures.outside_gaps is not None and max(measures.left, measures.bar) > measures.allowed:
         left, bar = measures.outside_gaps()
         outside = replace(measures, left=left, bar=bar, held=min(measures.held, bar))
-        if left <= measures.allowed + bar or (bar > measures.allowed and not outside.clear):
-            return verdict("unresolved", "high", balance, equations, _missing_rows(outside))
+        within = left <= measures.allowed + bar or (not outside.fine and not outside.clear)
+        if within and not borne:
+            return verdict("unresolved", "high", balance, *equations, _missing_rows(outside))
         measures, balance = (
             outside,
             f"{balance}; {left:.3g} J ± {bar:.2g} J in one part between gaps",
         )
-    if measures.bar > measures.allowed and not measures.clear:
-        return verdict("unresolved", "high", balance, equations, _sampling(measures))
-    if measures.left <= measures.allowed:
-        return verdict("consistent", "medium" if terms is None else "high", balance, equations)
-    if measures.left <= measures.allowed + measures.bar:
-        return verdict("unresolved", "high", balance, equations, _sampling(measures))
-    if terms is None:
+    if measures.left <= measures.allowed and (measures.fine or borne):
         return verdict(
-            "unresolved",
-            "medium",
+            "consistent",
+            "high" if tested and measures.fine else "medium",
             balance,
-            "The log has no measured accelerations, so an error of the equations cannot be told from one "
-            "of the integration: log udot.<speed> of the same instants (MuJoCo: qacc)",
+            *equations,
         )
+    unsure = not measures.fine and not measures.clear
+    if unsure or measures.left <= measures.allowed + measures.bar:
+        if borne and measures.left <= measures.allowed + measures.bar:
+            return verdict("consistent", "medium", balance, *equations, _by_steps(measures))
+        if not borne or measures.left <= measures.bar:
+            return verdict("unresolved", "high", balance, *equations, _sampling(measures))
+    spent = step is not None and (step.hidden if borne else step.hidden + step.spent)
+    if not tested and not (step is not None and spent <= HALF * measures.left):
+        wanted = (
+            "The log has no accelerations of its own rows, and the one-step test does not exclude that the "
+            "equations account for what is left: log udot.<speed> of the same instants (MuJoCo: qacc), or "
+            "every step"
+        )
+        return verdict("unresolved", "medium", balance, *equations, wanted)
     impacts = next((f for f in findings if f.kind == "impacts"), None)
     if impacts is not None:
-        return verdict("unresolved", "high", balance, equations, f"{impacts}")
-    return verdict("integration-error", "high", balance, equations, _smaller_step(measures))
-
-
-def _balance(m: Measures) -> str:
-    share = m.left / m.turnover if m.turnover > 0.0 else 0.0
-    return (
-        f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the "
-        f"{m.turnover:.4g} J turned over; accepted are {100 * m.tolerance:g} %"
+        return verdict("unresolved", "high", balance, *equations, f"{impacts}")
+    return verdict(
+        "integration-error",
+        "high" if tested else "medium",
+        balance,
+        *equations,
+        _smaller_step(measures),
     )
 
 
-def _equations(terms: EquationTerms | None) -> str:
+def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
+    """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
+    step, terms = evidence.step, evidence.terms
+    if step is None or not step.significant.any() or beyond(step, measures.tolerance):
+        return []
+    if terms is not None and terms.significant.any():
+        return []
+    k = int(np.argmax(np.where(step.significant, step.ratio, 0.0)))
+    energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
+    return [
+        Finding(
+            "small-but-real",
+            f"the equations leave {percent(step.relative[k])} of the terms of {step.speeds[k]!r}: within the "
+            f"tolerance, but {step.ratio[k]:.2g} error bars",
+            f"|ΔC| {percent(energy)} of the energy; an integrator may leave "
+            f"{percent(step.bar[k] / step.scale[k])} at most",
+            "Look at the notes for what may cause it; strict=True makes it count",
+            "note",
+            step.speeds[k],
+        )
+    ]
+
+
+def _steps(step: OneStep | None) -> str:
+    """What the one-step test says."""
+    if step is None:
+        return ""
+    if step.closes and step.scheme is not None:
+        by = f"a step of {step.scheme.name}" if step.scheme.name else "one step of several methods"
+        return (
+            f"Each of {step.rows} rows follows from the one before by {by}, to "
+            f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the equations are the model's"
+        )
+    k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
+    if not step.significant.any():
+        k = int(np.argmax(step.bar / step.scale))
+        return (
+            f"Over {step.rows} rows each follows from the one before as far as an integrator, the digits and "
+            f"what is not known between rows allow: {percent(step.bar[k] / step.scale[k])} of the terms "
+            f"({step.speeds[k]})"
+        )
+    return (
+        f"Over {step.rows} rows the next does not follow from the one before by the model's equations: "
+        f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r} are left, {step.ratio[k]:.2g} times "
+        "what any integrator, digits and noise explain"
+    )
+
+
+def _open(step: OneStep) -> str:
+    return (
+        "No known cause explains what is left from row to row, and the integrator is not known: log every "
+        "step, with more digits"
+    )
+
+
+def _by_steps(m: Measures) -> str:
+    return (
+        f"The energy is known to ± {m.bar:.2g} J only, at {1.0 / m.spacing:.4g} Hz; that the motion is the "
+        "model's rests on the test from row to row"
+    )
+
+
+def _balance(m: Measures) -> str:
+    share = m.left / m.beside if m.beside > 0.0 else 0.0
+    what = f"{m.turnover:.4g} J turned over"
+    if m.beside < m.turnover:
+        what = f"{m.beside:.4g} J that the system has, of {what}"
+    return (
+        f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the {what}; accepted "
+        f"are {100 * m.tolerance:g} %"
+    )
+
+
+def _equations(terms: EquationTerms | None, step: OneStep | None) -> str:
     if terms is None:
+        if step is not None:
+            return ""
         return "The equations of motion were not tested at the samples: no measured accelerations"
     if not terms.significant.any():
         worst = float(terms.relative.max(initial=0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,14 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.explain.columns import evaluate
-from deltac.diagnosis.explain.regression import Fit, Form, Prepared, Regression, prepare
+from deltac.diagnosis.explain.regression import (
+    Excused,
+    Fit,
+    Form,
+    Prepared,
+    Regression,
+    prepare,
+)
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, search
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
@@ -219,14 +227,17 @@ def explanation(
     *,
     most: int = MOST,
     sliding: bool = False,
+    excused: Excused | None = None,
+    until: float = math.inf,
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
 
     `least` is the share of the squared residual that causes must explain, `most` their number.
     `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
-    where nothing else fits.
+    where nothing else fits. What is `excused` of the weak form needs no cause. The search ends with what it
+    has when `time.monotonic()` reaches `until`.
     """
-    prepared = prepare(mechanism, run, form, sliding=sliding)
+    prepared = prepare(mechanism, run, form, sliding=sliding, excused=excused)
     regression = prepared.regression
     relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
     noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
@@ -249,7 +260,7 @@ def explanation(
 
     if regression.total <= regression.precision:
         return made("nothing")
-    found = search(regression, most)
+    found = search(regression, most, until)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
     if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
@@ -258,7 +269,9 @@ def explanation(
         if not regression.stands_out(found.best):
             return made("nothing")
     if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
-        slid = explanation(mechanism, run, form, least, most=most, sliding=True)
+        slid = explanation(
+            mechanism, run, form, least, most=most, sliding=True, excused=excused, until=until
+        )
         if (
             any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
             and slid.explained > explained

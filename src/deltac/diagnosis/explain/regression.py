@@ -24,7 +24,8 @@ from deltac.diagnosis.explain.columns import (
     column_kernels,
     evaluate,
 )
-from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled, resolution
+from deltac.diagnosis.measurements.digits import resolution, white_noise
+from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.spatial import SX, Inertia
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -280,12 +281,31 @@ class Prepared:
     sliding: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Excused:
+    """What of a residual is no mistake of the equations, for the weak form.
+
+    columns  of consecutive samples: generalized forces (T, n, m) that an unknown integrator may leave; what
+             they span is taken off the residual and all causes
+    bar      error bar of each equation (n,), N or N·m
+    """
+
+    columns: Callable[[Sampled], Array]
+    bar: Array
+
+
 def prepare(
-    mechanism: Mechanism, run: Trajectory, form: Form, *, sliding: bool = False
+    mechanism: Mechanism,
+    run: Trajectory,
+    form: Form,
+    *,
+    sliding: bool = False,
+    excused: Excused | None = None,
 ) -> Prepared:
     """The regression of a run's residual on all columns of the mechanism.
 
-    With `sliding`, equations of joints are left out where those hardly move.
+    With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no
+    cause.
 
     Raises InputError for a log of too few rows.
     """
@@ -305,9 +325,13 @@ def prepare(
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
     if form == "weak":
         digits = np.hypot(digits, _quadrature(rows, whole[..., 0], stretches))
+    if excused is not None:
+        digits = np.hypot(digits, excused.bar)
     weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
     moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
     matrix = _arranged(whole * (weight * moving)[..., None])
+    if excused is not None and form == "weak":
+        matrix = _without(matrix, excused, stretches, weight * moving)
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
     shaken = _arranged(shaken * weight[:, None])
@@ -453,6 +477,23 @@ def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
     return made
 
 
+def _without(
+    matrix: Array, excused: Excused, stretches: Sequence[_Stretch], weight: Array
+) -> Array:
+    """The weighted equations (rows, n, P + 1) without what excused columns span."""
+    made = []
+    for s in stretches:
+        force = excused.columns(s.samples)
+        made.append(_windows(s.samples.t, np.zeros_like(force), force))
+    columns = np.concatenate(made) * weight[..., None]
+    flat = columns.reshape(-1, columns.shape[2])
+    size = np.linalg.norm(flat, axis=0)
+    U, singular, _ = np.linalg.svd(flat[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    U = U[:, singular > 1e-9 * singular.max(initial=0.0)]
+    rows = matrix.reshape(-1, matrix.shape[2])
+    return np.asarray((rows - U @ (U.T @ rows)).reshape(matrix.shape))
+
+
 def _scale(whole: Array, kernels: ColumnKernels) -> Array:
     """Typical size of the terms of each equation (n,): of each inertial parameter, of each channel."""
     inertia = {x.joint.child: x.inertia for x in kernels.evaluator.symbols.system.links}
@@ -486,8 +527,6 @@ def _quadrature(rows: _Rows, residual: Array, stretches: Sequence[_Stretch]) -> 
 
 PERTURBATIONS = 2
 COLUMNS = ("q", "u", "udot", "logged")
-WHITE = (0.75, 1.35)
-"""Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
 
 def _some(stretches: Sequence[_Stretch]) -> Sequence[_Stretch]:
@@ -540,18 +579,3 @@ def _noise(values: Array) -> Array:
     for k, column in enumerate(values.T):
         made[:, k] = white_noise(column)
     return made
-
-
-def white_noise(x: Array) -> float:
-    """Standard deviation of white noise on samples of a smooth signal, by its high differences.
-
-    Differences of order 2m of white noise have √C(4m, 2m) times its deviation; those of a smooth signal
-    fall from one order to the next. What falls is taken for signal.
-    """
-    if len(x) < 16:
-        return 0.0
-    sixth = 1.4826 * float(np.median(np.abs(np.diff(x, 6)))) / np.sqrt(924.0)
-    eighth = 1.4826 * float(np.median(np.abs(np.diff(x, 8)))) / np.sqrt(12870.0)
-    if sixth <= 0.0 or not WHITE[0] < eighth / sixth < WHITE[1]:
-        return 0.0
-    return float(eighth)

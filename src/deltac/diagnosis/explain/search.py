@@ -8,6 +8,7 @@ Shim 2014, *Multipath matching pursuit*, IEEE Trans. Inf. Theory 60). A cause mo
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from itertools import islice, product
 
@@ -50,14 +51,19 @@ class Found:
     alternatives: tuple[Fit, ...]
 
 
-def search(regression: Regression, most: int = MOST) -> Found:
-    """The best fit of at most `most` causes, and its equals."""
+def search(regression: Regression, most: int = MOST, until: float = math.inf) -> Found:
+    """The best fit of at most `most` causes, and its equals.
+
+    The search ends with what it has when `time.monotonic()` reaches `until`.
+    """
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None
     left = regression.total
     for count in range(1, most + 1):
-        paths = _extended(regression, paths, count > MANY)
+        if count > 1 and time.monotonic() > until:
+            break
+        paths = _extended(regression, paths, count > MANY, until)
         if count == len(WHOLE):
             paths += _whole_bodies(regression, {fit.chosen for fit in paths})
         if count > MANY:
@@ -127,13 +133,17 @@ def _massive(regression: Regression, fit: Fit) -> bool:
     return all(c.sign != "factor" or c.plausible(theta) for c, theta in parts)
 
 
-def _extended(regression: Regression, paths: list[Fit], many: bool) -> list[Fit]:
-    """The best fits of one cause more than those of `paths`."""
+def _extended(
+    regression: Regression, paths: list[Fit], many: bool, until: float = math.inf
+) -> list[Fit]:
+    """The best fits of one cause more than those of `paths`, of the first ones where time is up."""
     most_paths, tried = PATHS[many], TRIED[many]
     promising: dict[tuple[int, ...], float] = {}
     sizes = np.array([c.size for c in regression.candidates])
     floor = regression.floor(regression.nothing)
     for path in paths:
+        if promising and time.monotonic() > until:
+            break
         J, e = regression.tangents(path)
         Q = np.linalg.qr(J)[0] if J.shape[1] else J
         left = _left(regression, Q, e)

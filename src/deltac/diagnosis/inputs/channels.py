@@ -88,7 +88,11 @@ def differing_gears(
         energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
             np.trapezoid(power, ledger.t)
         )
-        share = percent(energy / ledger.turnover) if ledger.turnover > 0.0 else "nothing"
+        share = (
+            percent(energy / ledger.energy_exchanged)
+            if ledger.energy_exchanged > 0.0
+            else "nothing"
+        )
         found.append(
             Finding(
                 "channel-differs",
@@ -96,7 +100,7 @@ def differing_gears(
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
                 f"{energy:.3g} J went through the difference, {share} of the turnover",
                 "Give the model the gear that the simulator used",
-                "cause" if energy > tolerance * ledger.turnover else "note",
+                "cause" if energy > tolerance * ledger.energy_exchanged else "note",
                 gear.channel,
                 gear.factor,
             )

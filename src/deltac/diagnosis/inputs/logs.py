@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
@@ -104,13 +105,14 @@ class Log:
     """A log and its ledger.
 
     `run` are its rows, or some of them where it was read in parts; `consecutive` rows that follow each
-    other: all, or those of the first part.
+    other: all, or those of the first part. `comparisons` are those of coordinates with speeds.
     """
 
     run: Trajectory
     consecutive: Trajectory
     ledger: Ledger
     findings: tuple[Finding, ...]
+    comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
 def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) -> Log:
@@ -145,9 +147,21 @@ def _size(path: Path) -> tuple[int, int]:
 def _whole(mechanism: Mechanism, given: Trajectory, work: str | None) -> Log:
     run, findings = in_model_order(mechanism, given)
     _refuse_garbage(run)
+    clean = cleaned(mechanism, run)
+    return balanced(mechanism, clean.run, work, (*findings, *clean.findings), clean.comparisons)
+
+
+def balanced(
+    mechanism: Mechanism,
+    run: Trajectory,
+    work: str | None,
+    findings: tuple[Finding, ...] = (),
+    comparisons: Mapping[str, Comparison] | None = None,
+) -> Log:
+    """A run in memory with its ledger."""
     ledger = balance(mechanism, run, work or _work(run))
     _refuse_undefined(ledger)
-    return Log(run, run, ledger, tuple(findings))
+    return Log(run, run, ledger, findings, comparisons or {})
 
 
 def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int) -> Log:

@@ -350,7 +350,9 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     if not np.isfinite(left).all():
         return "the energies are not finite"
     held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    return _Energies(float(np.abs(left).max()), ledger.turnover, held + ledger.turnover)
+    return _Energies(
+        float(np.abs(left).max()), ledger.energy_exchanged, held + ledger.energy_exchanged
+    )
 
 
 def _share(energy: float, turnover: float) -> float:

@@ -1,4 +1,4 @@
-"""How fine the numbers of a log are: double or single precision, or so many digits of text."""
+"""The equations of motion at the samples of a log, and its constraints on acceleration level."""
 
 from __future__ import annotations
 
@@ -10,60 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-
-EPS = float(np.finfo(np.float64).eps)
-SINGLE = float(np.finfo(np.float32).eps)
-PROBES = 400
-
-
-def resolution(values: Array) -> Array:
-    """Half of the last digit of every number (T, n), column by column.
-
-    Columns of single precision, of a fixed number of decimals, or of a fixed number of significant
-    digits are recognised by their values; all others are taken for doubles. Zeros have no error.
-    """
-    half = np.empty_like(values)
-    for k, column in enumerate(values.T):
-        half[:, k] = _of_column(column)
-    return half
-
-
-def _of_column(column: Array) -> Array:
-    size = np.abs(column)
-    probes = np.unique(column[np.linspace(0, len(column) - 1, PROBES).astype(np.intp)])
-    probes = probes[probes != 0.0]
-    if len(probes) < 3:  # a constant says nothing about its digits
-        return EPS * size
-    readings = [
-        half for half in (_significant(size, probes), _decimals(size, probes)) if half is not None
-    ]
-    if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
-        return max(readings, key=lambda half: float(half.sum()))
-    if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
-        return SINGLE * size
-    return EPS * size
-
-
-def _significant(size: Array, probes: Array) -> Array | None:
-    for digits in range(3, 13):
-        if all(float(f"{x:.{digits - 1}e}") == x for x in probes):
-            decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
-            return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
-    return None
-
-
-def _decimals(size: Array, probes: Array) -> Array | None:
-    for decimals in range(1, 13):
-        if all(round(x, decimals) == x for x in probes.tolist()):
-            return np.full_like(size, 0.5 * 10.0**-decimals)
-    return None
-
 
 # --- the equations of motion at the samples of a log ---------------------------------------------
 # Kane's equations say F_r + F*_r = 0 for every free speed. What is left of them at the logged
@@ -96,6 +49,7 @@ class EquationTerms:
         residual: the sum of forces, inertia forces and constraint forces.
         scale: typical size of the terms that are added up, for each speed (n,).
         precision: residual (n,) that the log's number of digits, or rounding, explains.
+        doubt: residual (n,) that accelerations at odds with the speeds, or an integrator, may leave.
     """
 
     speeds: tuple[str, ...]
@@ -110,6 +64,7 @@ class EquationTerms:
     scale: Array
     precision: Array
     evaluator: Evaluator
+    doubt: Array | None = None
 
     @property
     def size(self) -> Array:
@@ -124,8 +79,15 @@ class EquationTerms:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that neither rounding nor the log's digits explain (n,)."""
-        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
+        """Which speeds have a residual that neither rounding, digits nor doubts of u̇ explain (n,)."""
+        doubt = 0.0 if self.doubt is None else self.doubt
+        return np.asarray((self.size > CLEAR * self.precision + doubt) & (self.relative > LEAST))
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """Which speeds have a residual that only doubts of u̇ explain (n,)."""
+        there = (self.size > CLEAR * self.precision) & (self.relative > LEAST)
+        return np.asarray(there & ~self.significant)
 
     @property
     def share_of_energy(self) -> Array:

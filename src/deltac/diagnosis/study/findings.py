@@ -123,7 +123,7 @@ def of_growth(
     flowing = sum(
         float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
     )
-    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.turnover:
+    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.energy_exchanged:
         yield Finding(
             "symplectic-drift",
             f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
@@ -149,7 +149,8 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
     yield Finding(
         "stabilised",
         f"the run is corrected as it goes ({name}), so one way of counting ΔC is blind",
-        f"corrections did up to {done:.2g} J of work, {percent(done / ledger.turnover)} of the turnover; "
+        f"corrections did up to {done:.2g} J of work, {percent(done / ledger.energy_exchanged)} of the "
+        "energy exchanged; "
         f"|ΔC| is {ways[0]:.2g} J with it and {ways[1]:.2g} J without",
         "The larger one is taken for the error; a method that needs no corrections shows its own",
         element=name,

@@ -13,7 +13,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.residuals.at_samples import EPS, resolution
+from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
 from deltac.diagnosis.inputs.models import Model, load_model
-from deltac.diagnosis.residuals.at_samples import EPS
+from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along
@@ -102,7 +102,7 @@ class Study(
                 "step": entry.step,
                 "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.turnover if entry.ledger else None,
+                "turnover": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }
@@ -227,7 +227,7 @@ def studied(
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
     functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    turnover = kept[-1].ledger.turnover if kept[-1].ledger else 0.0
+    turnover = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
     energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
@@ -257,7 +257,7 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -265,8 +265,9 @@ def studied(
         steps=tuple(map(float, steps)),
         left=left,
         bars=bars,
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        turnover=ledger.energy_exchanged,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         energy=energy[function],
         state=state,

@@ -21,7 +21,7 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import projection
-from deltac.simulation.flow import ENERGY_DUE, Flow
+from deltac.simulation.flow import Flow
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
@@ -81,7 +81,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     q_part, u_part, z_part = flow.parts
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
     energy = flow.energies[-2] + flow.energies[-1]
-    left = energy - z[flow.integrals.index(ENERGY_DUE)]
+    left = energy - z[-1]
     W = ca.jacobian(flow.xdot[q_part], u)
     along_q, along_u = ca.mtimes(W.T, ca.gradient(energy, q)), ca.gradient(energy, u)
     least_q, least_u = _least(flow, along_q), _least(flow, along_u)
@@ -93,7 +93,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     )
     energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
     change = energies(flow.t, moved, flow.p) - flow.energies
-    moved[z_part] = z + ca.vertcat(change, change[-2] + change[-1], 0)
+    moved[z_part] = z + flow.booked(ca.vertcat(change, change[-2] + change[-1]))
     return moved
 
 

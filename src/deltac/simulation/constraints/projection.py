@@ -56,7 +56,7 @@ def _projection(flow: Flow) -> Any:
     dq, du, later = second(flow.t, near, u, flow.p)
     moved = ca.vertcat(_unit(flow, near + dq), u + du, z)
     change = energies(flow.t, moved, flow.p) - energies(flow.t, flow.x, flow.p)
-    moved[z_part] = z + ca.vertcat(change, ca.SX.zeros(len(flow.integrals) - change.shape[0]))
+    moved[z_part] = z + flow.booked(change)
     return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
 
 

@@ -240,7 +240,7 @@ def _flow(
     """The traced flow, shared by ensembles that differ in values alone."""
     return _FLOWS.get(
         (mechanism.digest(vary), testing, vary, rows),
-        lambda: build_flow(mechanism, testing, vary=vary, rows=rows),
+        lambda: build_flow(mechanism, testing, vary=vary, rows=rows, works=False),
     )
 
 

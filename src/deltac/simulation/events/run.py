@@ -13,6 +13,7 @@ from deltac.arrays import Array
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.simulation.events.impact import Collider
@@ -72,7 +73,7 @@ class Happened:
     p_before: Array
     p_after: Array
     inputs: Array
-    impulses: dict[str, Array]
+    impulses: dict[ChannelName, Array]
 
 
 class EventRun:
@@ -239,7 +240,8 @@ class EventRun:
             return x
         also = (*also, *self._jumped_over(t, x))
         sight = self._look(t, x)
-        hit = [c for c in dict.fromkeys(self.watch.names[k] for k in touching) if impulses[c].any()]
+        channels = dict.fromkeys(self.watch.points[k].channel for k in touching)
+        hit = [c for c in channels if impulses[c].any()]
         pushed = {name: impulse for name, impulse in impulses.items() if impulse.any()}
         self._record(t, before, x, p_before, [*hit, *also], pushed)
         for k in touching:
@@ -276,7 +278,7 @@ class EventRun:
         after: Array,
         p_before: Array,
         names: list[str],
-        impulses: dict[str, Array],
+        impulses: dict[ChannelName, Array],
     ) -> None:
         if not names:  # nothing was pushed: pairs that only touch
             return

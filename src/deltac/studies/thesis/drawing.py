@@ -103,5 +103,5 @@ def _curve(label: str, outcome: Outcome) -> Curve:
         outcome.trajectory.t,
         {f"θ{bar}": angle for bar, angle in enumerate(angles, 1)},
         outcome.ledger.delta_c,
-        outcome.ledger.turnover,
+        outcome.ledger.energy_exchanged,
     )

@@ -1,0 +1,1 @@
+"""Logs as other people make them: simulators, habits and imperfections that `audit` must cope with."""

@@ -1,0 +1,211 @@
+"""Cases of the foreign bench: a machine, who simulates it, what is wrong, how it is handed over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import deltac as dc
+from foreign import simulators as sim
+from foreign.forms import FORMS, SLIPS, Rows, formed, slipped
+from foreign.machines import Machine, draw
+from foreign.simulators import Drive, Recording, Run
+
+FAULTS = (
+    "gravity", "mass", "centre", "inertia", "missing-damper", "damping", "missing-spring", "gear",
+    "dry-friction", "drag", "wall", "armature",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A log with the model to judge it against, and the truth.
+
+    `truth` is "right", "wrong" (of the model) or "slip" (of the log); `effect` the largest residual that the
+    fault leaves of an equation, as a share of its terms (root mean square).
+    """
+
+    number: int
+    name: str
+    truth: str
+    fault: str
+    element: str
+    form: str
+    scheme: str
+    every_step: bool
+    effect: float
+    model: Any
+    log: dc.Trajectory
+
+
+def case(seed: int, number: int, truth: str) -> Case | None:
+    """The case of a seed and number; None where the motion ran away."""
+    rng = np.random.default_rng([seed, number, {"right": 0, "wrong": 1, "slip": 2}[truth]])
+    machine = draw(rng)
+    n = len(machine.links)
+    motors = len(machine.motors)
+    drive = Drive(
+        machine_torque(machine) * rng.uniform(0.1, 0.5, motors), rng.uniform(1.0, 7.0, motors),
+        rng.uniform(0, 6, motors), float(rng.choice([0.0, 0.0, 1.0])) * 0.3 * machine.links[-1].mass,
+        float(rng.choice([0.005, 0.01, 0.02])),
+    )  # fmt: skip
+    duration = float(rng.choice([1.5, 2.0, 3.0]))
+    run = Run(machine, drive, rng.uniform(-1.0, 1.0, n), rng.uniform(-1.5, 1.5, n), duration)
+    fault, element = "", ""
+    faulty = run
+    if truth == "wrong":
+        faulty, fault, element = planted(run, rng)
+    recording, every = simulated(faulty, rng)
+    if recording is None or len(recording.t) < 60 or np.abs(recording.u).max() > 200:
+        return None
+    form = str(rng.choice(FORMS))
+    if truth == "slip":
+        form = str(rng.choice(SLIPS))
+        fault = form
+        if form == "swapped" and n < 2:
+            form = fault = "late-q"
+    if recording.udot is None and form in ("filtered-udot", "late-udot"):
+        form = "no-udot"
+    if not machine.motors and form == "stale-forces":
+        form = "full"
+    forces = {}
+    for k in machine.motors:
+        force = np.zeros_like(recording.u)
+        force[:, k] = recording.tau[:, k]
+        forces[f"actuator m{k}"] = force
+    told = rng.random() < 0.5
+    step = recording.step if told and every else None
+    rows = Rows(recording.t, recording.q, recording.u, recording.udot, forces, step)
+    if truth == "slip" and rng.random() < 0.5:
+        rows = replace(rows, udot=None)
+    effect = _effect(run, faulty, recording) if truth == "wrong" else 0.0
+    rows = slipped(rows, form, rng) if truth == "slip" else formed(rows, form, rng)
+    every = every and form not in ("thinned", "non-uniform")
+    log = dc.Trajectory(
+        t=rows.t, q=rows.q, u=rows.u, udot=rows.udot, forces=rows.forces,
+        coordinates=machine.joints, speeds=machine.joints,
+        provenance=dc.Provenance(recording.simulator, step=step if form != "non-uniform" else None),
+    )  # fmt: skip
+    name = f"{machine.name} by {recording.scheme} {' '.join(recording.notes)} h={recording.step:g} {form}"
+    return Case(
+        number, name, truth, fault, element, form, recording.scheme, every, effect,
+        machine.mechanism(), log,
+    )  # fmt: skip
+
+
+def machine_torque(machine: Machine) -> float:
+    """A torque that moves the machine well, N·m."""
+    return float(np.mean([link.mass * 9.81 * 0.2 for link in machine.links]))
+
+
+def simulated(run: Run, rng: np.random.Generator) -> tuple[Recording | None, bool]:
+    """A recording by a simulator that is drawn, and whether it holds every step."""
+    h = float(rng.choice([0.001, 0.002, 0.005]))
+    springy = any(link.stiffness or link.armature for link in run.machine.links)
+    who = str(rng.choice(["mujoco", "mujoco", "own", "own", "exudyn", "scipy", "bullet", "drake"]))
+    if who in ("bullet", "drake") and springy:
+        who = "mujoco"
+    if who == "exudyn" and (
+        not run.drive.of_time or run.extra or any(l.armature for l in run.machine.links)
+    ):
+        who = "own"
+    if who == "scipy" and not run.drive.of_time:
+        who = "own"
+    if who == "mujoco":
+        integrator = str(rng.choice(["Euler", "Euler", "implicitfast", "implicit", "RK4"]))
+        habit = str(rng.choice(["before", "after", "refreshed"]))
+        every = int(rng.choice([1, 1, 1, round(0.02 / h)]))
+        return sim.mujoco_loop(run, h, integrator, habit, every), every == 1
+    if who == "own":
+        scheme = str(rng.choice([
+            "explicit-euler", "semi-implicit-euler", "implicit-damping", "midpoint", "heun", "rk4", "verlet",
+            "implicit-euler", "trapezoidal", "implicit-midpoint", "generalized-alpha", "newmark",
+        ]))  # fmt: skip
+        return sim.own_integrator(run, h, scheme, rng), True
+    if who == "scipy":
+        method = str(rng.choice(["RK45", "DOP853", "LSODA", "Radau"]))
+        return sim.scipy_solver(
+            run, float(rng.choice([0.002, 0.01, 0.02])), method, float(rng.choice([1e-6, 1e-9]))
+        ), False
+    if who == "bullet":
+        return sim.bullet(run, h), True
+    if who == "drake":
+        solver = str(rng.choice(["tamsi", "sap", "runge_kutta3", "implicit_euler"]))
+        return sim.drake(run, h, solver, str(rng.choice(["sampled", "direct"]))), True
+    solver = str(rng.choice(["GeneralizedAlpha", "TrapezoidalIndex2", "RK44", "ExplicitMidpoint"]))
+    step = float(rng.choice([0.001, 0.005, 0.01]))
+    return sim.exudyn_tree(run, step, solver, float(rng.choice([0.6, 0.8, 0.95]))), True
+
+
+def planted(run: Run, rng: np.random.Generator) -> tuple[Run, str, str]:
+    """The run with a fault that the model does not have."""
+    machine = run.machine
+    fault = str(rng.choice(FAULTS))
+    if fault == "gear" and not machine.motors:
+        fault = "gravity"
+    k = int(rng.integers(len(machine.links)))
+    link = machine.links[k]
+    big = float(rng.choice([1e-3, 1e-2, 0.05, 0.2]))
+    sign = float(rng.choice([-1.0, 1.0]))
+    size = link.mass * 0.05
+    if fault == "gravity":
+        changed = replace(machine, gravity=machine.gravity * (1 + sign * big))
+        return replace(run, machine=changed), fault, "gravity"
+    if fault == "mass":
+        return (
+            replace(run, machine=machine.with_link(k, mass=link.mass * (1 + sign * big))),
+            fault,
+            link.name,
+        )
+    if fault == "centre":
+        moved = tuple(np.add(link.centre, sign * big * np.array([0.3, 0.0, 0.1])).tolist())
+        return replace(run, machine=machine.with_link(k, centre=moved)), fault, link.name
+    if fault == "inertia":
+        made = tuple(x * (1 + big) for x in link.inertia)
+        return replace(run, machine=machine.with_link(k, inertia=made)), fault, link.name
+    if fault in ("missing-damper", "damping"):
+        added = link.damping + size * big * 5
+        return replace(run, machine=machine.with_link(k, damping=added)), fault, link.joint
+    if fault == "armature":
+        return (
+            replace(run, machine=machine.with_link(k, armature=link.armature + size * big)),
+            fault,
+            link.joint,
+        )
+    if fault == "missing-spring":
+        added = link.stiffness + 20 * size * big * 5
+        return replace(run, machine=machine.with_link(k, stiffness=added)), fault, link.joint
+    if fault == "gear":
+        return replace(run, gear=1 + sign * big), fault, "motors"
+    amount = 9.81 * size * big * 5
+
+    def extra(t: float, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        force = np.zeros_like(u)
+        if fault == "dry-friction":
+            force[k] = -amount * np.tanh(u[k] / 1e-3)
+        elif fault == "drag":
+            force[k] = -amount * u[k] * abs(u[k])
+        elif q[k] > 0.5:
+            force[k] = -1000 * amount * (q[k] - 0.5)
+        return force
+
+    return replace(run, extra=extra), fault, link.joint
+
+
+def _effect(right: Run, faulty: Run, recording: Recording) -> float:
+    """Largest difference of the two forward dynamics, as a share of the accelerations."""
+    ours, theirs = sim.Oracle(right), sim.Oracle(faulty)
+    rows = np.linspace(0, len(recording.t) - 1, 60).astype(int)
+    difference, size = [], []
+    for k in rows:
+        t, q, u, tau = recording.t[k], recording.q[k], recording.u[k], recording.tau[k]
+        a, b = ours.acceleration(t, q, u, tau), theirs.acceleration(t, q, u, tau)
+        M = ours.mass(q)
+        difference.append(M @ (b - a))
+        size.append(
+            np.abs(M @ a) + np.abs(M @ (a - ours.acceleration(t, q, 0 * u, 0 * tau))) + 1e-9
+        )
+    rms = np.sqrt(np.mean(np.square(difference), axis=0))
+    return float((rms / np.sqrt(np.mean(np.square(size), axis=0))).max())

@@ -1,0 +1,323 @@
+"""The evidence of an audit beyond energy: which columns are believed, what they say of the equations.
+
+Two tests speak of the equations. The one-step test rests on states and forces alone; the rate form on
+measured accelerations, which are believed as far as the speeds bear them out. A log whose rows follow from
+each other by a known integrator has right equations, whatever else its columns seem to say.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.audit import checks
+from deltac.diagnosis.audit.checks import withheld_equalities
+from deltac.diagnosis.explain.explain import EXPLAINS, explanation
+from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
+from deltac.diagnosis.explain.search import MOST
+from deltac.diagnosis.inputs.logs import Log, balanced
+from deltac.diagnosis.measurements.kinematics import Accelerations, accelerations, trusted
+from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
+from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step
+from deltac.diagnosis.verdict import Finding, percent
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.importers import ImportReport
+
+EXACT = 1.0 - 1e-6
+"""Share of the squared residual that an explanation must reach where the residual comes and goes."""
+
+SECONDS = 30.0
+"""Time that the search for causes may take."""
+
+AGREE = 4.0
+"""How many times its disagreement with the speeds a residual of measured accelerations must be."""
+
+BESIDE = 2.0
+"""How many error bars of the one-step test it must be besides."""
+
+SHORT = 0.5
+"""Share of the windows up to which a residual is one of now and then."""
+
+FEWEST = 3
+"""Windows that must stand out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the columns of a log say of the equations.
+
+    log       as it is judged: forces that were one row late are put right
+    terms     the equations at the samples, where measured accelerations are believed
+    step      the one-step test, where it was made
+    findings  of both
+    """
+
+    log: Log
+    terms: EquationTerms | None
+    step: OneStep | None
+    findings: tuple[Finding, ...]
+
+
+def gather(
+    mechanism: Mechanism,
+    log: Log,
+    work: str | None,
+    tolerance: float,
+    import_report: ImportReport | None,
+    known: list[Finding],
+    *,
+    measured: bool,
+) -> Evidence:
+    """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
+
+    A log that is doubted explains nothing: its residual is shown, and no cause is sought.
+    """
+    if not len(mechanism.free.u):
+        return Evidence(log, None, None, ())
+    doubted = any(f.weight == "doubt" for f in known)
+    given = trusted(log.run)
+    step = None
+    if not doubted and not (given and measured):
+        step = one_step(mechanism, log.consecutive, _late(log))
+    found: list[Finding] = []
+    if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
+        log, finding = _forces_put_right(mechanism, log, work)
+        found.append(finding)
+    if step is not None and step.closes:
+        log = _held(mechanism, log, work, step)
+    terms = None
+    if measured:
+        terms, more = _believed(mechanism, log, step, given=given)
+        found += more
+    if terms is not None:
+        told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+        stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
+        if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
+            log, finding = _forces_put_right(mechanism, log, work)
+            found.append(finding)
+            terms, more = _believed(mechanism, log, step, given=given)
+            found += more
+            told = []
+            if terms is not None:
+                told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+        found += told
+    elif not doubted:
+        found += _differing(mechanism, log, tolerance, import_report)
+    if step is not None and not any(f.weight == "cause" for f in found):
+        found += _of_steps(mechanism, log, step, tolerance)
+    return Evidence(log, terms, step, tuple(found))
+
+
+def _late(log: Log) -> float:
+    """By how many rows coordinates are ahead of their speeds, over all of them."""
+    lates = [c.late for c in log.comparisons.values() if c.off < 0.1]
+    return float(np.median(lates)) if lates else 0.0
+
+
+def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:
+    """The log with its work taken as an identified integrator took it: by forces held over each step."""
+    run, scheme = log.run, step.scheme
+    moving = [n for n, f in run.forces.items() if np.any(f[1:] != f[:-1])]
+    known = work or run.integrals or run.events or "held" in run.provenance.notes
+    if (
+        scheme is None
+        or scheme.forces == "linear"
+        or not moving
+        or known
+        or log.consecutive is not run
+    ):
+        return log
+    h = np.diff(run.t)
+    if scheme.name not in EXPLICIT or float(np.ptp(h)) > 1e-6 * float(h.min()):
+        return log
+    notes = {**run.provenance.notes, "held": ";".join(run.forces)}
+    told = replace(run.provenance, step=float(np.median(h)), notes=notes)
+    return balanced(mechanism, replace(run, provenance=told), work, log.findings, log.comparisons)
+
+
+def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:
+    """The log with its forces one row earlier, where those of a row belong to the step that led to it."""
+    run = log.run
+    moved = replace(run.every(1).between(run.t[0], run.t[-2]), integrals={})
+    moved = replace(moved, forces={n: f[1:] for n, f in run.forces.items()})
+    finding = Finding(
+        "forces-one-row-late",
+        "the logged forces are those of the step that led to their row, one row older than the state",
+        "put one row earlier they close the equations",
+        "They were put one row earlier. Log forces with the state in which they act",
+    )
+    return balanced(mechanism, moved, work, log.findings, log.comparisons), finding
+
+
+# --- measured accelerations ------------------------------------------------------------------------------
+
+
+def _believed(
+    mechanism: Mechanism, log: Log, step: OneStep | None, *, given: bool
+) -> tuple[EquationTerms | None, list[Finding]]:
+    """The equations at the samples, if the accelerations are the rates of the speeds; else None."""
+    terms = equation_terms(mechanism, log.run)
+    if given:
+        return terms, []
+    told = accelerations(log.run)
+    if told.difference:
+        return None, [
+            Finding(
+                "udot-differenced",
+                f"the accelerations are the {told.difference} difference quotient of the logged speeds",
+                "to their digits",
+                "They say no more than the speeds, and were left out. Log those of the simulator",
+            )
+        ]
+    disagreement = _disagreement(terms, told)
+    doubt = AGREE * disagreement
+    if step is not None:
+        doubt = np.maximum(doubt, BESIDE * step.bar)
+    terms = replace(terms, doubt=doubt)
+    proven = step is not None and step.closes
+    if proven and (terms.significant.any() or terms.doubtful.any()):
+        return None, [_not_of_this_row(terms, told, disagreement)]
+    if terms.doubtful.any():
+        return (terms if terms.significant.any() else None), [
+            _not_of_this_row(terms, told, disagreement)
+        ]
+    return terms, []
+
+
+def _disagreement(terms: EquationTerms, told: Accelerations) -> Array:
+    """What the equations would leave more or less if u̇ were the rate of the speeds (n,), N or N·m."""
+    evaluator = terms.evaluator
+    free = evaluator.mechanism.free
+    rates = told.told[terms.rows][:, free.u]
+    known = np.isfinite(rates).all(axis=1)
+    if not known.any():
+        return np.full(len(terms.speeds), np.inf)
+    nothing = np.zeros((int(known.sum()), evaluator.log.size))
+    here = Sampled(terms.t[known], terms.q[known], terms.u[known], terms.udot[known], nothing)
+    there = replace(here, udot=rates[known])
+    change = total(evaluator(here)) - total(evaluator(there))
+    return np.asarray(np.sqrt(np.mean(change**2, axis=0)))
+
+
+def _not_of_this_row(terms: EquationTerms, told: Accelerations, disagreement: Array) -> Finding:
+    k = int(np.argmax(disagreement / np.maximum(terms.scale, 1e-300)))
+    share = disagreement[k] / max(float(terms.scale[k]), 1e-300)
+    late = f"; they fit the speeds best {abs(told.late):.2g} rows " + (
+        "earlier" if told.late > 0 else "later"
+    )
+    return Finding(
+        "udot-not-of-this-row",
+        "the logged accelerations are not the rates of the logged speeds at their rows",
+        f"the difference means {percent(share)} of the terms of {terms.speeds[k]!r}"
+        + (late if abs(told.late) > 0.05 else ""),
+        "The equations are judged by the speeds. Log accelerations of the same state, unfiltered",
+        element=terms.speeds[k],
+    )
+
+
+def _of_samples(
+    mechanism: Mechanism,
+    log: Log,
+    terms: EquationTerms,
+    tolerance: float,
+    import_report: ImportReport | None,
+    doubted: bool,
+) -> list[Finding]:
+    """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
+    if doubted:
+        return checks.blame(terms)
+    whole = log.consecutive is log.run
+    nearby = terms if whole else equation_terms(mechanism, log.consecutive)
+    stale = checks.stale_stage(mechanism, log.consecutive, nearby)
+    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
+    if misread:
+        return misread + checks.blame(terms)
+    found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
+    now_and_then = checks.intermittent(terms, log.run, tolerance)
+    simple: list[Finding] = []
+    if terms.significant.any():
+        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
+    certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
+    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
+
+
+def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
+    """The few causes that explain the residual of consecutive samples; none where these are too few.
+
+    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    """
+    if len(run) < LEAST_ROWS:
+        return []
+    least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
+    with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+        until = time.monotonic() + SECONDS
+        return list(explanation(mechanism, run, "samples", least, most=most, until=until).findings)
+    return []
+
+
+def _differing(
+    mechanism: Mechanism, log: Log, tolerance: float, import_report: ImportReport | None
+) -> list[Finding]:
+    """Channels that are not the model's need no accelerations to be seen."""
+    run = log.run
+    if not run.forces:
+        return []
+    terms = equation_terms(mechanism, replace(run, udot=np.zeros_like(run.u), events=()))
+    return checks.differing_channels(terms, log.ledger, tolerance, import_report)
+
+
+# --- the one-step test -------------------------------------------------------------------------------------
+
+
+def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -> list[Finding]:
+    """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
+    local = step.now_and_then
+    share = float(local.mean()) if len(local) else 0.0
+    if not step.significant.any():
+        return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+    simple: list[Finding] = []
+    if len(log.consecutive) >= LEAST_ROWS:
+        excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
+        until = time.monotonic() + SECONDS
+        with contextlib.suppress(InputError):
+            told = explanation(mechanism, log.consecutive, "weak", excused=excused, until=until)
+            simple = list(told.findings)
+    # A mistake below the tolerance is real but small: its causes are told as notes.
+    if not beyond(step, tolerance):
+        simple = [replace(f, weight="note") for f in simple]
+    if simple:
+        return simple
+    return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+
+
+def beyond(step: OneStep, tolerance: float) -> bool:
+    """Whether what the one-step test leaves of an equation is more than the tolerance allows."""
+    return bool(step.significant.any() and step.relative[step.significant].max() > tolerance)
+
+
+def _missing(step: OneStep, share: float) -> list[Finding]:
+    active = step.now_and_then
+    worst = np.abs(step.residual[active]).max(axis=0)
+    k = int(np.argmax(worst / np.maximum(step.scale, 1e-300)))
+    when = ", ".join(f"{t:.4g}" for t in step.t[active][:3])
+    return [
+        Finding(
+            "missing-contact",
+            "a force is missing now and then, as of a contact, a joint limit or an impact that the log does "
+            "not hold",
+            f"in {percent(share)} of the steps the next row does not follow from the one before (near t = "
+            f"{when} s): up to {worst[k]:.3g} at {step.speeds[k]!r} are missing",
+            "Log the forces of all contacts and limits",
+            "cause",
+            step.speeds[k],
+        )
+    ]

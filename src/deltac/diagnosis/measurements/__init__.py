@@ -1,0 +1,1 @@
+"""What the columns of a log say of each other, before any dynamics: digits, noise, rates."""

@@ -1,0 +1,79 @@
+"""How exact the numbers of a log are: their digits, and white noise on them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deltac.arrays import Array
+
+EPS = float(np.finfo(np.float64).eps)
+SINGLE = float(np.finfo(np.float32).eps)
+PROBES = 400
+
+
+def resolution(values: Array) -> Array:
+    """Half of the last digit of every number (T, n), column by column.
+
+    Columns of single precision, of a fixed number of decimals, or of a fixed number of significant
+    digits are recognised by their values; all others are taken for doubles. Zeros have no error.
+    """
+    half = np.empty_like(values)
+    for k, column in enumerate(values.T):
+        half[:, k] = _of_column(column)
+    return half
+
+
+def _of_column(column: Array) -> Array:
+    size = np.abs(column)
+    probes = np.unique(column[np.linspace(0, len(column) - 1, PROBES).astype(np.intp)])
+    probes = probes[probes != 0.0]
+    if len(probes) < 3:  # a constant says nothing about its digits
+        return EPS * size
+    readings = [
+        half for half in (_significant(size, probes), _decimals(size, probes)) if half is not None
+    ]
+    if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
+        return max(readings, key=lambda half: float(half.sum()))
+    if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
+        return SINGLE * size
+    return EPS * size
+
+
+def _significant(size: Array, probes: Array) -> Array | None:
+    for digits in range(3, 13):
+        if all(float(f"{x:.{digits - 1}e}") == x for x in probes):
+            decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
+            return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
+    return None
+
+
+def _decimals(size: Array, probes: Array) -> Array | None:
+    for decimals in range(1, 13):
+        if all(round(x, decimals) == x for x in probes.tolist()):
+            return np.full_like(size, 0.5 * 10.0**-decimals)
+    return None
+
+
+WHITE = (0.75, 1.35)
+"""Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
+
+
+def white_noise(x: Array) -> float:
+    """Standard deviation of white noise on samples of a smooth signal, by its high differences.
+
+    Differences of order 2m of white noise have √C(4m, 2m) times its deviation; those of a smooth signal
+    fall from one order to the next. What falls is taken for signal.
+    """
+    if len(x) < 16:
+        return 0.0
+    sixth = 1.4826 * float(np.median(np.abs(np.diff(x, 6)))) / np.sqrt(924.0)
+    eighth = 1.4826 * float(np.median(np.abs(np.diff(x, 8)))) / np.sqrt(12870.0)
+    if sixth <= 0.0 or not WHITE[0] < eighth / sixth < WHITE[1]:
+        return 0.0
+    return float(eighth)
+
+
+def scatter(values: Array) -> Array:
+    """Three standard deviations of noise and half a digit of every number (T, n)."""
+    noise = np.array([white_noise(column) for column in values.T]).reshape(1, -1)
+    return np.asarray(resolution(values) + 3.0 * noise)

@@ -1,0 +1,590 @@
+"""Columns of a log against the rates that the log itself has of them: q against u, u against u̇.
+
+No dynamics is involved. Over each interval the change of a column is compared with the integral of its
+rate by splines,
+
+    x[n+1] − x[n] = r ∫x' dt + θ h (x'[n+1] − x'[n]) + defect.
+
+r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate is of, in rows late or
+early: a scheme that takes the rate at the start or the end of its step leaves −½ or ½, rows that were
+stored late leave 1. What is left beyond digits, noise and the error of the splines is a defect, row by
+row: copies, spikes, clipped and wrapped columns show there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.measurements.digits import resolution, scatter
+from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.lint import gap_rows
+from deltac.trajectories.rates import continuous
+
+Mask: TypeAlias = NDArray[np.bool_]
+
+LEAST_ROWS = 12
+"""Rows that a part between gaps has at least to be compared."""
+
+MOST_ROWS = 20_000
+"""Rows that are compared: consecutive ones at the start, the middle and the end of a long log."""
+
+SURE = 8.0
+"""Standard errors by which r must differ from one."""
+
+LEAST_RATIO = 2e-4
+"""Relative differences of r from one below this are not told: quadratures of simulators reach that far."""
+
+BLOCKS = 8
+"""Parts of a log of which most must say the same factor."""
+
+LATE = 0.8
+"""Rows by which a column must be late to be called so: schemes leave a half at most."""
+
+FEW = 0.1
+"""Share of the intervals up to which defects are few, and each is looked at."""
+
+FAR = 30.0
+"""A defect of so many times its error bar, and the scatter of the others, is no error of quadrature."""
+
+RESOLVED = 5e-3
+"""Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
+
+DEPARTS = 0.05
+"""Share of a column's movement that its rate may miss before the log is doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A column against its rate.
+
+    Attributes:
+        ratio, ratio_error: r and its error bar, systematic part included.
+        late: θ in rows; positive where the rate is older than the column beside it.
+        defect: what is left of each interval (I,), in units of x.
+        bar: error bar of each, from digits, noise and quadrature (I,).
+        moved: the change of each interval (I,).
+        told: ∫x' dt of each (I,).
+        start: the row at the start of each interval (I,).
+        h: length of each (I,), s.
+        steady: whether r is the same all along the log.
+    """
+
+    ratio: float
+    ratio_error: float
+    late: float
+    defect: Array
+    bar: Array
+    moved: Array
+    told: Array
+    start: NDArray[np.intp]
+    h: Array
+    steady: bool
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the rate is off by a factor."""
+        return self.steady and abs(self.ratio - 1.0) > max(self.ratio_error, LEAST_RATIO)
+
+    @property
+    def off(self) -> float:
+        """Root mean square of the defects, as a share of the movement; the largest tenth left out."""
+        return _size(self.defect) / max(_size(self.moved), 1e-300)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the defects are beyond their error bars."""
+        return _size(self.defect) > 4.0 * max(_size(self.bar), 1e-300)
+
+    @property
+    def outliers(self) -> Mask:
+        """Intervals whose defect stands out of its bar and of the scatter of all others."""
+        if not len(self.defect):
+            return np.zeros(0, dtype=np.bool_)
+        typical = 1.4826 * float(np.median(np.abs(self.defect)))
+        return np.abs(self.defect) > FAR * (self.bar + typical) + 1e-6 * _size(self.moved)
+
+
+def compare(
+    t: Array, moved: Array, rate: Array, bar: Array, edges: Sequence[tuple[int, int]]
+) -> Comparison | None:
+    """Compare changes (T − 1,) over all intervals with a rate (T,), between gaps (`edges`).
+
+    `bar` is what digits and noise of x and x' make of a change (T − 1,). None where nothing moves.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    parts = []
+    for a, b in edges:
+        s, x = t[a:b], rate[a:b]
+        h = np.diff(s)
+        fine, coarse = (np.diff(make_interp_spline(s, x, k=k).antiderivative()(s)) for k in (5, 3))
+        trapezoid = 0.5 * h * (x[1:] + x[:-1])
+        second = np.diff(x, 2)
+        curved = 0.5 * h * (np.append(second, second[-1]) + np.insert(second, 0, second[0]))
+        spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
+        parts.append((np.arange(a, b - 1), fine, trapezoid, h * np.diff(x), curved, spread))
+    start, fine, trapezoid, L, C, S = (np.concatenate(x) for x in zip(*parts))
+    D, noise = moved[start], bar[start]
+    if not _size(fine) > 0.0 or not _size(D) > 0.0:
+        return None
+    # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
+    fits = [
+        (x, *_robust(x, L, D, np.hypot(noise, 1e-3 * _size(D) + S), noise))
+        for x in (fine, trapezoid)
+    ]
+    I, r, late, left, keep = min(fits, key=lambda fit: float(np.median(np.abs(fit[3]))))
+    X = np.column_stack([I, L])
+    W = X[keep]
+    scatter = float(np.sqrt(np.mean(left[keep] ** 2)))
+    inverse = np.linalg.pinv(W.T @ W)
+    error = scatter * float(np.sqrt(max(inverse[0, 0], 0.0)))
+    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ 1/4. Of oscillations that looks
+    # like another r, and is found from what it would leave besides.
+    alone = C[keep] - W @ np.linalg.lstsq(W, C[keep], rcond=1e-9)[0]
+    size = float(np.sqrt(np.mean(alone**2)))
+    c = min(0.25, 4.0 * scatter / size) if size > 0.0 else 0.25
+    systematic = c * _size(C) / _size(I)
+    steady = _steady(I[keep], (D - late * L)[keep], r)
+    return Comparison(
+        r, SURE * error + systematic, late, left, noise + S, D, I, start, np.diff(t)[start], steady
+    )
+
+
+def _robust(
+    told: Array, linear: Array, moved: Array, spread: Array, noise: Array
+) -> tuple[float, float, Array, Mask]:
+    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers."""
+    X = np.column_stack([told, linear])
+    weight = 1.0 / spread
+    left = np.zeros_like(moved)
+    r, late = 1.0, 0.0
+    for _ in range(12):
+        W = X * weight[:, None]
+        r, late = (float(x) for x in np.linalg.lstsq(W, moved * weight, rcond=1e-9)[0])
+        left = moved - X @ np.array([r, late])
+        typical = float(np.median(np.abs(left)))
+        # Absolute values count, not squares: a few impacts must not bend the line.
+        weight = 1.0 / np.sqrt(spread * np.maximum(np.abs(left), 1e-3 * spread + typical))
+    keep = np.abs(left) <= 7.0 * float(np.median(np.abs(left))) + 3.0 * noise
+    return r, late, left, keep
+
+
+def _steady(told: Array, moved: Array, ratio: float) -> bool:
+    """Whether all parts of a log say the same factor: a clock and a gear do, impacts and kinks do not."""
+    weights, near = [], []
+    for x, y in zip(np.array_split(told, BLOCKS), np.array_split(moved, BLOCKS)):
+        size = float(x @ x)
+        if size > 0.0:
+            weights.append(size)
+            near.append(abs(float(x @ y) / size - ratio) < 0.5 * abs(ratio - 1.0))
+    return bool(weights) and float(np.dot(weights, near)) > 0.8 * sum(weights)
+
+
+def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
+    """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
+    edges = stretches(run)
+    if not edges:
+        return {}
+    kinematics = Kinematics.of(run.coordinates, run.speeds)
+    free = {int(k) for k in mechanism.free.u}
+    h = np.diff(run.t)
+    fine_u = scatter(run.u) * h[:, None].max(initial=0.0)
+    found: dict[str, Comparison] = {}
+    fine_q = scatter(run.q)
+    for i, j in kinematics.rates:
+        if j in free:
+            bar = fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j]
+            made = compare(run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges)
+            if made is not None:
+                found[run.speeds[j]] = made
+    for _, i, j in kinematics.quaternions:
+        if j not in free:
+            continue
+        turned = rotation_vectors(run.q[:, i : i + 4])
+        for k in range(3):
+            # Half a turn more per row, and the commutator of turns: of second order in the angle.
+            size = np.linalg.norm(turned, axis=1)
+            bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + fine_u[1:, j + k] + size**3 / 6.0
+            bar = bar + 0.1 * size * np.pad(
+                np.linalg.norm(np.diff(turned, axis=0), axis=1), (0, 1), mode="edge"
+            )
+            made = compare(run.t, turned[:, k], run.u[:, j + k], bar, edges)
+            if made is not None:
+                found[run.speeds[j + k]] = made
+    return found
+
+
+def rotation_vectors(p: Array) -> Array:
+    """Rotation vectors (T − 1, 3), body components, between quaternions (T, 4), scalar first."""
+    p = continuous(p)
+    a, b = p[:-1], p[1:]
+    w = np.sum(a * b, axis=1)
+    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
+    length = np.linalg.norm(v, axis=1)
+    scale = np.divide(
+        2.0 * np.arctan2(length, w), length, out=np.full_like(w, 2.0), where=length > 0.0
+    )
+    return np.asarray(v * scale[:, None])
+
+
+def stretches(run: Trajectory) -> list[tuple[int, int]]:
+    """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
+    happened = np.searchsorted(run.t, [e.t for e in run.events])
+    cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
+    found = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
+    total = sum(b - a for a, b in found)
+    if total <= MOST_ROWS:
+        return found
+    share, made = MOST_ROWS / total, []
+    for a, b in found:
+        size = max(LEAST_ROWS, int(share * (b - a) / 3))
+        if b - a <= 3 * size:
+            made.append((a, b))
+            continue
+        middle = (a + b - size) // 2
+        made += [(a, a + size), (middle, middle + size), (b - size, b)]
+    return made
+
+
+# --- accelerations ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerations:
+    """What the accelerations of a log are, told by its speeds.
+
+    Attributes:
+        difference: "backward", "forward" or "central" where u̇ is that difference quotient of u, else "".
+        late: rows by which u̇ is older than the speeds beside it; ±½ also by schemes of first order.
+        told: u̇ as the speeds have it, by splines (T, nu); NaN where rows are too few.
+    """
+
+    difference: str
+    late: float
+    told: Array
+
+
+def accelerations(run: Trajectory) -> Accelerations:
+    """Compare the accelerations of a run with its speeds."""
+    from scipy.interpolate import make_interp_spline
+
+    assert run.udot is not None
+    told = np.full_like(run.u, np.nan)
+    edges = stretches(run)
+    lates: list[float] = []
+    fine = scatter(run.u)
+    for a, b in edges:
+        told[a:b] = make_interp_spline(run.t[a:b], run.u[a:b], k=5).derivative()(run.t[a:b])
+    for j in range(run.u.shape[1] if edges else 0):
+        bar = fine[1:, j] + fine[:-1, j]
+        made = compare(run.t, np.diff(run.u[:, j]), run.udot[:, j], bar, edges)
+        if made is not None and made.off < 0.5:
+            lates.append(made.late)
+    return Accelerations(_difference(run), float(np.median(lates)) if lates else 0.0, told)
+
+
+def _difference(run: Trajectory) -> str:
+    """Which difference quotient of the speeds the accelerations are, to their digits."""
+    assert run.udot is not None
+    if len(run) < 6:
+        return ""
+    h = np.diff(run.t)[:, None]
+    D = np.diff(run.u, axis=0) / h
+    moving = np.abs(D).max(axis=0) > 0.0
+    if not moving.any():
+        return ""
+    digits = resolution(run.udot)[1:-1] + 3.0 * resolution(run.u)[1:-1] / h.min()
+    digits = digits + 1e-11 * np.abs(run.udot).max(axis=0)
+    central = np.gradient(run.u, run.t, axis=0)[1:-1]
+    for name, quotient in (("backward", D[:-1]), ("forward", D[1:]), ("central", central)):
+        off = np.abs(run.udot[1:-1] - quotient) > digits
+        if off[:, moving].mean() < 0.02:
+            return name
+    return ""
+
+
+# --- what a kinematic test finds ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A run whose evident slips were undone, and what was found."""
+
+    run: Trajectory
+    findings: tuple[Finding, ...]
+    comparisons: dict[str, Comparison]
+
+
+def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
+    """Test q against u, and undo what is safe to undo: copies of rows, turns of 2π, single spikes.
+
+    Runs whose speeds were derived from the coordinates are taken as they are.
+    """
+    derived = "u" in run.provenance.notes.get("derived", "").split(";")
+    if derived or len(run) < LEAST_ROWS:
+        return Cleaned(run, (), {})
+    found: list[Finding] = []
+    for step in (_without_copies, _unwrapped):
+        run, more = step(mechanism, run)
+        found += more
+    comparisons = coordinates_against_speeds(mechanism, run)
+    run, more = _without_spikes(run, comparisons)
+    if more:
+        found += more
+        comparisons = coordinates_against_speeds(mechanism, run)
+    found += list(_wrong_rates(mechanism, run, comparisons))
+    return Cleaned(run, tuple(found), comparisons)
+
+
+def trusted(run: Trajectory) -> bool:
+    """Whether it is known how the rows came about: our own runs, and those of our MuJoCo recorder."""
+    return run.provenance.simulator == "deltac" or "stage" in run.provenance.notes
+
+
+def _rows(run: Trajectory, keep: Mask) -> Trajectory:
+    return replace(
+        run,
+        t=run.t[keep],
+        q=run.q[keep],
+        u=run.u[keep],
+        udot=None if run.udot is None else run.udot[keep],
+        forces={n: f[keep] for n, f in run.forces.items()},
+        integrals={n: x[keep] for n, x in run.integrals.items()},
+    )
+
+
+def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """Rows that repeat the one before though its speeds say that it moves on."""
+    same = np.all(np.diff(run.q, axis=0) == 0.0, axis=1) & np.all(
+        np.diff(run.u, axis=0) == 0.0, axis=1
+    )
+    told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
+    moving = np.any(
+        told > 4.0 * resolution(run.q).max(axis=0, initial=0.0).max(initial=0.0), axis=1
+    )
+    copies = np.flatnonzero(same & moving) + 1
+    if not len(copies) or run.integrals or run.events:
+        return run, []
+    keep = np.ones(len(run), dtype=np.bool_)
+    keep[copies] = False
+    finding = Finding(
+        "duplicated-rows",
+        f"{len(copies)} rows repeat the row before, though time and speeds go on",
+        f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
+        "They were left out. Write each state once, at its own time",
+        "note" if len(copies) <= 0.34 * len(run) else "doubt",
+    )
+    return _rows(run, keep), [finding]
+
+
+def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """Angles that jump by whole turns, as those reduced to (−π, π] do."""
+    q, found = np.array(run.q), []
+    turn = 2.0 * np.pi
+    h = np.diff(run.t)
+    for i, j in Kinematics.of(run.coordinates, run.speeds).rates:
+        if mechanism.coordinates[i].unit != "rad":
+            continue
+        told = 0.5 * h * (run.u[1:, j] + run.u[:-1, j])
+        excess = np.diff(q[:, i]) - told
+        turns = np.round(excess / turn)
+        jumps = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
+        within = np.abs(np.ptp(q[:, i]) - turn) < 0.6 or np.ptp(q[:, i]) < turn
+        if jumps.any() and within:
+            q[1:, i] -= turn * np.cumsum(np.where(jumps, turns, 0.0))
+            found.append(
+                Finding(
+                    "wrapped-angle",
+                    f"coordinate {run.coordinates[i]!r} is reduced to one turn",
+                    f"it jumps by 2π {int(jumps.sum())} times while its speed is steady",
+                    "It was made continuous again. Log the angle as the simulator holds it",
+                    element=run.coordinates[i],
+                )
+            )
+    return (replace(run, q=q), found) if found else (run, found)
+
+
+def _without_spikes(
+    run: Trajectory, comparisons: dict[str, Comparison]
+) -> tuple[Trajectory, list[Finding]]:
+    """Single rows of which a column lies far off its neighbours; only a few are taken out."""
+    rows: dict[int, str] = {}
+    for name, made in comparisons.items():
+        out = made.outliers
+        j = run.speeds.index(name)
+        ends = {int(row) for k in np.flatnonzero(out) for row in (made.start[k], made.start[k] + 1)}
+        for row in ends:
+            if not 2 <= row < len(run) - 2:
+                continue
+            around = run.u[[row - 2, row - 1, row + 1, row + 2], j]
+            if abs(run.u[row, j] - np.median(around)) > 5.0 * float(np.ptp(around)):
+                rows[row] = name
+            else:
+                i = np.flatnonzero([c == name for c in run.coordinates])
+                near = run.q[[row - 2, row - 1, row + 1, row + 2]][:, i]
+                if i.size and abs(float(run.q[row, i[0]] - np.median(near))) > 5.0 * float(
+                    np.ptp(near)
+                ):
+                    rows[row] = name
+    if not rows or len(rows) > FEW * len(run) or run.integrals or run.events:
+        return run, []
+    keep = np.ones(len(run), dtype=np.bool_)
+    keep[list(rows)] = False
+    first = min(rows)
+    finding = Finding(
+        "spikes",
+        f"{len(rows)} rows hold a value far off those before and after",
+        f"the first is {rows[first]!r} in row {first}, t = {run.t[first]:.6g} s",
+        "They were left out. Look for what wrote them",
+        element=rows[first],
+    )
+    return _rows(run, keep), [finding]
+
+
+def _wrong_rates(
+    mechanism: Mechanism, run: Trajectory, comparisons: dict[str, Comparison]
+) -> Iterator[Finding]:
+    """Clock, gears, late rows, clipped and swapped columns, and speeds that are no rates at all."""
+    swapped = dict(_swapped(run, comparisons))
+    for name, other in swapped.items():
+        if name < other:
+            yield Finding(
+                "swapped-columns",
+                f"the speeds {name!r} and {other!r} seem to be swapped",
+                "each coordinate moves as the speed of the other says",
+                "Correct the names of the columns",
+                "doubt",
+                name,
+            )
+    rest = {n: c for n, c in comparisons.items() if n not in swapped}
+    clipped = [n for n, c in rest.items() if _is_clipped(run, n, c)]
+    for name in clipped:
+        yield Finding(
+            "clipped-column",
+            f"the speed {name!r} stays at its extreme while the coordinate moves faster",
+            f"at most {np.abs(run.speed(name)).max():.6g} was written",
+            "Widen the range of what wrote the column",
+            "doubt",
+            name,
+        )
+    rest = {n: c for n, c in rest.items() if n not in clipped}
+    late = {
+        n: c
+        for n, c in rest.items()
+        if abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1 and _tells(c)
+    }
+    if late:
+        rows = float(np.median([c.late for c in late.values()]))
+        yield Finding(
+            "late-rows",
+            f"coordinates are {abs(rows):.3g} rows {'older' if rows < 0 else 'newer'} than the speeds beside "
+            "them",
+            f"shown by {', '.join(map(repr, list(late)[:4]))}",
+            "Write coordinates and speeds of one instant into one row",
+            "doubt",
+            next(iter(late)),
+        )
+    rest = {n: c for n, c in rest.items() if n not in late}
+    off = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
+    if off:
+        yield from _scaled(off, rest)
+    for name, c in rest.items():
+        if name not in off and c.significant and c.off > 1e-3:
+            resolved = _size(c.bar) < RESOLVED * _size(c.moved) and len(run) > 30
+            weight: Weight = "doubt" if c.off > DEPARTS and resolved else "note"
+            yield Finding(
+                "speed-not-rate",
+                f"the speed {name!r} is not the rate of its coordinate",
+                f"it misses {percent(c.off)} of the movement, where digits, noise and quadrature explain "
+                f"{percent(_size(c.bar) / max(_size(c.moved), 1e-300))}",
+                "Log the speed of the same state, unfiltered and with the same clock",
+                weight,
+                name,
+            )
+
+
+def _tells(c: Comparison) -> bool:
+    """Whether the rate changes enough from row to row to tell an instant."""
+    return _size(c.told) > 0.0 and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
+
+
+def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
+    """One factor in all columns is a clock's; else gears between coordinates and speeds."""
+    ratios = np.array([c.ratio for c in off.values()])
+    errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in off.values()])
+    weights = errors**-2
+    common = float(np.sum(ratios * weights) / np.sum(weights))
+    agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
+    others = [c for n, c in every.items() if n not in off]
+    dissent = any(abs(c.ratio - common) > max(c.ratio_error, LEAST_RATIO) for c in others)
+    if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
+        yield Finding(
+            "clock-scale",
+            f"all coordinates move by {common:.6g} times what their speeds say: the clock is wrong",
+            f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
+            f"Multiply the times by {common:.6g}, or log the simulator's own time",
+            "doubt",
+            factor=common,
+            error=float(errors.min()),
+        )
+        return
+    for name, c in off.items():
+        yield Finding(
+            "gear-between-q-and-u",
+            f"coordinate {name!r} moves by {c.ratio:.6g} times what its speed says",
+            f"± {max(c.ratio_error, LEAST_RATIO):.1g}",
+            "Take both on the same side of the gear, and in the same units",
+            "doubt",
+            name,
+            c.ratio,
+            c.ratio_error,
+        )
+
+
+def _swapped(run: Trajectory, comparisons: dict[str, Comparison]) -> Iterator[tuple[str, str]]:
+    """Pairs of speeds that fit each other's coordinates and not their own."""
+
+    def fits(a: Comparison, b: Comparison) -> float:
+        if len(a.moved) != len(b.told):
+            return 0.0
+        size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
+        return abs(float(a.moved @ b.told)) / size if size else 0.0
+
+    poor = {n: c for n, c in comparisons.items() if fits(c, c) < 0.95}
+    for a, x in poor.items():
+        for b, y in poor.items():
+            if a != b and fits(x, y) > 0.99 and fits(y, x) > 0.99:
+                yield a, b
+
+
+def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
+    u = run.speed(name)
+    worst = float(np.abs(u).max())
+    at = np.abs(u) >= worst * (1.0 - 1e-12)
+    if worst == 0.0 or at.sum() < 6:
+        return False
+    inside = at[c.start] & at[c.start + 1]
+    if inside.sum() < 4 or not (~inside).any():
+        return False
+    beyond = np.abs(c.moved[inside]) - np.abs(c.told[inside])
+    return bool(
+        np.median(beyond)
+        > 10.0 * (np.median(c.bar) + 1e-3 * _size(c.moved)) * 0.1 + 4 * np.median(c.bar)
+    )
+
+
+def _size(x: Array) -> float:
+    """Root mean square without the largest tenth."""
+    if not len(x):
+        return 0.0
+    squares = np.sort(np.asarray(x, dtype=float) ** 2)
+    return float(np.sqrt(np.mean(squares[: max(1, int(0.9 * len(squares)))])))

@@ -1,0 +1,885 @@
+"""The one-step test: does each row of a log follow from the one before by the model's equations?
+
+No accelerations are needed. With a(t, q, u, F) the model's acceleration at a row and its logged forces,
+and D = (u[n+1] − u[n])/h, every integrator leaves a relation between D and values of a:
+
+    explicit Euler D = a[n],  trapezoidal rule D = (a[n] + a[n+1])/2,  generalized-α a two-step relation, …
+
+1. **Identification.** If one of them closes to the digits of the log, the equations are right, whatever
+   the energy does, and the integrator is known.
+2. **Defect.** Otherwise D is compared with the exact flow, w = D − (1/h)∫a dt, with a interpolated along the
+   rows. An unknown integrator, unknown substeps and forces that are not known between rows leave a w that
+   is a combination of differences of a over a step: with q, u, t or a force taken at the other end
+   (first order), and their second differences. These *scheme columns* are fitted with coefficients
+   within the bounds that any consistent scheme keeps, and taken off. The rest, times the mass matrix, is
+   a residual of the equations of motion in N and N·m. Its error bar holds what digits and noise of the
+   log, interpolation, forces between rows and the next order of the scheme may leave.
+
+A residual beyond its bar is a mistake of the equations, or a force that the log lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.measurements.digits import EPS, scatter
+from deltac.diagnosis.measurements.kinematics import stretches
+from deltac.dynamics.forces import total_force
+from deltac.dynamics.recursions import aba, crba, rnea
+from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import Kinematics
+
+WORK = 1e9
+"""Instructions that the test may take, about: some seconds. Longer logs are looked at in stretches."""
+
+MOST_ROWS, LEAST_ROWS = 4000, 200
+PIECES = 8
+"""Rows of the test, and the number of stretches that they are taken from."""
+
+IDENTIFYING = 240
+"""Steps that identify an integrator."""
+
+CLOSED = 1e-8
+"""A scheme closes if it leaves this share of the accelerations: iterations of implicit methods stop there."""
+
+PROVES = 1e-7
+"""A scheme that leaves less than this share of the accelerations proves the equations."""
+
+DISTINCT = 10.0
+"""How much better than all others a scheme must close to be named."""
+
+WIDTHS = (1, 8, 32)
+"""Windows over which a residual may be averaged against noise, in intervals."""
+
+CLEAR = 10.0
+"""Error bars beyond which a residual is significant. Of right equations it stays below five."""
+
+LOCAL = 30.0
+"""Error bars beyond which a single window stands out: a few rows must not be accused for less."""
+
+LEAST = 1e-6
+"""Residuals below this share of the terms are no mistake: solvers of constraints stop there."""
+
+SECOND = ("mixed", "middle", "curve")
+"""Scheme columns of second order."""
+
+TRIMMED = 0.05
+"""Share of the intervals, those with the largest defects, that fits leave out: impacts are few rows."""
+
+
+# --- the model along the rows ---------------------------------------------------------------------------
+
+
+class Model:
+    """A mechanism with a log's forces: accelerations, mass matrix and constraints of arrays of rows."""
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism, self.log = mechanism, LoggedForces.of(run)
+        free = mechanism.free
+        start = (float(run.t[0]), run.q[0, free.q])
+        symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+        s, at = symbols.system, symbols.system.free_u
+        self.symbols = symbols
+        bound = symbols.constrained
+        tau = total_force(s, symbols.parts)
+        if bound is None:
+            a = aba(s, tau)[0][at]
+            G = ca.SX(0, len(at))
+        else:
+            still = ca.SX(s.udot_all)
+            still[at] = 0
+            r = (tau - rnea(s, still))[at]
+            multipliers = bound.schur.multipliers(r, bound.rows.gamma)
+            a = bound.schur.free_response(r) + bound.schur.response(multipliers)
+            G = bound.rows.G
+        damped = [
+            p.force[at]
+            for p in symbols.parts
+            if p.name.startswith("damper ") and p.name not in self.log.places
+        ]
+        damping = sum(damped, start=ca.SX.zeros(len(at)))
+        bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))[at]
+        size = sum((ca.fabs(p.force[at]) for p in symbols.parts), start=ca.fabs(bias))
+        inputs = [s.t, s.q, s.u, symbols.logged]
+        self._acceleration = ca.Function("a", inputs, [ca.densify(a)], {"cse": True})
+        self._damping = ca.Function("d", inputs, [ca.densify(ca.SX(damping))])
+        self._terms = ca.Function("s", inputs, [ca.densify(size)])
+        M = crba(s)[at, at]
+        self._matrices = ca.Function(
+            "m", [s.t, s.q], [ca.densify(ca.vec(M)), ca.densify(ca.vec(G))]
+        )
+        self.rows_of_G, self.n = G.shape[0], len(at)
+        self.damped = bool(damped) and not ca.SX(damping).is_zero()
+        self.of_time = bool(ca.depends_on(a, s.t))
+        self.cost = int(self._acceleration.n_instructions())
+        names = Kinematics.of(run.coordinates, run.speeds)
+        free_q = {int(k): i for i, k in enumerate(free.q)}
+        free_u = {int(k): i for i, k in enumerate(free.u)}
+        self._rates = [
+            (free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u
+        ]
+        self._quaternions = [
+            (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
+        ]
+        self._qdot = ca.Function("r", [s.t, s.q, s.u], [ca.densify(s.qdot)])
+
+    def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """u̇ (T, n) of the free speeds."""
+        return self._rows(self._acceleration, t, q, u, F)[0]
+
+    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """Generalized forces (T, n) of the model's own dampers."""
+        return self._rows(self._damping, t, q, u, F)[0]
+
+    def terms(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """Sum of the absolute forces and bias of each equation (T, n)."""
+        return self._rows(self._terms, t, q, u, F)[0]
+
+    def rate(self, t: Array, q: Array, u: Array) -> Array:
+        """q̇ (T, nq) of the free coordinates."""
+        return self._rows(self._qdot, t, q, u)[0]
+
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Inertia N (T, n, n) and compliance C (T, n, n): both M, M⁻¹ where nothing is constrained.
+
+        With constraints they belong to the motions that these leave: C = M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹ and
+        N = M C M.
+        """
+        flat, g = self._rows(self._matrices, t, q)
+        M: Array = flat.reshape(-1, self.n, self.n)
+        inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
+        if not self.rows_of_G:
+            return M, inverse
+        G = g.reshape(-1, self.n, self.rows_of_G).transpose(0, 2, 1)
+        response = inverse @ G.transpose(0, 2, 1)
+        C = inverse - response @ np.linalg.pinv(G @ response, rcond=1e-10) @ response.transpose(
+            0, 2, 1
+        )
+        return M @ C @ M, C
+
+    def moved(self, q: Array, u: Array, h: Array) -> Array:
+        """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
+        made = np.array(q)
+        for i, j in self._rates:
+            made[:, i] += h[:, 0] * u[:, j]
+        for i, j in self._quaternions:
+            turn = h * u[:, j : j + 3]
+            angle = np.linalg.norm(turn, axis=1, keepdims=True)
+            half = 0.5 * np.sinc(angle / (2.0 * np.pi))
+            w, v = np.cos(angle / 2.0), half * turn
+            p = q[:, i : i + 4]
+            made[:, i : i + 1] = p[:, :1] * w - np.sum(p[:, 1:] * v, axis=1, keepdims=True)
+            made[:, i + 1 : i + 4] = p[:, :1] * v + w * p[:, 1:] + np.cross(p[:, 1:], v)
+        return made
+
+    def _rows(self, function: ca.Function, *columns: Array) -> list[Array]:
+        count = len(columns[0])
+        given = [ca.DM(np.atleast_2d(c.T if c.ndim == 2 else c[None, :])) for c in columns]
+        found = function.map(count).call(given)
+        return [np.array(x).T.reshape(count, -1) for x in found]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Consecutive rows of a log: free q, u (T, n), the logged forces (T, m)."""
+
+    t: Array
+    q: Array
+    u: Array
+    F: Array
+
+    @property
+    def h(self) -> Array:
+        """Length of each interval (T − 1, 1)."""
+        return np.asarray(np.diff(self.t)[:, None])
+
+    @property
+    def D(self) -> Array:
+        """Mean accelerations (T − 1, n)."""
+        return np.asarray(np.diff(self.u, axis=0) / self.h)
+
+    def shaken(self, size: Rows, rng: np.random.Generator) -> Rows:
+        """The same with every number moved at random by its `size`."""
+
+        def moved(x: Array, s: Array) -> Array:
+            return np.asarray(x + rng.uniform(-1.0, 1.0, x.shape) * s)
+
+        return Rows(self.t, moved(self.q, size.q), moved(self.u, size.u), moved(self.F, size.F))
+
+
+def _rows_of(
+    model: Model, run: Trajectory, edges: Sequence[tuple[int, int]]
+) -> list[tuple[Rows, Rows]]:
+    """Stretches of a log, each with the scatter of its numbers."""
+    free = model.mechanism.free
+    forces = [values for values in model.log.values(run).values()]
+    F = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
+    q, u = run.q[:, free.q], run.u[:, free.u]
+    noise = [scatter(x) if x.shape[1] else np.zeros_like(x) for x in (q, u, F)]
+    found = []
+    for a, b in edges:
+        here = slice(a, b)
+        found.append((
+            Rows(run.t[here], q[here], u[here], F[here]),
+            Rows(run.t[here], *(x[here] for x in noise)),
+        ))  # fmt: skip
+    return found
+
+
+def _edges(run: Trajectory, cost: int, columns: int) -> list[tuple[int, int]]:
+    """Stretches of rows, as many as the work allows."""
+    most = int(np.clip(WORK / max(cost * (columns + 10), 1), LEAST_ROWS, MOST_ROWS))
+    found = stretches(run)
+    total = sum(b - a for a, b in found)
+    if total <= most:
+        return found
+    made = []
+    for a, b in found:
+        share = max(12, int(most * (b - a) / total))
+        pieces = max(1, min(PIECES, share // 100))
+        size = share // pieces
+        made += [(int(s), int(s) + size) for s in np.linspace(a, b - size, pieces).astype(int)]
+    return sorted(set(made))
+
+
+# --- identification -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """An integrator that closes: its name ("" where several do), and order.
+
+    `defect` is what it leaves as a share of the accelerations, `precision` what digits and noise may;
+    `forces` tells which ones it took: those of the "start" or the "end" of a step, or "linear".
+    """
+
+    name: str
+    order: int
+    defect: float
+    precision: float
+    forces: str
+
+    @property
+    def late_forces(self) -> bool:
+        """Whether forces beside the new state moved it there by an explicit scheme: they are one row late."""
+        return self.forces == "end" and self.name in EXPLICIT
+
+
+ORDERS = {
+    "explicit-euler": 1, "semi-implicit-euler": 1, "euler": 1, "implicit-euler": 1,
+    "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
+    "implicit-speed-euler": 1, "verlet": 2,
+    "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
+    "rk3": 3, "bs3": 3, "rk4": 4, "rk4-on-the-group": 4, "dopri5": 5,
+}  # fmt: skip
+
+EXPLICIT = (
+    "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
+    "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "rk4-on-the-group", "dopri5",
+)  # fmt: skip
+
+_TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
+    "explicit-midpoint": (((0.5,),), (0.0, 1.0)),
+    "heun": (((1.0,),), (0.5, 0.5)),
+    "rk3": (((0.5,), (-1.0, 2.0)), (1 / 6, 4 / 6, 1 / 6)),
+    "bs3": (((0.5,), (0.0, 0.75)), (2 / 9, 3 / 9, 4 / 9)),
+    "rk4": (((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 2 / 6, 2 / 6, 1 / 6)),
+    "dopri5": (
+        (
+            (1 / 5,),
+            (3 / 40, 9 / 40),
+            (44 / 45, -56 / 15, 32 / 9),
+            (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+            (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+        ),
+        (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+    ),
+}
+"""Explicit Runge–Kutta methods: rows of a, weights b (Hairer, Nørsett, Wanner 1993, section II)."""
+
+
+def identify(
+    model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
+) -> tuple[Scheme | None, float, float]:
+    """The integrator whose steps the rows are, or None; what the best one leaves; what digits may leave.
+
+    Both are shares of the accelerations. `late` is θ of q against u, which tells explicit from semi-implicit
+    Euler.
+    """
+    whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
+    if len(whole.t) < 6:
+        return None, 1.0, 0.0
+    most = len(whole.t) - 2
+    k = np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+    k = k[(k >= 1) & (k + 1 < len(whole.t))]
+
+    def at(rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
+        return whole.t[rows], whole.q[rows], whole.u[rows], whole.F[rows]
+
+    h = np.diff(whole.t)[:, None]
+    D = np.diff(whole.u, axis=0) / h
+    (t0, q0, u0, F0), (t1, q1, u1, F1) = at(k), at(k + 1)
+    h0 = h[k]
+    a00 = model.acceleration(t0, q0, u0, F0)
+    a11 = model.acceleration(t1, q1, u1, F1)
+    _, C = model.matrices(t0, q0)
+    N, _ = model.matrices(t0, q0)
+    candidates: dict[str, Array] = {}
+
+    def offer(name: str, value: Array) -> None:
+        candidates[name] = value
+
+    held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
+    for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
+        a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
+        offer("euler" + mark, a)
+        if model.damped:
+            change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
+            offer("implicit-damping-euler" + mark, a + np.einsum("tij,tj->ti", C, change))
+        step, along = 1e-4, u1 - u0
+        ahead, back = (model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0))
+        offer("linearly-implicit-euler" + mark, a + (ahead - back) / (2.0 * step))
+        offer("implicit-euler" + mark, model.acceleration(t1, q1, u1, F))
+        offer("semi-implicit-euler-vu" + mark, model.acceleration(t0, q1, u0, F))
+        offer("implicit-speed-euler" + mark, model.acceleration(t1, q0, u1, F))
+        end = a11 if mark == "" and not held else model.acceleration(t1, q1, u1, F)
+        offer("trapezoidal" + mark, 0.5 * (a + end))
+        middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
+        offer(
+            "implicit-midpoint" + mark,
+            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
+        )
+        half = u0 + 0.5 * h0 * a
+        offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
+        for name in _TABLEAUS:
+            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, F, F, h0, on_group=False))
+    if held:
+        offer("trapezoidal@linear", 0.5 * (a00 + a11))
+        middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
+        mean = 0.5 * (F0 + F1)
+        offer(
+            "implicit-midpoint@linear",
+            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
+        )
+        offer("verlet@linear", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
+        for name in ("explicit-midpoint", "heun"):
+            offer(
+                name + "@linear", _runge_kutta(model, name, t0, q0, u0, F0, F1, h0, on_group=False)
+            )
+    if model._quaternions:
+        offer("rk4-on-the-group", _runge_kutta(model, "rk4", t0, q0, u0, F0, F0, h0, on_group=True))
+
+    Dk = D[k]
+    typical = float(np.median(_norm(N, a00))) + float(np.median(_norm(N, Dk))) + 1e-300
+    # Digits of u in D, and of q and u in a: by moving them.
+    rng = np.random.default_rng(3)
+    here, fine = Rows(t0, q0, u0, F0), Rows(t0, size.q[k], size.u[k], size.F[k])
+    other = here.shaken(fine, rng)
+    shaken = model.acceleration(other.t, other.q, other.u, other.F) - a00
+    digits = float(np.median(_norm(N, size.u[k] / h0) + _norm(N, shaken))) / typical
+    digits = max(
+        digits,
+        50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
+    )
+    left = {n: float(np.median(_norm(N, Dk - x))) / typical for n, x in candidates.items()}
+    limit = 3.0 * digits + CLOSED
+    ranked = sorted(left.items(), key=lambda item: item[1])
+    best_name, best = ranked[0]
+    relation = _two_step(model, whole, D, N, k, typical)
+    closes = relation.left <= 3.0 * digits + 1e-10
+    if closes and relation.named and relation.left < best / DISTINCT:
+        found = Scheme("generalized-alpha", 2, relation.left, digits, "linear")
+        return found, relation.left, digits
+    if best > limit:
+        return None, min(best, relation.left), digits
+    base = best_name.partition("@")[0]
+    others = [x for n, x in ranked if n.partition("@")[0] != base]
+    unique = min(others) > DISTINCT * max(best, 1e-13)
+    if base == "euler":
+        base = (
+            "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
+        )
+    forces = best_name.partition("@")[2] or "start"
+    name, order = (base, ORDERS[base]) if unique else ("", 0)
+    return Scheme(name, order, best, digits, forces), best, digits
+
+
+def _norm(N: Array, w: Array) -> Array:
+    """√(wᵀ N w) (T,)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", w, N, w), 0.0)))
+
+
+def _runge_kutta(
+    model: Model,
+    name: str,
+    t: Array,
+    q: Array,
+    u: Array,
+    F0: Array,
+    F1: Array,
+    h: Array,
+    *,
+    on_group: bool,
+) -> Array:
+    """Mean acceleration of a step of an explicit Runge–Kutta method; forces change linearly from F0 to F1."""
+    rows, b = _TABLEAUS[name]
+    slopes_u: list[Array] = []
+    slopes_q: list[Array] = []
+    velocities: list[Array] = []
+    x, v, c = q, u, 0.0
+    for s in range(len(b)):
+        if s:
+            weights = rows[s - 1]
+            c = float(sum(weights))
+            v = u + h * sum(w * k for w, k in zip(weights, slopes_u))
+            if on_group:
+                x = model.moved(q, _sum(w * k for w, k in zip(weights, velocities)), h)
+            else:
+                x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
+        now = t + c * h[:, 0]
+        slopes_q.append(model.rate(now, x, v))
+        velocities.append(v)
+        slopes_u.append(model.acceleration(now, x, v, F0 + c * (F1 - F0)))
+    return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
+
+
+@dataclass(frozen=True)
+class _TwoStep:
+    """A two-step relation: what it leaves as a share of a, and whether its numbers are those of a method."""
+
+    left: float
+    named: bool
+
+
+def _two_step(
+    model: Model, rows: Rows, D: Array, N: Array, k: NDArray[np.intp], typical: float
+) -> _TwoStep:
+    """What the best relation D[n+1] + x D[n] = y0 a[n] + y1 a[n+1] + y2 a[n+2] leaves, 1 + x = Σy.
+
+    Newmark's method, HHT and generalized-α obey it when their own accelerations are eliminated (Erlicher,
+    Bonaventura and Bursi 2002, Comput. Mech. 28).
+    """
+    h = np.diff(rows.t)
+    k = k[k + 1 < len(D)]
+    k = k[np.abs(h[k] - h[k + 1]) < 1e-6 * h[k]]
+    if len(k) < 12:
+        return _TwoStep(np.inf, False)
+    a = [
+        model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j])
+        for j in range(3)
+    ]
+    W = N[: len(k)]
+    # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
+    right = D[k + 1] - a[1]
+    columns = [a[1] - D[k], a[0] - a[1], a[2] - a[1]]
+    A = np.array([[np.einsum("ti,tij,tj->", x, W, y) for y in columns] for x in columns])
+    b = np.array([np.einsum("ti,tij,tj->", x, W, right) for x in columns])
+    x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
+    left = (
+        float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        / typical
+    )
+    if not -0.95 < x < 1.05:
+        return _TwoStep(left, False)
+    # x = αm/(1 − αm), y0 = (1 − γ) αf/(1 − αm), y2 = γ (1 − αf)/(1 − αm).
+    am = x / (1.0 + x)
+    before, after = y0 * (1.0 - am), y2 * (1.0 - am)
+    p = after - before  # γ − αf
+    root = (1.0 - p) ** 2 - 4.0 * before
+    if root < -1e-3:
+        return _TwoStep(left, False)
+    choices = [0.5 * (1.0 - p + sign * np.sqrt(max(root, 0.0))) for sign in (-1.0, 1.0)]
+    close = 2e-3
+    named = abs(p - 0.5 + am) < close and any(
+        abs(af - (1.0 + am) / 3.0) < close or abs(am) < close or abs(af) < close for af in choices
+    )
+    return _TwoStep(left, bool(named))
+
+
+# --- the defect -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OneStep:
+    """What the one-step test found; n free speeds, W windows.
+
+    Attributes:
+        scheme: the integrator whose steps the rows are, or None.
+        speeds: names of the n free speeds.
+        t: the middle of each window (W,).
+        residual: what the equations leave in each, scheme columns taken off (W, n), N or N·m.
+        allowed: error bar of each of these (W, n).
+        size, bar, scale: its root mean square without the largest tenth, its error bar, the size of the
+            terms (n,).
+        bars: what the error bar is made of, by name (n,).
+        fitted: coefficients of the scheme columns.
+        hidden: energy (J) that a residual as large as the bar could do in the time of the log.
+        spent: energy (J) that the residual does in it, without sign.
+        rows: how many rows were looked at.
+        columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F.
+        off_scheme: what the best scheme leaves, as a share of the accelerations.
+    """
+
+    scheme: Scheme | None
+    speeds: tuple[str, ...]
+    t: Array
+    residual: Array
+    allowed: Array
+    size: Array
+    bar: Array
+    scale: Array
+    fitted: Mapping[str, float]
+    hidden: float
+    spent: float
+    rows: int
+    off_scheme: float
+    bars: Mapping[str, Array]
+    columns: Callable[[Array, Array, Array, Array], Array]
+
+    @property
+    def ratio(self) -> Array:
+        """`size` in units of the error bar (n,)."""
+        return np.asarray(self.size / np.maximum(self.bar, 1e-300))
+
+    @property
+    def relative(self) -> Array:
+        """`size` as a share of the terms (n,)."""
+        return np.asarray(self.size / np.maximum(self.scale, 1e-300))
+
+    @property
+    def closes(self) -> bool:
+        """Whether every row follows from the one before by a known scheme, to next to nothing.
+
+        In logs of few digits a scheme may close to these digits: it is named, but proves no more than the
+        residual does.
+        """
+        return self.scheme is not None and self.scheme.defect <= PROVES
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
+        clear = (self.ratio > CLEAR) & (self.relative > LEAST)
+        return clear & (not self.closes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of the test, for JSON."""
+        scheme = self.scheme
+        return {
+            "scheme": None if scheme is None else scheme.name or "several",
+            "closes": self.closes,
+            "defect": self.off_scheme,
+            "residual": dict(zip(self.speeds, self.size.tolist())),
+            "error_bar": dict(zip(self.speeds, self.bar.tolist())),
+            "terms": dict(zip(self.speeds, self.scale.tolist())),
+            "rows": self.rows,
+        }
+
+    @property
+    def now_and_then(self) -> NDArray[np.bool_]:
+        """Windows (W,) that stand far out of their own error bars, where the others do not."""
+        if self.closes or not len(self.t):
+            return np.zeros(len(self.t), dtype=np.bool_)
+        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + LEAST * self.scale
+        rows = np.asarray(out.any(axis=1))
+        edge = max(1, len(rows) // 50)
+        rows[:edge] = rows[-edge:] = False  # filters leave traces there
+        return rows
+
+
+def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneStep | None:
+    """The test of a run's rows; None for fewer rows than `rates.LEAST_ROWS` in a row, or nothing free.
+
+    `late` is the lateness of q against u from the kinematic test.
+    """
+    if not len(mechanism.free.u):
+        return None
+    model = Model(mechanism, run)
+    groups = _groups(model)
+    pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(groups)))
+    if not pieces:
+        return None
+    scheme, off, digits = identify(model, pieces, late)
+    parts = [_defects(model, rows, groups) for rows, _ in pieces]
+    names = parts[0].names
+    coefficients = _fit(parts, names)
+    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits, groups)
+
+
+@dataclass(frozen=True, eq=False)
+class _Defects:
+    """Of a stretch: w (I, n), scheme columns by name, N (I, n, n), and bars in acceleration (I, n)."""
+
+    w: Array
+    columns: Mapping[str, Array]
+    N: Array
+    a: Array
+    interpolation: Array
+    forces: Array
+    bounds: Mapping[str, float]
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.columns)
+
+
+def _groups(model: Model) -> dict[str, list[int]]:
+    """Logged channels by their places among the forces; many channels of a kind together."""
+    found: dict[str, list[int]] = {}
+    many = len(model.log.columns) > 6
+    for name, where in model.log.columns.items():
+        if where.stop > where.start:
+            key = name.partition(" ")[0] if many else name
+            found.setdefault(f"force {key}", []).extend(range(where.start, where.stop))
+    return found
+
+
+def _mean(t: Array, a: Array, degree: int) -> Array:
+    """(1/h)∫a dt over each interval (I, n), by splines of a degree."""
+    from scipy.interpolate import make_interp_spline
+
+    degree = min(degree, len(t) - 1)
+    degree -= 1 - degree % 2
+    whole = make_interp_spline(t, a, k=degree).antiderivative()(t)
+    return np.asarray(np.diff(whole, axis=0) / np.diff(t)[:, None])
+
+
+def _plain(model: Model, rows: Rows) -> tuple[Array, Array]:
+    a = model.acceleration(rows.t, rows.q, rows.u, rows.F)
+    return a, rows.D - _mean(rows.t, a, 5)
+
+
+def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defects:
+    a, w = _plain(model, rows)
+    t0, q0, u0, F0 = rows.t[:-1], rows.q[:-1], rows.u[:-1], rows.F[:-1]
+    t1, q1, u1, F1 = rows.t[1:], rows.q[1:], rows.u[1:], rows.F[1:]
+    a0, a1 = a[:-1], a[1:]
+    N, C = model.matrices(t0, q0)
+    columns = {
+        "q": model.acceleration(t0, q1, u0, F0) - a0,
+        "u": model.acceleration(t0, q0, u1, F0) - a0,
+    }
+    bounds = {"q": 0.75, "u": 0.75}
+    if model.damped:
+        change = model.damping(t0, q0, u1, F0) - model.damping(t0, q0, u0, F0)
+        columns["damping"] = np.einsum("tij,tj->ti", C, change)
+        bounds["damping"] = 1.0
+    if model.of_time:
+        columns["t"] = model.acceleration(t1, q0, u0, F0) - a0
+        bounds["t"] = 1.6
+    forces = np.zeros_like(a0)
+    for name, places in groups.items():
+        changed = F0.copy()
+        changed[:, places] = F1[:, places]
+        if not np.any(changed != F0):
+            continue
+        columns[name] = model.acceleration(t0, q0, u0, changed) - a0
+        bounds[name] = 1.6  # held or interpolated, of this row or the one before
+        second = np.diff(rows.F[:, places], 2, axis=0)
+        jump = F0.copy()
+        jump[:, places] += np.vstack([second, second[-1:]])
+        forces += model.acceleration(t0, q0, u0, jump) - a0
+    both = model.acceleration(t0, q1, u1, F0) - a0 - columns["q"] - columns["u"]
+    middle = model.acceleration(
+        0.5 * (t0 + t1),
+        model.moved(q0, 0.5 * (u0 + u1), 0.5 * rows.h),
+        0.5 * (u0 + u1),
+        0.5 * (F0 + F1),
+    )
+    bent = middle - 0.5 * (a0 + a1)
+    columns["mixed"], columns["middle"] = both, bent
+    second = np.diff(a, 2, axis=0)
+    curve = 0.5 * (np.vstack([second, second[-1:]]) + np.vstack([second[:1], second]))
+    columns["curve"] = curve
+    bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
+    interpolation = _mean(rows.t, a, 5) - _mean(rows.t, a, 3)
+    return _Defects(w, columns, N, a0, interpolation, forces, bounds)
+
+
+def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
+    """Coefficients of the scheme columns, in the mass metric, within their bounds; impacts left out."""
+    from scipy.optimize import lsq_linear
+
+    names = [n for n in names if any(n in p.columns and p.columns[n].any() for p in parts)]
+    if not names:
+        return {}
+    c = np.zeros(len(names))
+    for _ in range(3):
+        A, b = np.zeros((len(names), len(names))), np.zeros(len(names))
+        for p in parts:
+            X = np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2)
+            left = p.w - X @ c
+            energy = np.einsum("ti,tij,tj->t", left, p.N, left)
+            kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
+            NX = p.N[kept] @ X[kept]
+            A += np.einsum("tia,tib->ab", X[kept], NX)
+            b += np.einsum("tia,ti->a", NX, p.w[kept])
+        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        S = A / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(S)
+        values = np.maximum(values, 1e-14 * values.max())
+        root = np.sqrt(values)[:, None] * vectors.T
+        limit = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names]) * scale
+        right = (vectors.T @ (b / scale)) / np.sqrt(values)
+        found = lsq_linear(root, right, (-limit - 1e-300, limit + 1e-300)).x
+        c = found / scale
+    return dict(zip(names, (float(x) for x in c)))
+
+
+def _window(values: Array, weights: Array, width: int) -> Array:
+    """Means of (I, …) over windows of so many intervals, weighted by a bump."""
+    if width == 1:
+        return values
+    count = len(values) // max(1, width // 2) - 1
+    if count < 1:
+        return values[:0]
+    bump = np.sin(np.pi * (np.arange(width) + 0.5) / width) ** 2
+    made = []
+    for j in range(count):
+        here = slice(j * (width // 2), j * (width // 2) + width)
+        if here.stop > len(values):
+            break
+        w = bump * weights[here]
+        made.append(np.tensordot(w / w.sum(), values[here], axes=(0, 0)))
+    return np.array(made).reshape(len(made), *values.shape[1:])
+
+
+def _judged(
+    model: Model,
+    run: Trajectory,
+    pieces: Sequence[tuple[Rows, Rows]],
+    parts: Sequence[_Defects],
+    c: Mapping[str, float],
+    scheme: Scheme | None,
+    off: float,
+    digits: float,
+    groups: Mapping[str, list[int]],
+) -> OneStep:
+    def forces(p: _Defects, w: Array) -> Array:
+        return np.asarray(np.einsum("tij,tj->ti", p.N, w))
+
+    rest = [
+        p.w - sum((c[n] * p.columns[n] for n in c if n in p.columns), start=np.zeros_like(p.w))
+        for p in parts
+    ]
+    raw = [forces(p, w) for p, w in zip(parts, rest)]
+    # Next order: what second differences leave, times the relative change over a step.
+    change = np.concatenate([_changes(p) for p in parts])
+    typical = np.concatenate([_norm(p.N, p.a) for p in parts])
+    rate = float(np.clip(np.median(change) / max(float(np.median(typical)), 1e-300), 0.0, 1.0))
+    first = max((abs(x) for n, x in c.items() if n not in SECOND), default=0.0)
+    seconds = [_sum(np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
+    each: dict[str, list[Array]] = {
+        "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
+        "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
+        "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
+    }
+    bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
+    systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]
+    systematic_bar = np.sqrt(_sum(np.square(x) for x in bars.values()))
+    rng = np.random.default_rng(5)
+    # Kinks of held forces look like noise; but noise would not let any scheme come closer than itself.
+    believed = min(1.0, 2.0 * off / digits) if digits > 0.0 else 1.0
+    noise = []
+    for (rows, size), p in zip(pieces, parts):
+        shaken = rows.shaken(size, rng)
+        noise.append(believed * forces(p, _plain(model, shaken)[1] - p.w))
+    best: tuple[int, Array, Array] | None = None
+    longest = max(len(x) for x in raw)
+    for width in WIDTHS:
+        if width > 1 and longest < 4 * width:
+            break
+        weights = [r.h[:, 0] for r, _ in pieces]
+        bar = _rms(np.concatenate([_window(x, h, width) for x, h in zip(noise, weights)]))
+        best = (width, bar, np.concatenate([_window(x, h, width) for x, h in zip(raw, weights)]))
+        if np.all(bar <= systematic_bar):
+            break
+    assert best is not None
+    width, noise_bar, residual = best
+    allowed = np.concatenate([_window(x, h, width) for x, h in zip(systematic, weights)])
+    times = np.concatenate(
+        [_window(r.t[:-1, None] + 0.5 * r.h, r.h[:, 0], width)[:, 0] for r, _ in pieces]
+    )
+    whole = [
+        model.terms(r.t[:-1], r.q[:-1], r.u[:-1], r.F[:-1]) + np.abs(forces(p, p.a))
+        for (r, _), p in zip(pieces, parts)
+    ]
+    magnitude = np.concatenate(whole)
+    inertia = np.sqrt(
+        np.maximum(
+            np.mean(np.concatenate([np.einsum("tii->ti", p.N) for p in parts]), axis=0), 1e-300
+        )
+    )
+    scale = _rms(magnitude)
+    scale = np.maximum(scale, 1e-3 * inertia * float((scale / inertia).max()))
+    rounding = (
+        1e-13 * scale
+        + 20.0
+        * EPS
+        * _rms(np.concatenate([np.abs(r.u[:-1]) / r.h for r, _ in pieces]))
+        * inertia**2
+    )
+    bar = np.sqrt(noise_bar**2 + systematic_bar**2 + rounding**2)
+    u = np.concatenate([r.u[:-1] for r, _ in pieces])
+    left = np.concatenate(raw)
+    time = float(run.t[-1] - run.t[0])
+    hidden = float(np.sum(_rms(u) * bar)) * time
+    spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
+    mechanism = model.mechanism
+    return OneStep(
+        scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
+        _trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
+        {**bars, "noise": noise_bar, "rounding": rounding},
+        partial(_as_forces, model, groups, tuple(c)),
+    )  # fmt: skip
+
+
+def _as_forces(
+    model: Model,
+    groups: Mapping[str, list[int]],
+    names: Sequence[str],
+    t: Array,
+    q: Array,
+    u: Array,
+    F: Array,
+) -> Array:
+    """The scheme columns of consecutive rows as forces (T, n, m); the last row repeats its neighbour."""
+    rows = Rows(t, q, u, F)
+    found = _defects(model, rows, groups)
+    nothing = np.zeros_like(found.w)
+    columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
+    forces = found.N @ columns
+    return np.concatenate([forces, forces[-1:]])
+
+
+def _trimmed(values: Array) -> Array:
+    """Root mean square of each column without its largest tenth."""
+    if not len(values):
+        return np.zeros(values.shape[1])
+    squares = np.sort(values**2, axis=0)
+    return np.asarray(np.sqrt(np.mean(squares[: max(1, int(0.9 * len(squares)))], axis=0)))
+
+
+def _changes(p: _Defects) -> Array:
+    """How much accelerations change over each interval (I,), by all causes, in the mass metric."""
+    return _sum(_norm(p.N, x) for n, x in p.columns.items() if n not in SECOND)
+
+
+def _sum(arrays: Iterable[Array]) -> Array:
+    """The sum of arrays."""
+    return np.asarray(np.sum(list(arrays), axis=0))
+
+
+def _rms(values: Array) -> Array:
+    if not len(values):
+        return np.zeros(values.shape[1])
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

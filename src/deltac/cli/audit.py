@@ -40,7 +40,7 @@ def command(
         list[Path], typer.Argument(metavar="LOG", help="Logs of its motion, one or more.")
     ],
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-3,
     work: Annotated[
         str | None, typer.Option(help="How works are taken: in-loop, samples or discrete.")

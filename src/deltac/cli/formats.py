@@ -113,7 +113,7 @@ def junit(suite: str, cases: Sequence[Case]) -> str:
                 else next(iter(codes), report.summary().split(":")[0])
             )
             tag = "error" if case.exit_code == 2 else "failure"
-            about = {"type": kind, "message": case.summary()}
+            about = {"type": kind, "message": _printable(case.summary())}
             ElementTree.SubElement(node, tag, about).text = _printable(case.text())
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "unicode")

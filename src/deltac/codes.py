@@ -35,6 +35,8 @@ FINDINGS: dict[str, str] = {
     "applied-moment": "a constant moment acts on a body, fixed in the world",
     "thrust": "a constant force acts on a body, fixed in the body",
     "body-torque": "a constant moment acts on a body, fixed in the body",
+    # what a simulation of an imported model lacks
+    "not-simulated": "a part of an imported model that deltac does not simulate",
     # what a log, or its channels, show beside the model
     "channel-not-in-model": "the log has a force that the model does not have",
     "channel-differs": "a force of the model did other work than the same force in the log",

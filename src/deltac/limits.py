@@ -87,6 +87,7 @@ class Limits:
     def check(self, name: str, found: float, what: str) -> None:
         """Raise InputError if `found`, of what `what` says, is more than the limit `name`."""
         if found > getattr(self, name):
+            found = min(found, 10**18)  # what a file declares may be beyond all floats
             self.refuse(name, f"{what} {_amount(found, name)}", 1.1 * found)
 
     def refuse(self, name: str, problem: str, needed: float = 0.0) -> NoReturn:

@@ -259,7 +259,7 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match="'hinge'"):
         matrices_at(mechanism, 0.0, state.q, state.u, independent=["hinge"])
     with pytest.raises(InputError, match="'motor'"):
-        matrices_at(mechanism, 0.0, state.q, state.u, inputs={"motor": [1.0]})
+        dc.matrices(mechanism, state, inputs={"motor": 1.0})
 
 
 def test_motors_without_a_law() -> None:
@@ -270,7 +270,7 @@ def test_motors_without_a_law() -> None:
     # m l² q̈ = −m g l sin q + τ
     np.testing.assert_allclose(pulled.udot - idle.udot, 1.5 / (2.0 * 0.5**2), rtol=1e-12)
     with pytest.raises(InputError, match="motor"):
-        matrices_at(mechanism, 0.0, state.q, state.u, inputs={"motor": [1.0, 2.0]})
+        dc.matrices(mechanism, state, inputs={"motor": [1.0, 2.0]})
 
 
 def test_quaternions_along_a_run_keep_their_sign() -> None:

@@ -71,7 +71,7 @@ def test_it_says_what_it_is(case: str) -> None:
     name, options = CASES[case]
     problem = problems.load(name, **options)
     assert problem.name == name
-    assert problem.title and problem.source and problem.classification
+    assert problem.title and problem.source
     assert problem.mechanism.state(problem.state.q, problem.state.u, problem.state.t) is not None
     if not options:
         assert problem.reference, "a problem of the library brings numbers that must come out"

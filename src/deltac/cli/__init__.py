@@ -10,19 +10,42 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import (
+    audit,
+    cache,
+    check,
+    describe,
+    examine,
+    mutate,
+    problems,
+    recommend,
+    reproduce,
+    study,
+)
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
+
+ClickException: Any = typer.BadParameter.__mro__[2]
+"""The base of all errors of usage, from the click that typer brings or needs."""
 
 USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
 """Codes of errors that are no InputError: of the command line itself, and of deltac."""
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "examine": (
+        "The whole procedure for a model, its equations and its log.",
+        "deltac examine double-pendulum --duration 2\n"
+        "  deltac examine model.py:pendulum --equations eom.py:rhs --log run.csv",
+    ),
+    "describe": (
+        "What a model is, before anything is simulated.",
+        "deltac describe triple-pendulum",
+    ),
     "study": (
         "Run a motion at several steps: is the error the integrator's?",
         "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
@@ -54,7 +77,13 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """What the list of commands says of each, and the examples in its help."""
 
-PAGES = {"problems": "guide", "reproduce": "thesis", "mutate": "repair", "cache": "guide"}
+PAGES = {
+    "problems": "guide",
+    "describe": "guide",
+    "reproduce": "thesis",
+    "mutate": "repair",
+    "cache": "guide",
+}
 """Pages of the documentation that are not named like their command."""
 
 app = typer.Typer(
@@ -66,7 +95,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (study, audit, check, recommend, mutate, problems, reproduce, cache):
+for module in (
+    *(examine, audit, study, recommend, check, mutate),
+    *(describe, problems, reproduce, cache),
+):
     command = module.__name__.rpartition(".")[2]
     short, examples = COMMANDS[command]
     page = f"docs/{PAGES.get(command, command)}.md"
@@ -99,15 +131,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        app(given, prog_name="deltac")
-    except SystemExit as left:
-        if left.code == BAD_INPUT:  # said on standard error already
-            _as_json(given, USAGE, "wrong usage; standard error says what", BAD_INPUT)
-        raise
+        sys.exit(app(given, prog_name="deltac", standalone_mode=False))
+    except ClickException as error:
+        error.show()
+        _as_json(given, USAGE, error.format_message(), error.exit_code)
     except InputError as error:
         _complain(f"{error} [{error.code}]")
         _as_json(given, error.code, str(error), BAD_INPUT)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
     except Exception as error:
         if os.environ.get("DELTAC_DEBUG", "") not in ("", "0"):

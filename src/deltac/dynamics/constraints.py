@@ -160,6 +160,13 @@ class Scene:
         """Coordinates in a body frame of a world position."""
         return ca.mtimes(self.rotation(body).T, x - self.point(body, (0.0, 0.0, 0.0)))
 
+    def angular_velocity(self, body: str) -> SX:
+        """World components of a body's angular velocity."""
+        k = self.system.index[body]
+        if k < 0:
+            return ca.SX.zeros(3)
+        return ca.mtimes(self.system.poses[k].E.T, self.V[k][:3])
+
     def velocity(self, body: str, x: SX) -> SX:
         """World velocity of the body's material point that is at the world position `x`."""
         k = self.system.index[body]
@@ -253,6 +260,11 @@ def _contact(scene: Scene, c: Rolling) -> _Contact:
         height = height - radius * sine
     first, second = perpendiculars(c.normal)
     return _Contact(height, point, (scene.axis(c.on, first), scene.axis(c.on, second)))
+
+
+def contact_point(scene: Scene, c: Rolling) -> SX:
+    """Where a wheel touches its plane, world components."""
+    return _contact(scene, c).point
 
 
 def _rolling_position(scene: Scene, c: Rolling) -> list[SX]:

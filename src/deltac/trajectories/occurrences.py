@@ -63,7 +63,8 @@ class Occurrence:
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "t", float(self.t))
         object.__setattr__(self, "q", _array(self.q, None, f"q of {where}"))
-        nu = np.size(self.u_before)
+        object.__setattr__(self, "u_before", _array(self.u_before, None, f"u_before of {where}"))
+        nu = len(self.u_before)
         for name in ("u_before", "u_after", "udot_before", "udot_after"):
             value = getattr(self, name)
             if value is not None or name.startswith("u_"):

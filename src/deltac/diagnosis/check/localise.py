@@ -14,7 +14,7 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import percent
-from deltac.dynamics.equations_of_motion import evaluate
+from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
@@ -217,5 +217,5 @@ def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, 
         ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
         for k in range(len(s.links))
     ]
-    found = evaluate(kane.function(columns, s.udot), t[None, :], q, u, udot)
+    found = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
     return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, found)}

@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.kane import Kane, Point, times
 from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
-from deltac.dynamics.equations_of_motion import MotionTerms, evaluate, matrices
+from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
 from deltac.dynamics.independence import independence
 from deltac.dynamics.kkt import LeastSquares, least_squares
 from deltac.dynamics.momentum import momentum_balances
@@ -325,7 +325,7 @@ class EquationTest:
         slopes = ca.substitute([ca.gradient(x, unknown) for x in scalars], [unknown], [zero])
         G = ca.SX(0, len(s.free_u)) if bound is None else bound.rows.G
         function = self.kane.function([*at_rest, *slopes, G])
-        *values, flat = evaluate(function, self.states.t[None, :], self.point.q, self.point.u)
+        *values, flat = evaluate_at(function, self.states.t[None, :], self.point.q, self.point.u)
         n = s.udot.shape[0]
         # λ = λ0 + Λ u̇ is what constraint forces can explain of −(F + F*).
         M, force = self.terms.M, self.terms.force - self.terms.bias

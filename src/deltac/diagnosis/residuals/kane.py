@@ -20,7 +20,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
-    evaluate,
+    evaluate_at,
     matrices,
 )
 from deltac.dynamics.forces import Channel
@@ -97,7 +97,7 @@ class Kane:
             n, batch = own_u.shape
             eye = np.broadcast_to(np.eye(n), (batch, n, n))
             return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
-        q, u, Y, rest = evaluate(self._map, t[None, :], own_q, own_u)
+        q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u)
         return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
 
     @cached_property
@@ -112,7 +112,7 @@ class Kane:
             return q
         if self.own.inverse is None:
             return None
-        return evaluate(self._inverse, t[None, :], q)[0]
+        return evaluate_at(self._inverse, t[None, :], q)[0]
 
 
 def times(A: Array, x: Array) -> Array:

@@ -15,7 +15,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.contact import rubbing_point
-from deltac.dynamics.equations_of_motion import evaluate, matrices, quaternions
+from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
@@ -360,7 +360,7 @@ class Place:
     def at(self, t: Array, q: Array, u: Array) -> tuple[Array, Array, Array, Array]:
         """Slip (k, B), its slope by the speeds (B, k, n), gap (B,) and its slope (B, 1, n)."""
         n = len(u)
-        slip, slope, gap, approach = evaluate(self._function, t[None, :], q, u)
+        slip, slope, gap, approach = evaluate_at(self._function, t[None, :], q, u)
         return slip, matrices(slope, len(slip), n), gap[0], matrices(approach, 1, n)
 
 

@@ -26,8 +26,6 @@ from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.check import check_equations as check_equations
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
-from deltac.diagnosis.examine.examine import Examination as Examination
-from deltac.diagnosis.examine.examine import examine as examine
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
@@ -64,6 +62,8 @@ from deltac.mechanism.joints import revolute as revolute
 from deltac.mechanism.mechanism import Mechanism as Mechanism
 from deltac.mechanism.quantities import rotation_matrix as rotation_matrix
 from deltac.mechanism.state import State as State
+from deltac.procedure import Examination as Examination
+from deltac.procedure import examine as examine
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn

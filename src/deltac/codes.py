@@ -72,6 +72,7 @@ FINDINGS: dict[str, str] = {
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",
     "forces-one-row-late": "the forces of a row are those of the step that led to it",
     "small-but-real": "a mistake within the tolerance, but far beyond its error bar",
+    "work-unresolved": "works of channels that the samples are too far apart to tell",
     "quaternion-order": "quaternions scalar last (xyzw) in place of scalar first (wxyz)",
     "quaternion-conjugate": "conjugated quaternions",
     "angular-velocity-frame": "an angular velocity in the parent's components in place of the body's",

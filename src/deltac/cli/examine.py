@@ -40,8 +40,8 @@ def command(
 
     Exit code 0 if all of it holds, 1 if something is wrong, 3 if that cannot be told.
     """
-    from deltac.diagnosis.examine.examine import examine
     from deltac.diagnosis.inputs.equations import load_equations
+    from deltac.procedure import examine
 
     with progress_bar() as progress:
         found = examine(

@@ -138,6 +138,7 @@ def balance(
         for name in kernels.conservative:
             driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
             works[name] = of_potential(potential[name], None if driven is None else works[driven])
+        works = {name: works[name] for name in kernels.powers}
     flows = [exchanged(w, power[name], run.t) for name, w in works.items()]
     energy_exchanged = sum(flows) + jumped.exchanged + float(np.ptp(parts.K) + np.ptp(parts.V))
     scale = energy_exchanged + sum(float(np.abs(e).max()) for e in here["energies"])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
+from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
@@ -261,6 +261,7 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
+    findings += unresolved_works(ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from deltac.analysis.classify import Classification, classify
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.inputs.models import Model, load_model
@@ -36,12 +37,14 @@ SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Examination(Report, omit=("check", "recommendation", "study", "audit"), also=("parts",)):
+class Examination(
+    Report, omit=("classification", "check", "recommendation", "study", "audit"), also=("parts",)
+):
     """What the procedure found; parts that did not apply are None.
 
     Attributes:
         model: its name, or what was handed over.
-        description: bodies, joints, degrees of freedom in a sentence.
+        classification: what kind of system it is.
         check: equations written by hand against the model.
         recommendation: the cheapest solver and step that keep the tolerance.
         study: the motion at four, two and one times that step.
@@ -50,7 +53,7 @@ class Examination(Report, omit=("check", "recommendation", "study", "audit"), al
     """
 
     model: str
-    description: str
+    classification: Classification
     check: EquationCheck | None
     recommendation: Recommendation | None
     study: Study | None
@@ -95,7 +98,8 @@ class Examination(Report, omit=("check", "recommendation", "study", "audit"), al
 
     def sections(self) -> Iterator[Section]:
         """The model, one line a part, then what to do, the evidence, and what was not seen."""
-        yield f"{self.model}: {self.description}."
+        yield f"{self.classification.summary()}."
+        yield f"constant: {', '.join(self.classification.constant) or 'nothing'}."
         rows = [(TITLES[name], part.summary()) for name, part in self.results.items()]
         yield Table(("question", "answer"), tuple(rows))
         yield from (f"Not done: {reason}." for reason in self.skipped)
@@ -192,7 +196,7 @@ def examine(
     told.part("")
     return Examination(
         model=loaded.mechanism.name or str(model),
-        description=_described(loaded),
+        classification=classify(loaded.problem or loaded.mechanism, state),
         check=check,
         recommendation=recommendation,
         study=found,
@@ -241,22 +245,6 @@ def _study(
         solver=solver,
         equations=equations,
         tolerance=tolerance,
-    )
-
-
-def _described(loaded: Model) -> str:
-    mechanism = loaded.mechanism
-    parts = {
-        "body": len(mechanism.bodies),
-        "joint": len(mechanism.joints),
-        "free speed": len(mechanism.free.u),
-        "force element": len(mechanism.forces),
-        "constraint": len(mechanism.constraints),
-        "event": len(mechanism.events),
-    }
-    plural = {"body": "bodies"}
-    return ", ".join(
-        f"{n} {name if n == 1 else plural.get(name, name + 's')}" for name, n in parts.items() if n
     )
 
 

@@ -14,17 +14,16 @@ from typing import Any, TypeAlias
 from deltac.analysis.classify import Classification, classify
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
-from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
 from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import InputError
-from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import find_solver
 
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 SEARCH = 20.0
 """Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
@@ -128,8 +127,8 @@ TITLES = {
 
 
 def examine(
-    model: Any,
-    state: State | None = None,
+    model: ModelLike,
+    state: StateLike = None,
     duration: float | None = None,
     *,
     equations: Equations | Callable[..., Any] | None = None,
@@ -143,13 +142,13 @@ def examine(
     Args:
         model: a Mechanism, a Problem or its name, an ``.xml`` or ``.urdf`` file, a MuJoCo model, or
             ``file.py:callable``.
-        state: where the motion starts; by default the problem's start, or all zeros.
+        state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long the motion is, s; by default the problem's. Without it nothing is simulated.
         equations: equations of motion written by hand: checked, and integrated in the study.
         log: a Trajectory or the path of a log of this model.
         mapping: of the log's columns, as for `audit`.
         tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: as the verbs that are run; and where there is nothing to examine.
@@ -174,7 +173,7 @@ def examine(
     else:
         told.part("recommend")
         recommendation = recommend(
-            loaded.problem or loaded.mechanism,
+            loaded,
             state,
             duration,
             tolerance,
@@ -210,23 +209,22 @@ class _Told:
     """Progress of the parts as progress of the whole."""
 
     def __init__(self, progress: Progress | None) -> None:
-        self._progress, self._done, self._share, self._what = progress, 0.0, 0.0, ""
+        self._progress, self._done, self._share = progress, 0.0, 0.0
 
     def part(self, name: str) -> None:
         """The next part begins, "" at the end."""
-        self._done, self._what = self._done + self._share, name
+        self._done += self._share
         self._share = SHARES.get(name, 0.0)
-        self(0.0, "")
+        self(0.0)
 
-    def __call__(self, fraction: float, what: str) -> None:
+    def __call__(self, fraction: float) -> None:
         if self._progress is not None:
-            said = f"{self._what}: {what}" if what else self._what
-            self._progress(min(1.0, self._done + self._share * fraction), said)
+            self._progress(min(1.0, self._done + self._share * fraction))
 
 
 def _study(
     loaded: Model,
-    state: State | None,
+    state: StateLike,
     duration: float,
     equations: Equations | Callable[..., Any] | None,
     tolerance: float,
@@ -238,7 +236,7 @@ def _study(
     steps = tuple(duration / round(duration / (k * step)) for k in (1.0, 0.5, 0.25))
     assert find_solver(solver).takes_steps
     return study(
-        loaded.problem or loaded.mechanism,
+        loaded,
         state,
         duration,
         steps=steps,

@@ -13,6 +13,7 @@ from deltac.cli.output import (
     Form,
     Format,
     Json,
+    Model,
     checked_figure,
     deliver,
     print_cases,
@@ -30,12 +31,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG", help="Logs of its motion, one or more.")
     ],
@@ -77,10 +73,10 @@ def command(
     checked_figure(figure)
     form = form.unless(as_json)
     if len(logs) > 1:
-        with progress_bar() as progress:
+        with progress_bar(f"auditing {len(logs)} logs") as progress:
             cases = []
             for k, each in enumerate(logs):
-                progress(k / len(logs), str(each))
+                progress(k / len(logs))
                 cases.append(
                     _case(
                         each,
@@ -91,14 +87,13 @@ def command(
                 )
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
-    with progress_bar() as progress:
-        progress(0.0, f"auditing {log.name}")
+    with progress_bar(f"auditing {log.name}"):
         found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
-        explanations = []
-        if explain:
-            from deltac.diagnosis.explain.explain import explain_residual
+    explanations = []
+    if explain:
+        from deltac.diagnosis.explain.explain import explain_residual
 
-            progress(0.5, "seeking causes")
+        with progress_bar("seeking causes"):
             explanations.append(explain_residual(model, log, mapping=mapping))
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
@@ -136,7 +131,7 @@ def _contents(case: Case) -> dict[str, Any]:
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)

@@ -7,19 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, deliver, progress_bar
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
 
 if TYPE_CHECKING:
     from deltac.repair import Repair
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str,
         typer.Argument(
@@ -63,12 +58,11 @@ def command(
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
-    with progress_bar() as progress:
-        repaired = None
-        if repair or write:
-            progress(0.0, "seeking the edit")
+    repaired = None
+    if repair or write:
+        with progress_bar("seeking the edit"):
             repaired = _repair(model, equations, rhs, chosen, seed)
-        progress(0.5 if repaired else 0.0, f"checking at {count} random states")
+    with progress_bar(f"checking at {count} random states"):
         found = check_equations(
             model,
             rhs,

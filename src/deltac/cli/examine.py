@@ -7,16 +7,11 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, deliver, progress_bar
+from deltac.cli.output import Form, Format, Json, Model, StartState, deliver, progress_bar
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     duration: Annotated[float | None, typer.Option(help="How long the motion lasts (s).")] = None,
     equations: Annotated[
         str | None,
@@ -33,6 +28,7 @@ def command(
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
+    state: StartState = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -46,6 +42,7 @@ def command(
     with progress_bar() as progress:
         found = examine(
             model,
+            state,
             duration=duration,
             equations=None if equations is None else load_equations(equations),
             log=log,

@@ -50,7 +50,24 @@ Format = Annotated[
     ),
 ]
 
-Progress: TypeAlias = Callable[[float, str], None]
+Model = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+    ),
+]
+
+StartState = Annotated[
+    str | None,
+    typer.Option(
+        "--state",
+        metavar="NAME=VALUE,…|FILE|KEYFRAME",
+        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
+        "first row; a keyframe of an MJCF file. By default the model's own start.",
+    ),
+]
+
+Progress: TypeAlias = Callable[[float], None]
 
 
 def width() -> int:
@@ -148,10 +165,13 @@ def _painted(text: str) -> str:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """A bar with the time left on standard error while the block runs, on terminals only."""
+def progress_bar(what: str = "") -> Iterator[Progress]:
+    """A bar with the time left on standard error while the block runs, on terminals only.
+
+    Until the block reports a fraction the bar pulses; `what` says what is being done.
+    """
     if not sys.stderr.isatty():
-        yield lambda fraction, what: None
+        yield lambda fraction: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -170,9 +190,9 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.description}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=1.0)
+        task = progress.add_task(what, total=None)
 
-        def report(fraction: float, what: str) -> None:
-            progress.update(task, completed=fraction, description=what)
+        def report(fraction: float) -> None:
+            progress.update(task, total=1.0, completed=fraction)
 
         yield report

@@ -11,7 +11,6 @@ import numpy as np
 
 from deltac.analysis.evaluate import evaluate
 from deltac.arrays import Array
-from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import (
@@ -27,6 +26,7 @@ from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.models import load_model
 from deltac.results import Report, Section, Table, number
 
 LOOKED_AT = 8

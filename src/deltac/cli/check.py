@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, Model, deliver
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
 from deltac.errors import InputError, LimitError
 
 if TYPE_CHECKING:
@@ -53,11 +53,12 @@ def command(
     limit: Annotated[
         float, typer.Option("--time-limit", min=0.1, help="Time for the function's answers (s).")
     ] = 300.0,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
-    Exit status 0 if they agree, 1 if not, 3 if that cannot be told.
+    Exit code 0 if they agree, 1 if not, 3 if that cannot be told.
     """
     from deltac.diagnosis.check.check import TOLERANCE, check_equations
     from deltac.diagnosis.inputs.equations import load_equations, load_map
@@ -65,11 +66,15 @@ def command(
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
-    repaired, refused = (
-        _repair(model, equations, rhs, chosen, seed) if repair or write else (None, None)
-    )
-    with time_limit(limit, f"{equations} has not answered"):
-        try:
+    repaired = refused = None
+    if repair or write:
+        with progress_bar("seeking the edit"):
+            repaired, refused = _repair(model, equations, rhs, chosen, seed)
+    try:
+        with (
+            progress_bar(f"checking at {count} random states"),
+            time_limit(limit, f"{equations} has not answered"),
+        ):
             found = check_equations(
                 model,
                 rhs,
@@ -78,14 +83,14 @@ def command(
                 seed=seed,
                 tolerance=TOLERANCE if tolerance is None else tolerance,
             )
-        except InputError:
-            if repaired is not None and not repaired.right and not as_json:
-                typer.echo(f"Repair. {repaired.explain()}\n")
-            raise
+    except InputError:
+        if repaired is not None and not repaired.right and not as_json:
+            typer.echo(f"Repair. {repaired.explain()}\n")
+        raise
     if write is not None and repaired is not None and repaired.fixes:
         write.write_text(repaired.fixes[0].diff, encoding="utf-8")
     more = [report for report in (repaired, refused) if report is not None]
-    deliver(found, as_json, *more)
+    deliver(found, form.unless(as_json), *more, name=equations)
 
 
 def _repair(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, Model, deliver, progress_bar
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
 
 
 def command(
@@ -34,11 +34,12 @@ def command(
         ),
     ] = None,
     most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Change equations in every small way, and see which tests notice.
 
-    Exit status 1 if the equations are wrong as they are, or your tests (--tests) miss a mistake; else 0.
+    Exit code 1 if the equations are wrong as they are, or your tests (--tests) miss a mistake; else 0.
     """
     from deltac.diagnosis.inputs.equations import load_map
     from deltac.repair.mutate.report import mutate_equations
@@ -54,4 +55,4 @@ def command(
             most=most,
             progress=progress,
         )
-    deliver(found, as_json)
+    deliver(found, form.unless(as_json), name=equations)

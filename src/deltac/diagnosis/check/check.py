@@ -240,7 +240,7 @@ def check_equations(
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name)
-    caller.find_form(test, len(model.mechanism.motors))
+    caller.find_form(test, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():

@@ -24,7 +24,7 @@ def command(
     ],
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of its motion.")],
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-3,
     work: Annotated[
         str | None, typer.Option(help="How works are taken: in-loop, samples or discrete.")
@@ -85,4 +85,4 @@ def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
     allowed = found.tolerance * found.ledger.energy_exchanged
-    write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)
+    write(audit_figure(title, found.ledger, found.energy_error, found.function, allowed), path)

@@ -18,7 +18,7 @@ def command(
         ),
     ],
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a share of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a share of the energy exchanged.")
     ] = 1e-6,
     motion_tolerance: Annotated[
         float | None,

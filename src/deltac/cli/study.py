@@ -50,7 +50,7 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Column names and units of the logs (TOML).")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")

@@ -23,7 +23,7 @@ def assert_balanced(
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file; see `deltac.audit`.
         run: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: how works are taken, as for `deltac.balance`.
         mapping: path of a mapping file, where the log's columns have other names or units.
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def balanced(record_property: Callable[[str, object], None]) -> Callable[..., Audit]:
-    """`deltac.testing.assert_balanced`, which notes |ΔC| of the turnover as a property of the test.
+    """`deltac.testing.assert_balanced`, which notes |ΔC| of the energy exchanged as a property of the test.
 
     >>> def test_my_robot(balanced):  # doctest: +SKIP
     ...     balanced("robot.xml", "run.parquet", tolerance=1e-3)

@@ -26,7 +26,7 @@ def test_right_equations_can_be_trusted_and_wrong_ones_cannot() -> None:
         "simple-pendulum",
         duration=1.0,
         equations=right,
-        progress=lambda fraction, what: told.append(fraction),
+        progress=told.append,
     )
     assert found.exit_code == 0
     assert set(found.results) == {"check", "recommend", "study"}

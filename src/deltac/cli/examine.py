@@ -7,16 +7,11 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, deliver, progress_bar
+from deltac.cli.output import Json, Model, StartState, deliver, progress_bar
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     duration: Annotated[float | None, typer.Option(help="How long the motion lasts (s).")] = None,
     equations: Annotated[
         str | None,
@@ -33,18 +28,20 @@ def command(
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
+    state: StartState = None,
     as_json: Json = False,
 ) -> None:
     """Check the equations, choose solver and step, study what error is left, audit the log.
 
     Exit code 0 if all of it holds, 1 if something is wrong, 3 if that cannot be told.
     """
-    from deltac.diagnosis.examine.examine import examine
     from deltac.diagnosis.inputs.equations import load_equations
+    from deltac.procedure import examine
 
     with progress_bar() as progress:
         found = examine(
             model,
+            state,
             duration=duration,
             equations=None if equations is None else load_equations(equations),
             log=log,

@@ -16,12 +16,12 @@ from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
-from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -234,7 +234,7 @@ _BEYOND_TOLERANCE = (
 
 
 def audit(
-    model: Any,
+    model: ModelLike,
     log: Any,
     *,
     tolerance: float = TOLERANCE,

@@ -11,19 +11,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from deltac.analysis.classify import Classification, classify
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
-from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
 from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import InputError
-from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import find_solver
 
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 SEARCH = 20.0
 """Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
@@ -36,12 +36,14 @@ SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Examination(Report, omit=("check", "recommendation", "study", "audit"), also=("parts",)):
+class Examination(
+    Report, omit=("classification", "check", "recommendation", "study", "audit"), also=("parts",)
+):
     """What the procedure found; parts that did not apply are None.
 
     Attributes:
         model: its name, or what was handed over.
-        description: bodies, joints, degrees of freedom in a sentence.
+        classification: what kind of system it is.
         check: equations written by hand against the model.
         recommendation: the cheapest solver and step that keep the tolerance.
         study: the motion at four, two and one times that step.
@@ -50,7 +52,7 @@ class Examination(Report, omit=("check", "recommendation", "study", "audit"), al
     """
 
     model: str
-    description: str
+    classification: Classification
     check: EquationCheck | None
     recommendation: Recommendation | None
     study: Study | None
@@ -95,7 +97,8 @@ class Examination(Report, omit=("check", "recommendation", "study", "audit"), al
 
     def sections(self) -> Iterator[Section]:
         """The model, one line a part, then what to do, the evidence, and what was not seen."""
-        yield f"{self.model}: {self.description}."
+        yield f"{self.classification.summary()}."
+        yield f"constant: {', '.join(self.classification.constant) or 'nothing'}."
         rows = [(TITLES[name], part.summary()) for name, part in self.results.items()]
         yield Table(("question", "answer"), tuple(rows))
         yield from (f"Not done: {reason}." for reason in self.skipped)
@@ -124,8 +127,8 @@ TITLES = {
 
 
 def examine(
-    model: Any,
-    state: State | None = None,
+    model: ModelLike,
+    state: StateLike = None,
     duration: float | None = None,
     *,
     equations: Equations | Callable[..., Any] | None = None,
@@ -139,13 +142,13 @@ def examine(
     Args:
         model: a Mechanism, a Problem or its name, an ``.xml`` or ``.urdf`` file, a MuJoCo model, or
             ``file.py:callable``.
-        state: where the motion starts; by default the problem's start, or all zeros.
+        state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long the motion is, s; by default the problem's. Without it nothing is simulated.
         equations: equations of motion written by hand: checked, and integrated in the study.
         log: a Trajectory or the path of a log of this model.
         mapping: of the log's columns, as for `audit`.
         tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: as the verbs that are run; and where there is nothing to examine.
@@ -170,7 +173,7 @@ def examine(
     else:
         told.part("recommend")
         recommendation = recommend(
-            loaded.problem or loaded.mechanism,
+            loaded,
             state,
             duration,
             tolerance,
@@ -192,7 +195,7 @@ def examine(
     told.part("")
     return Examination(
         model=loaded.mechanism.name or str(model),
-        description=_described(loaded),
+        classification=classify(loaded.problem or loaded.mechanism, state),
         check=check,
         recommendation=recommendation,
         study=found,
@@ -206,23 +209,22 @@ class _Told:
     """Progress of the parts as progress of the whole."""
 
     def __init__(self, progress: Progress | None) -> None:
-        self._progress, self._done, self._share, self._what = progress, 0.0, 0.0, ""
+        self._progress, self._done, self._share = progress, 0.0, 0.0
 
     def part(self, name: str) -> None:
         """The next part begins, "" at the end."""
-        self._done, self._what = self._done + self._share, name
+        self._done += self._share
         self._share = SHARES.get(name, 0.0)
-        self(0.0, "")
+        self(0.0)
 
-    def __call__(self, fraction: float, what: str) -> None:
+    def __call__(self, fraction: float) -> None:
         if self._progress is not None:
-            said = f"{self._what}: {what}" if what else self._what
-            self._progress(min(1.0, self._done + self._share * fraction), said)
+            self._progress(min(1.0, self._done + self._share * fraction))
 
 
 def _study(
     loaded: Model,
-    state: State | None,
+    state: StateLike,
     duration: float,
     equations: Equations | Callable[..., Any] | None,
     tolerance: float,
@@ -234,29 +236,13 @@ def _study(
     steps = tuple(duration / round(duration / (k * step)) for k in (1.0, 0.5, 0.25))
     assert find_solver(solver).takes_steps
     return study(
-        loaded.problem or loaded.mechanism,
+        loaded,
         state,
         duration,
         steps=steps,
         solver=solver,
         equations=equations,
         tolerance=tolerance,
-    )
-
-
-def _described(loaded: Model) -> str:
-    mechanism = loaded.mechanism
-    parts = {
-        "body": len(mechanism.bodies),
-        "joint": len(mechanism.joints),
-        "free speed": len(mechanism.free.u),
-        "force element": len(mechanism.forces),
-        "constraint": len(mechanism.constraints),
-        "event": len(mechanism.events),
-    }
-    plural = {"body": "bodies"}
-    return ", ".join(
-        f"{n} {name if n == 1 else plural.get(name, name + 's')}" for name, n in parts.items() if n
     )
 
 

@@ -72,7 +72,9 @@ def command(
         tolerance=TOLERANCE if tolerance is None else tolerance,
     )
     if write is not None and repaired is not None and repaired.fixes:
-        write.write_text(repaired.fixes[0].diff, encoding="utf-8")
+        from deltac.report.files import write_text
+
+        write_text(repaired.fixes[0].diff, write)
     deliver(found, as_json, *(() if repaired is None else (repaired,)))
 
 

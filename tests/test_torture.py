@@ -198,7 +198,7 @@ import deltac as dc
 from pathlib import Path
 from deltac.report.files import write_json
 folder = Path(sys.argv[1])
-problem = dc.problems.load("pendulum")
+problem = dc.problems.load("triple-pendulum")
 run = dc.simulate(problem.mechanism, problem.state, 0.1, step=0.01, solver="ode4")
 ledger = dc.balance(problem.mechanism, run)
 for suffix in (".csv", ".parquet", ".npz", ".h5", ".mat"):

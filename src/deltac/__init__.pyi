@@ -45,6 +45,7 @@ from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
+from deltac.errors import SuspicionWarning as SuspicionWarning
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
@@ -62,6 +63,12 @@ from deltac.mechanism.joints import revolute as revolute
 from deltac.mechanism.mechanism import Mechanism as Mechanism
 from deltac.mechanism.quantities import rotation_matrix as rotation_matrix
 from deltac.mechanism.state import State as State
+from deltac.models import Model as Model
+from deltac.models import ModelLike as ModelLike
+from deltac.models import StateLike as StateLike
+from deltac.models import load_model as load_model
+from deltac.procedure import Examination as Examination
+from deltac.procedure import examine as examine
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn

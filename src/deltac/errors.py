@@ -101,6 +101,10 @@ class PackageError(InputError):
     _code = "E-PACKAGE"
 
 
+class SuspicionWarning(UserWarning):
+    """Input that can be used, but looks like a slip."""
+
+
 def closest(name: str, options: Iterable[str]) -> str:
     """The tail of an "unknown name" message: the closest match, else what is known.
 

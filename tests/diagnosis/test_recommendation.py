@@ -162,7 +162,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
         ({"solvers": ("ode55",)}, "did you mean"),
         ({"solvers": ("taylor",)}, "nothing to choose from"),
         ({"solvers": ("mujoco:rk4",)}, "needs a MuJoCo model"),
-        ({"control": lambda model, data: None}, "give our own solvers a controller"),
+        ({"controller": lambda model, data: None}, "our own solvers take a Controller"),
     ],
 )
 def test_bad_input(options: dict[str, object], message: str) -> None:
@@ -247,7 +247,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, None, Deadline())
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -296,7 +296,7 @@ def test_a_search_ends_in_its_time_with_the_best_it_has() -> None:
 
 def test_a_model_without_duration_is_asked_for_one() -> None:
     mechanism = dc.problems.load("simple-pendulum").mechanism
-    with pytest.raises(dc.InputError, match="duration="):
+    with pytest.raises(dc.InputError, match="duration: say how long"):
         dc.recommend(mechanism)
 
 
@@ -361,7 +361,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
         data.ctrl[0] = 0.4
 
     advice = dc.recommend(
-        model, duration=0.5, tolerance=tolerance, solvers=solvers, control=control
+        model, duration=0.5, tolerance=tolerance, solvers=solvers, controller=control
     )
     assert advice.verified
     assert advice.best is not None
@@ -369,7 +369,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
 
     def run(solver: str, step: float) -> dc.Trajectory:
         integrator = solver.removeprefix("mujoco:")
-        return dc.run_mujoco(model, 0.5, control=control, step=step, integrator=integrator)
+        return dc.run_mujoco(model, 0.5, controller=control, step=step, integrator=integrator)
 
     exact = run("mujoco:rk4", advice.best.setting / 32)
     assert advice.best.verified

@@ -52,7 +52,7 @@ def case_of(case: str) -> Case:
     run = solved(p, testing=functions if abrupt else ())
     fine = solved(p, finer=True)
     work = "in-loop" if abrupt else "samples"
-    ledger = balance(p.mechanism, run, work=work, testing=functions, speeds=p.coordinates)
+    ledger = balance(p.mechanism, run, work=work, testing=functions, coordinates=p.coordinates)
     return Case(p, run, fine, ledger)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from deltac.analysis.evaluate import evaluate
 from deltac.arrays import Array
-from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import (
@@ -27,6 +26,7 @@ from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.models import load_model
 from deltac.results import Report, Section, Table, number
 
 LOOKED_AT = 8
@@ -36,6 +36,17 @@ ROUNDING = 1e-9
 """A power below this share of the powers that it is made of is zero."""
 
 
+@dataclass(frozen=True)
+class DescribedJoint:
+    """A joint of the tree: its kind, from which body to which, and whether it is prescribed."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    prescribed: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Classification(Report, also=("kind",)):
     """The class of a mechanism, in the terms of the theory.
@@ -43,7 +54,7 @@ class Classification(Report, also=("kind",)):
     Attributes:
         mechanism: its name.
         bodies: their names.
-        joints: (joint, kind, parent, child, prescribed) of each.
+        joints: each with its kind and bodies.
         freedom: degrees of freedom: independent speeds that joints and constraints leave.
         scleronomic: no joint is prescribed and no configuration constraint depends on time.
         catastatic: velocities may all be zero: v_t = 0.
@@ -62,7 +73,7 @@ class Classification(Report, also=("kind",)):
 
     mechanism: str
     bodies: tuple[str, ...]
-    joints: tuple[tuple[str, str, str, str, bool], ...]
+    joints: tuple[DescribedJoint, ...]
     freedom: int
     scleronomic: bool
     catastatic: bool
@@ -96,8 +107,8 @@ class Classification(Report, also=("kind",)):
         """What it is made of, what kind it is, what stays constant."""
         yield self.summary()
         rows = tuple(
-            (name, f"{kind}, prescribed" if prescribed else kind, parent, child)
-            for name, kind, parent, child, prescribed in self.joints
+            (j.name, f"{j.kind}, prescribed" if j.prescribed else j.kind, j.parent, j.child)
+            for j in self.joints
         )
         yield Table(("joint", "kind", "from", "to"), rows)
         if self.motion_constraints:
@@ -163,7 +174,10 @@ def classify(model: Any, state: State | None = None) -> Classification:
     return Classification(
         mechanism=mechanism.name,
         bodies=tuple(body.name for body in mechanism.bodies),
-        joints=tuple((j.name, j.kind, j.parent, j.child, j.prescribed) for j in mechanism.joints),
+        joints=tuple(
+            DescribedJoint(j.name, j.kind, j.parent, j.child, j.prescribed)
+            for j in mechanism.joints
+        ),
         freedom=counted.freedom,
         scleronomic=not timed,
         catastatic=not drifting,

@@ -87,7 +87,7 @@ def kinematics(model: Any, state: State | Trajectory | None = None) -> Kinematic
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
         state: a State or a Trajectory, also one of another simulator; by default a problem's start.
 
-    >>> tip = kinematics(mechanism, run).position("bar", [0, -0.5, 0])  # (T, 3), m
+    ``kinematics(mechanism, run).position("bar", [0, -0.5, 0])`` is (T, 3), m.
     """
     return Kinematics(instants(model, state))
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.trajectories import Trajectory
 
 
@@ -34,26 +34,16 @@ class Instants:
 
 
 def instants(
-    model: Any, at: State | Trajectory | None, inputs: Mapping[str, Any] | None = None
+    model: ModelLike, at: StateLike | Trajectory, inputs: Mapping[str, Any] | None = None
 ) -> Instants:
-    """A model and where it is looked at; without `at` a problem's own start.
+    """A model and where it is looked at; without `at` the model's own start.
 
     `inputs` are values of motors without a law by name, zero by default; a run has its own.
     """
     found = load_model(model)
     mechanism = found.mechanism
-    if at is None:
-        if found.problem is None:
-            raise InputError(
-                "state: a model that is no Problem has no state of its own; give one, made by "
-                "mechanism.state(...)"
-            )
-        at = found.problem.state
-    if not isinstance(at, State | Trajectory):
-        raise InputError(
-            f"state: expected a State or a Trajectory, found {type(at).__name__}; make a state by "
-            "mechanism.state(...)"
-        )
+    if not isinstance(at, Trajectory):
+        at = found.start(at)
     single = isinstance(at, State)
     t, q, u = np.atleast_1d(at.t), np.atleast_2d(at.q), np.atleast_2d(at.u)
     nq, nu = len(mechanism.coordinates), len(mechanism.speeds)

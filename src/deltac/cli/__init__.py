@@ -14,7 +14,18 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, describe, mutate, problems, recommend, reproduce, study
+from deltac.cli import (
+    audit,
+    cache,
+    check,
+    describe,
+    examine,
+    mutate,
+    problems,
+    recommend,
+    reproduce,
+    study,
+)
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
@@ -32,6 +43,7 @@ app = typer.Typer(
 )
 app.command("reproduce")(reproduce.command)
 app.command("problems")(problems.command)
+app.command("examine")(examine.command)
 app.command("study")(study.command)
 app.command("audit")(audit.command)
 app.command("recommend")(recommend.command)

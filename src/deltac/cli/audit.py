@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, print_json, print_sections, write
+from deltac.cli.output import (
+    Json,
+    Model,
+    checked_figure,
+    deliver,
+    print_json,
+    print_sections,
+    write,
+)
 from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:
@@ -16,12 +24,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of its motion.")],
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
@@ -66,7 +69,7 @@ def command(
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)

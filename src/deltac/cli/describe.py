@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from deltac.cli.output import Json, deliver
+from deltac.cli.output import Json, Model, deliver
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            help="A problem's name, an .xml, .mjcf or .urdf file, or FILE.py:FUNCTION.",
-        ),
-    ],
+    model: Model,
     as_json: Json = False,
 ) -> None:
     """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""

@@ -6,16 +6,11 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, deliver, progress_bar
+from deltac.cli.output import Json, Model, deliver, progress_bar
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
     ],

@@ -24,7 +24,24 @@ UNKNOWN, WIDEST = 100, 120
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output, nothing else.")]
 
-Progress: TypeAlias = Callable[[float, str], None]
+Model = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+    ),
+]
+
+StartState = Annotated[
+    str | None,
+    typer.Option(
+        "--state",
+        metavar="NAME=VALUE,…|FILE|KEYFRAME",
+        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
+        "first row; a keyframe of an MJCF file. By default the model's own start.",
+    ),
+]
+
+Progress: TypeAlias = Callable[[float], None]
 
 
 def width() -> int:
@@ -108,7 +125,7 @@ def _painted(text: str) -> str:
 def progress_bar() -> Iterator[Progress]:
     """A bar with the time left on standard error while the block runs, on terminals only."""
     if not sys.stderr.isatty():
-        yield lambda fraction, what: None
+        yield lambda fraction: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -124,12 +141,11 @@ def progress_bar() -> Iterator[Progress]:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        TextColumn("{task.description}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("", total=1.0)
 
-        def report(fraction: float, what: str) -> None:
-            progress.update(task, completed=fraction, description=what)
+        def report(fraction: float) -> None:
+            progress.update(task, completed=fraction)
 
         yield report

@@ -43,11 +43,11 @@ def command(
         figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
     output_folder(out)
     with progress_bar() as progress:
-        reproduction = reproduce(figures, lambda done, what: progress(RUNS * done, what))
+        reproduction = reproduce(figures, lambda done: progress(RUNS * done))
         written = write(
             reproduction,
             out,
-            lambda done, what: progress(RUNS + (1 - RUNS) * done, what),
+            lambda done: progress(RUNS + (1 - RUNS) * done),
             thesis_axes=thesis_axes,
         )
     if as_json:

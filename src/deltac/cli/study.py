@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import Json, Model, StartState, checked_figure, deliver, progress_bar, write
 
 if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
@@ -15,12 +15,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     steps: Annotated[
         str | None,
         typer.Option(
@@ -55,6 +50,7 @@ def command(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
     ] = None,
+    state: StartState = None,
     as_json: Json = False,
 ) -> None:
     """Study a motion at several steps: how fast the energy error falls, and whose error it is.
@@ -68,6 +64,7 @@ def command(
     with progress_bar() as progress:
         found = study(
             model,
+            state,
             duration=duration,
             steps=_numbers(steps, "--steps"),
             solver=solver or "",

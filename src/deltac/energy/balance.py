@@ -11,6 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -37,32 +38,34 @@ from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WORK = ("in-loop", "samples", "discrete")
 EPS = float(np.finfo(np.float64).eps)
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def balance(
-    mechanism: Mechanism,
+    model: ModelLike,
     run: Trajectory,
     work: str | None = None,
     testing: Sequence[str] | None = None,
     *,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory.
 
     Args:
-        mechanism: the model that the motion is tested against.
+        model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion. Forces that it holds are used in place of the model's own, and channels that the
             model does not have are added.
         work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
             where the run has them). "samples": by quadrature along the samples. "discrete": forces held
             over a step do the work h fᵀ(u_k + u_{k+1})/2, for engines that step so.
         testing: names of testing functions; by default those integrated in the loop, or all.
-        speeds: generalized speeds in which the kinetic energy is divided (Kane–Levinson).
+        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson).
 
     Returns:
         The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
@@ -72,7 +75,7 @@ def balance(
         InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
             lacks the integrals asked for.
     """
-    require_mechanism(mechanism)
+    mechanism = load_model(model).mechanism
     _require_trajectory(run)
     method = _method(run, work)
     tied = bool(mechanism.constraints)
@@ -80,7 +83,7 @@ def balance(
     rows = rows_of(run)
     log = LoggedForces.of(rows)
     samples, basis = checked_samples(mechanism, rows, log)
-    symbols, kernels = _compiled(mechanism, log, functions, speeds, _start(samples))
+    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
     sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
     places = kernels.at_samples.output_slices.items()
     here = {name: sampled[where][:, rows.own] for name, where in places}
@@ -94,7 +97,7 @@ def balance(
         for name, where in kernels.between.output_slices.items()
     }
     parts = Energies(*here["energies"])
-    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, speeds)
+    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
     discrete = None
     if method == "discrete":
         discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
@@ -138,6 +141,7 @@ def balance(
         for name in kernels.conservative:
             driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
             works[name] = of_potential(potential[name], None if driven is None else works[driven])
+        works = {name: works[name] for name in kernels.powers}
     flows = [exchanged(w, power[name], run.t) for name, w in works.items()]
     energy_exchanged = sum(flows) + jumped.exchanged + float(np.ptp(parts.K) + np.ptp(parts.V))
     scale = energy_exchanged + sum(float(np.abs(e).max()) for e in here["energies"])
@@ -181,12 +185,13 @@ def balance(
     )
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def residuals(
-    mechanism: Mechanism,
+    model: ModelLike,
     run: Trajectory,
     testing: Sequence[str] | None = None,
     *,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
 ) -> dict[str, Array]:
     """The testing functions in rate form, ε = Ė − P (W), at every sample: no integration at all.
 
@@ -195,11 +200,13 @@ def residuals(
 
     Raises InputError as `balance`, and for a run without u̇.
     """
+    mechanism = load_model(model).mechanism
+    _require_trajectory(run)
     if run.udot is None:
         raise InputError("residuals need the accelerations u̇ of the run; it has none")
     log = LoggedForces.of(run)
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
-    symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
+    symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     tied = bool(mechanism.constraints)
     functions = testing_functions(
         applicable(constrained=tied) if testing is None else testing, constrained=tied

@@ -24,6 +24,7 @@ from deltac.importers.tree import read_tree
 from deltac.importers.urdf import Urdf, read_urdf
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
+from deltac.mechanism.state import State
 
 
 def require_mujoco() -> Any:
@@ -264,8 +265,21 @@ def read_mechanism(
         tuple(found.assumed),
         tuple(found.equalities),
         motor_strengths(model),
+        _starts(model, mechanism),
     )
     return mechanism, report
+
+
+def _starts(model: Any, mechanism: Mechanism) -> dict[str, State]:
+    """States at which the model may start: its keyframes, by name or as ``key<i>``, and "qpos0"."""
+    if (model.nq, model.nv) != (len(mechanism.coordinates), len(mechanism.speeds)):
+        return {}
+    keys = {
+        model.key(k).name or f"key{k}": (model.key_qpos[k], model.key_qvel[k], model.key_time[k])
+        for k in range(model.nkey)
+    }
+    keys.setdefault("qpos0", (model.qpos0, np.zeros(model.nv), 0.0))
+    return {name: mechanism.state(q, u, float(t)) for name, (q, u, t) in keys.items()}
 
 
 def _counts(bodies: int, joints: Sequence[Any]) -> Remark:

@@ -221,6 +221,12 @@ class _Reader:
         import sympy
 
         if not isinstance(node.func, ast.Name):
+            if re.match(r"np\.\w+\(", self.text[self.index(node.col_offset) :]):
+                self.fail(
+                    node,
+                    "this is how NumPy 2 shows a number; where the text is made, write float(x): "
+                    "f'{float(x)}*t'",
+                )
             self.fail(node, "only the functions of the grammar can be called")
         name, arguments = node.func.id, node.args
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in arguments):

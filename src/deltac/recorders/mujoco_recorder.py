@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism.state import State
@@ -315,12 +316,13 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
+@renamed_keywords(control="controller")
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
     *,
     data: Data | None = None,
-    control: Control | None = None,
+    controller: Control | None = None,
     step: float | None = None,
     integrator: str | None = None,
     channels: str = "all",
@@ -332,7 +334,7 @@ def run_mujoco(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
         duration: s; a whole number of steps.
         data: the initial state and inputs; the model's own initial state by default. Not changed.
-        control: called as control(model, data) before each step, to set data.ctrl or applied forces.
+        controller: called as controller(model, data) before each step, to set data.ctrl or applied forces.
         step: time step, s; by default the model's own.
         integrator: one of `integrator_names`; by default the model's own.
         channels: as in `record_mujoco`.
@@ -370,8 +372,8 @@ def run_mujoco(
         mujoco.mj_copyData(moving, own, data)
     with record_mujoco(own, moving, channels) as recorder:
         for k in range(steps):
-            if control is not None:
-                control(own, moving)
+            if controller is not None:
+                controller(own, moving)
             mujoco.mj_step(own, moving)
             trouble = recorder.trouble()
             if trouble:
@@ -379,8 +381,8 @@ def run_mujoco(
             recorder.sample()
             if progress is not None:
                 progress((k + 1) / steps)
-        if control is not None:
-            control(own, moving)
+        if controller is not None:
+            controller(own, moving)
     return recorder.trajectory()
 
 
@@ -423,7 +425,7 @@ class MujocoSimulator:
     model: Any
     duration: float
     integrator: str
-    control: Callable[[Any, Any], object] | None
+    controller: Callable[[Any, Any], object] | None
     data: Any
 
     @property
@@ -442,18 +444,19 @@ class MujocoSimulator:
             self.model,
             self.duration,
             data=self.data,
-            control=self.control,
+            controller=self.controller,
             step=step,
             integrator=self.integrator,
         )
 
 
+@renamed_keywords(control="controller")
 def mujoco_simulator(
     model: Any,
     duration: float,
     *,
     integrator: str = "rk4",
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Callable[[Any, Any], object] | None = None,
     state: State | Any = None,
 ) -> MujocoSimulator:
     """A MuJoCo model as the `simulator` of a study.
@@ -462,7 +465,7 @@ def mujoco_simulator(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
         duration: s; each step must divide it.
         integrator: "euler", "rk4", "implicit", "implicitfast", or another of the installed MuJoCo.
-        control: called as control(model, data) before each step. It is held over the step, so a motion
+        controller: called as controller(model, data) before each step. It is held over the step, so a motion
             that depends on it is of first order in the step, whatever the integrator.
         state: where it starts: an mjData, or a state of the imported mechanism; by default the model's own
             initial state.
@@ -481,7 +484,7 @@ def mujoco_simulator(
         _set_state(own, data, state)
     elif state is not None:
         mujoco.mj_copyData(data, own, state)
-    return MujocoSimulator(own, duration, name, control, data)
+    return MujocoSimulator(own, duration, name, controller, data)
 
 
 def _set_state(model: Any, data: Any, state: State) -> None:

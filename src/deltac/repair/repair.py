@@ -13,8 +13,8 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import chosen_map
-from deltac.diagnosis.inputs.models import load_model
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, load_model
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
@@ -50,7 +50,7 @@ PERTURBED = 0.37
 
 
 def repair_equations(
-    model: Any,
+    model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,

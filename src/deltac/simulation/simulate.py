@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.system import trace
 from deltac.kernels import Kernel
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, StateLike, opened
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
@@ -60,10 +61,11 @@ class SimulationStopped(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def simulate(
-    mechanism: Mechanism,
-    state: State,
-    duration: float,
+    model: ModelLike,
+    state: StateLike = None,
+    duration: float | None = None,
     step: float | None = None,
     solver: str = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
@@ -72,7 +74,7 @@ def simulate(
     controller: Controller | None = None,
     tolerance: float | None = None,
     record_every: int = 1,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
     stabilisation: Stabilisation = "projection",
     correct: str | None = None,
     spectral_radius: float | None = None,
@@ -83,9 +85,9 @@ def simulate(
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
     Args:
-        mechanism: what moves.
-        state: where it starts (`mechanism.state(...)`).
-        duration: how long, s.
+        model: what moves: a Mechanism, a Problem, or what else `load_model` takes.
+        state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
+        duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
             samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
         solver: a name or alias of `solver_names()`.
@@ -95,7 +97,7 @@ def simulate(
         controller: sets the motors that have no law (`joint_torque` without torque).
         tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
         record_every: keep every so many steps of a fixed-step solver.
-        speeds: generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
         stabilisation: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), Baumgarte's (α, β) in 1/s, or "none".
         correct: "energy" brings the state back to ΔC = 0 of Wang's function after each step of a fixed-step
@@ -123,7 +125,7 @@ def simulate(
         EnergyLeft: corrections of the energy could not keep up with what the steps lost.
         StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
     """
-    require_mechanism(mechanism)
+    mechanism, state, duration = opened(model, state, duration)
     found = find_solver(solver)
     duration = positive(duration, "duration")
     every = count(record_every, "record_every")
@@ -139,7 +141,7 @@ def simulate(
         found,
         testing,
         equations,
-        speeds,
+        coordinates,
         vary,
         rows,
         stabilisation,

@@ -15,12 +15,12 @@ from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
-from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -35,15 +35,18 @@ TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the audit's table: energy (J) at the end of the run, its share of the turnover, origin.
+    """A line of the audit's table: energy (J) at the end of the run, its share of that exchanged, origin.
 
-    `energy` is a work for channels, a change for energies; positive into the system.
+    `energy` is a work for channels, a change for energies; positive into the system. `error`: how far it may
+    be off, J; `resolved`: whether that leaves a digit of it.
     """
 
     name: str
     energy: float
     share: float
     basis: str
+    error: float = 0.0
+    resolved: bool = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,23 +130,32 @@ class Audit(
         ledger = self.ledger
         unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
-        def row(name: str, energy: float, basis: str) -> Row:
-            return Row(name, energy, energy / unit, basis)
+        def row(name: str, energy: float, basis: str, error: float = 0.0) -> Row:
+            return Row(name, energy, energy / unit, basis, error)
 
-        channels = sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
-        rows = [row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")) for n, w in channels]
+        unknown = ledger.unresolved
+        rows = [
+            replace(
+                row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")),
+                error=float(ledger.work_error[n].max()),
+                resolved=n not in unknown,
+            )
+            for n, w in sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
+        ]
         rows += [row(n, 0.0, b) for n, b in ledger.basis.items() if b == "assumed zero"]
         K, V = ledger.kinetic, ledger.potential_energy
         delta_c = ledger.delta_c[self.function]
+        bar = float(ledger.error_bar[self.function].max())
         change = float(K[-1] - K[0] + V[-1] - V[0])
         rows += [
             row("ΔK", float(K[-1] - K[0]), "computed"),
             row("ΔV", float(V[-1] - V[0]), "computed"),
             row("Q", change - float(delta_c[-1]), "the works, without those of V"),
-            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), self._bar()),
+            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
         if not np.array_equal(self.left_over, delta_c):
-            rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
+            left = float(self.left_over[-1])
+            rows.append(row("ΔC with corrections", left, ledger.method, bar))
         return tuple(rows)
 
     @property
@@ -195,14 +207,14 @@ class Audit(
         for row in self.rows():
             if row.name == "ΔK":
                 rows.append(())
-            rows.append((row.name, number(row.energy), f"{100 * row.share:.3g} %", row.basis))
-        yield Table(("channel", "energy (J)", "share", "basis"), tuple(rows))
+            energy, share = number(row.energy), f"{100 * row.share:.3g} %"
+            told = (energy, share) if row.resolved else ("unresolved", "")
+            error = number(row.error, digits=2) if row.error else ""
+            rows.append((row.name, told[0], error, told[1], row.basis))
+        yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
-
-    def _bar(self) -> str:
-        return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
 
 
 _BEYOND_TOLERANCE = (
@@ -217,7 +229,7 @@ _BEYOND_TOLERANCE = (
 
 
 def audit(
-    model: Any,
+    model: ModelLike,
     log: Any,
     *,
     tolerance: float = TOLERANCE,
@@ -267,6 +279,7 @@ def audit(
     basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
     ledger = replace(ledger, basis=basis)
     findings += checks.assumed_zero_finding(missing)
+    findings += checks.unresolved_works(ledger)
     findings += motors.differing_gears(run, ledger, tolerance, import_report)
     works = foreign_channels(mechanism, log_read.consecutive, import_report)
     findings += foreign_notes(works, ledger.energy_exchanged)

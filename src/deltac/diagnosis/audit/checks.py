@@ -340,6 +340,29 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     ]
 
 
+def unresolved_works(ledger: Ledger) -> list[Finding]:
+    """One finding for all channels whose work is hardly known, with the error of the largest."""
+    unknown = ledger.unresolved
+    if not unknown:
+        return []
+    errors = {name: float(ledger.work_error[name].max()) for name in unknown}
+    worst = max(unknown, key=lambda name: errors[name])
+    number = "1 channel is" if len(unknown) == 1 else f"{len(unknown)} channels are"
+    return [
+        Finding(
+            "work-unresolved",
+            f"the work of {number} not resolved by the samples",
+            ", ".join(f"{name!r} ± {errors[name]:.2g} J" for name in unknown[:6])
+            + (", …" if len(unknown) > 6 else ""),
+            "Log more samples; runs of deltac integrate the works in the loop where testing functions are "
+            "(simulate(..., testing=...))",
+            "note",
+            element=worst,
+            error=errors[worst],
+        )
+    ]
+
+
 def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     """A run of another program without events, of a model in which things hit each other."""
     names = [event.name for event in mechanism.events if event.impulsive]

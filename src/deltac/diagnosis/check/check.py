@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame
-from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -32,6 +32,7 @@ from deltac.diagnosis.residuals.states import (
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
+from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
@@ -176,8 +177,9 @@ BLIND = 1e-3
 """A power below this share of the residual is none."""
 
 
+@renamed_keywords(mechanism="model")
 def check_equations(
-    mechanism: Any,
+    model: ModelLike,
     rhs: Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
@@ -189,7 +191,7 @@ def check_equations(
     """Test equations of motion at random admissible states of a mechanism, without integrating them.
 
     Args:
-        mechanism: a Mechanism, a Problem or a problem's name, a model file.
+        model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
         rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); or `Equations`.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
@@ -209,16 +211,16 @@ def check_equations(
     """
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
-    model = load_model(mechanism)
+    loaded = load_model(model)
     equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates
     else:
-        chosen = chosen_map(model, coordinates)
-    kane = Kane(model.mechanism, chosen)
+        chosen = chosen_map(loaded, coordinates)
+    kane = Kane(loaded.mechanism, chosen)
     if not kane.speed_names:
         raise InputError(
-            f"all joints of mechanism {model.mechanism.name!r} are prescribed or fixed: there is nothing "
+            f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
             "that equations of motion could tell"
         )
     scales = natural_scales(kane)
@@ -253,9 +255,9 @@ def check_equations(
     wrong = kind == "equation-error"
     found = blame(caller, test, given, limit) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
-    findings = _findings(caller, finite, drawn, [m.name for m in model.mechanism.motors])
+    findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
     if wrong:
-        findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
+        findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
@@ -266,7 +268,7 @@ def check_equations(
             confidence,
             evidence,
             findings,
-            _limits(model, where, test.states),
+            _limits(loaded, where, test.states),
             MEANINGS[kind],
         ),
         blame=found,

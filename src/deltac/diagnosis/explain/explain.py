@@ -173,7 +173,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     Raises:
         InputError: model or log cannot be read, the log is not of this model, or it is too short.
     """
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import read_trajectory
 
     loaded = load_model(model)

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.inputs.models import from_file
 from deltac.errors import SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import from_file
 from deltac.simulation.equations import Equations
 
 

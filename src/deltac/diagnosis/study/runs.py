@@ -45,7 +45,7 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 LEAST_ROWS = 3
 """Rows that a run needs for a ledger."""
@@ -133,10 +133,10 @@ def simulated(
     runs = []
     for k, step in enumerate(steps):
         if progress is not None:
-            progress(k / len(steps), f"step {step:g}")
+            progress(k / len(steps))
         runs.append(_simulated(mechanism, simulator, step, trusted=trusted))
     if progress is not None:
-        progress(1.0, "")
+        progress(1.0)
     return runs
 
 

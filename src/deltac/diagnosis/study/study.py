@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
-from deltac.diagnosis.inputs.models import Model, load_model
+from deltac.deprecation import renamed_keywords
+from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
@@ -34,6 +34,7 @@ from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Stabilisation
@@ -257,6 +258,7 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
+    findings += unresolved_works(ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
@@ -403,9 +405,10 @@ SAMPLES = 200
 """Rows of a run of an adaptive solver, at the same times for every tolerance."""
 
 
+@renamed_keywords(control="controller")
 def study(
-    model: Any,
-    state: State | Any = None,
+    model: ModelLike,
+    state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
     solver: str = "",
@@ -417,8 +420,7 @@ def study(
     tolerances: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     order: int | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Controller | Callable[[Any, Any], object] | None = None,
     stabilisation: Stabilisation = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
@@ -441,11 +443,11 @@ def study(
         tolerances: in place of steps, for adaptive solvers.
         tolerance: accepted |ΔC| as a fraction of the energy turned over.
         order: the nominal order of `simulator`, if it has one.
-        controller: sets the motors that have no law; for MuJoCo give `control`.
-        control: called as control(model, data) before each step of MuJoCo.
+        controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
+            controller(model, data) before each step.
         stabilisation: as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -482,31 +484,34 @@ def study(
                 )
             maker = _of_user(simulator, order)
         else:
-            state = loaded.problem.state if state is None and loaded.problem else state
-            duration = _duration(loaded, duration)
+            duration = loaded.lasting(duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
             if solver.startswith(MUJOCO):
-                if equations is not None or controller is not None:
+                if equations is not None or isinstance(controller, Controller):
                     raise InputError(
-                        "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
-                        "are set by control=)"
+                        "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
+                        "controller=, a function of (model, data)"
                     )
                 from deltac.recorders import mujoco_simulator
 
                 name = solver.removeprefix(MUJOCO)
                 run = mujoco_simulator(
-                    model, duration, integrator=name, control=control, state=state
+                    model,
+                    duration,
+                    integrator=name,
+                    controller=controller,
+                    state=_mujoco_start(loaded, state),
                 )
                 maker = _of_user(run, order)
             else:
                 maker = _own(
                     loaded.mechanism,
-                    loaded.mechanism.state() if state is None else state,
+                    _own_start(loaded, state),
                     duration,
                     solver,
                     testing,
                     equations,
-                    controller,
+                    _own_controller(controller),
                     stabilisation,
                     order,
                     adaptive=adaptive,
@@ -553,10 +558,6 @@ def _own(
     adaptive: bool,
 ) -> _Maker:
     """One of our solvers as a function of its step, or of its tolerance."""
-    if not isinstance(state, State):
-        raise InputError(
-            f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
-        )
     if equations is not None:
         equations = carefully(equations, mechanism, state)
     found = find_solver(solver)
@@ -609,12 +610,27 @@ def _default_solver(loaded: Model) -> str:
     return loaded.problem.solver if loaded.problem is not None else "ode5"
 
 
-def _duration(loaded: Model, duration: float | None) -> float:
-    if duration is not None:
-        return float(duration)
-    if loaded.problem is None:
-        raise InputError("say how long the motion lasts: duration= in seconds")
-    return loaded.problem.duration
+def _own_start(loaded: Model, state: StateLike) -> State:
+    """The model's own start by default, else at zero and at rest."""
+    if state is None and not loaded.starts:
+        return loaded.mechanism.state()
+    return loaded.start(state)
+
+
+def _mujoco_start(loaded: Model, state: Any) -> Any:
+    """An mjData as it is; None where MuJoCo's own start is meant."""
+    if type(state).__name__ == "MjData" or (state is None and not loaded.starts):
+        return state
+    return loaded.start(state)
+
+
+def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
+    if given is None or isinstance(given, Controller):
+        return given
+    raise InputError(
+        "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
+        "function of (model, data)"
+    )
 
 
 def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.check.check import chosen_map
-from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.tracing.interpreter import trace
 from deltac.repair.tracing.program import at, named_parameters, read
@@ -142,13 +142,13 @@ HEADS = {
 
 
 def mutate_equations(
-    model: Any,
+    model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> MutationReport:
     """Change equations of motion in every small way, and see which tests notice.
 
@@ -162,7 +162,7 @@ def mutate_equations(
         coordinates: the function's own coordinates, as for `check_equations`.
         names: how many other names take the place of each use of a name.
         seed: of the states and of the names drawn.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: no source, or one that is not understood, as for `repair_equations`.
@@ -186,7 +186,7 @@ def mutate_equations(
     trials = []
     for k, mutant in enumerate(made):
         if progress is not None:
-            progress(k / len(made), f"mutant {k + 1} of {len(made)}")
+            progress(k / len(made))
         trials.append(_tried(source, mutant, target, varied))
     tests = tuple(_blank(target))
     return MutationReport(

@@ -19,6 +19,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
@@ -30,6 +31,7 @@ from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import StiffStep, longest_step, remedy
 
@@ -55,14 +57,18 @@ class TimeScale:
         return (1j if self.kind == "oscillation" else -1.0) / self.value
 
 
-def time_scales(mechanism: Mechanism, state: State) -> tuple[TimeScale, ...]:
-    """Time scales of the mechanism's friction and contacts, the shortest first.
+@renamed_keywords(mechanism="model")
+def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
+    """Time scales of a model's friction and contacts at a state, the shortest first.
 
     Of a contact, the overlap that is taken is the largest of: the present one; the one that carries the
     weight of its effective mass; the one that stops it, at its speed of approach with what it gains by
     falling through the gap. All is an estimate from the present state, not a bound on the motion.
     """
-    return tuple(sorted(_found(mechanism, state), key=lambda scale: scale.value))
+    loaded = load_model(model)
+    return tuple(
+        sorted(_found(loaded.mechanism, loaded.start(state)), key=lambda scale: scale.value)
+    )
 
 
 def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float | None) -> None:

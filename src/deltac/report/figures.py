@@ -66,14 +66,14 @@ class Curve:
     t          (T,) times (s)
     angles     name -> (T,) degrees
     delta_c    testing function -> (T,) ΔC (J)
-    turnover   energy turned over (J): its rounding is the floor of |ΔC|
+    energy_exchanged   energy exchanged (J): its rounding is the floor of |ΔC|
     """
 
     label: str
     t: Array
     angles: Mapping[str, Array]
     delta_c: Mapping[str, Array] = field(default_factory=dict)
-    turnover: float = 0.0
+    energy_exchanged: float = 0.0
 
 
 def styled() -> AbstractContextManager[None]:
@@ -112,7 +112,7 @@ def testing_figure(
             for curve, colour, width in shown[-1:] if last_angles else shown:
                 _angle(strip, curve, name, color=colour, linewidth=width)
             strip.set_ylabel(f"{name} (deg)")
-        floor = EPS * max(curve.turnover for curve in curves)
+        floor = EPS * max(curve.energy_exchanged for curve in curves)
         for panel, (function, name) in zip(tests, NAMES.items(), strict=True):
             _delta_c(panel, curves, function, floor)
             panel.set_title(f"|ΔC| of {name}'s function")
@@ -244,7 +244,7 @@ def _delta_c(panel: Axes, curves: Sequence[Curve], function: str, floor: float) 
         panel.semilogy(curve.t, size, color=colour, linewidth=width)
     panel.axhline(floor, color="#888888", linewidth=0.8, linestyle=(0, (4, 3)))
     panel.annotate(
-        f"rounding of the energy turned over, {floor:.0e} J: what is smaller is drawn here",
+        f"rounding of the energy exchanged, {floor:.0e} J: what is smaller is drawn here",
         (0.995, floor),
         xycoords=panel.get_yaxis_transform(),
         xytext=(0, -2),
@@ -454,7 +454,7 @@ def _line(panel: Axes, h: np.ndarray, sizes: np.ndarray, found: Convergence, col
 def _over_time(panel: Axes, study: Study) -> None:
     runs = [r for r in study.runs if r.step in study.measures.steps and r.run is not None]
     m = study.measures
-    floor = max(EPS * m.turnover, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
+    floor = max(EPS * m.energy_exchanged, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
     palette = (*COLOURS[:2], *COLOURS[3:], COLOURS[2])
     for k, (entry, colour) in enumerate(zip(runs, (palette[i % 5] for i in range(len(runs))))):
         assert entry.run is not None and entry.left_over is not None
@@ -499,7 +499,7 @@ def recommendation_figure(title: str, advice: Recommendation) -> Figure:
         energy, motion = _stacked(figure, [1.0, 1.0], [0.3])
         _scatter(energy, advice, "energy", advice.tolerance)
         _scatter(motion, advice, "motion", advice.motion_tolerance)
-        energy.set_title("largest |ΔC|, share of the energy turned over")
+        energy.set_title("largest |ΔC|, share of the energy exchanged")
         motion.set_title("error of q and u, share of their ranges (where the energy is kept)")
         motion.set_xlabel("time of a run (s)")
         energy.legend(loc="upper right", fontsize=7.5, ncols=2)

@@ -33,7 +33,7 @@ STAYS = 0.8
 """A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
 STILL = 1e-3
-"""Share of the turnover below which works that are no potential count as none."""
+"""Share of the energy exchanged below which works that are no potential count as none."""
 
 
 def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:

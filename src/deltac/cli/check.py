@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, Model, deliver
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
 
 if TYPE_CHECKING:
     from deltac.repair import Repair
@@ -45,11 +45,12 @@ def command(
         Path | None,
         typer.Option(metavar="FILE.patch", help="With --repair: write the least edit as a patch."),
     ] = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
-    Exit status 0 if they agree, 1 if not, 3 if that cannot be told.
+    Exit code 0 if they agree, 1 if not, 3 if that cannot be told.
     """
     from deltac.diagnosis.check.check import TOLERANCE, check_equations
     from deltac.diagnosis.inputs.equations import load_equations, load_map
@@ -57,18 +58,25 @@ def command(
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
-    repaired = _repair(model, equations, rhs, chosen, seed) if repair or write else None
-    found = check_equations(
-        model,
-        rhs,
-        coordinates=chosen,
-        count=count,
-        seed=seed,
-        tolerance=TOLERANCE if tolerance is None else tolerance,
-    )
+    repaired = None
+    if repair or write:
+        with progress_bar("seeking the edit"):
+            repaired = _repair(model, equations, rhs, chosen, seed)
+    with progress_bar(f"checking at {count} random states"):
+        found = check_equations(
+            model,
+            rhs,
+            coordinates=chosen,
+            count=count,
+            seed=seed,
+            tolerance=TOLERANCE if tolerance is None else tolerance,
+        )
     if write is not None and repaired is not None and repaired.fixes:
-        write.write_text(repaired.fixes[0].diff, encoding="utf-8")
-    deliver(found, as_json, *(() if repaired is None else (repaired,)))
+        from deltac.report.files import write_text
+
+        write_text(repaired.fixes[0].diff, write)
+    more = () if repaired is None else (repaired,)
+    deliver(found, form.unless(as_json), *more, name=equations)
 
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair:

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, Model, StartState, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Model,
+    StartState,
+    checked_figure,
+    deliver,
+    progress_bar,
+    write,
+)
 
 
 def command(
@@ -40,11 +50,12 @@ def command(
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
     state: StartState = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
-    Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
     from deltac.diagnosis.recommend.recommend import recommend
     from deltac.models import load_callable
@@ -69,4 +80,4 @@ def command(
         from deltac.report import recommendation_figure
 
         write(recommendation_figure(f"{model}: work and precision", found), figure)
-    deliver(found, as_json, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure)

@@ -12,7 +12,7 @@ from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
-from deltac.results import Record, Report, Section, Verbatim
+from deltac.results import Finding, Record, Report, Section, Verbatim
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,22 @@ class Repair(Report, also=("right",)):
     def exit_code(self) -> int:
         """Exit code: 0 right, 1 wrong (repaired or not)."""
         return 0 if self.right else 1
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Each fix as a cause; its element is the first line that it changes, "file:line"."""
+        evidence = f"residual {self.residual:.2g} of the equation's terms"
+        return tuple(
+            Finding(
+                "wrong-expression",
+                "; ".join(fix.words),
+                evidence,
+                "Apply the edit",
+                "cause",
+                f"{fix.file}:{fix.lines[0]}",
+            )
+            for fix in self.fixes
+        )
 
     def summary(self) -> str:
         """Whether the function is right, and the first fix."""

@@ -132,8 +132,9 @@ def _explained(advice: Recommendation) -> list[str]:
     if advice.still:
         return [
             f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which is "
-            "rounding. Next to nothing moves, so every solver and step would do. Give a start, a drive or a "
-            "duration in which energy flows."
+            "rounding. "
+            "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
+            "in which energy flows."
         ]
     if best is None:
         tried = [t for t in advice.trials if math.isfinite(t.energy)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.deprecation import RenamedAttribute, renamed_keywords
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
@@ -80,8 +80,6 @@ class Study(
     verdict: Verdict
     tolerance: float
 
-    turnover = RenamedAttribute("energy_exchanged")
-
     @property
     def horizon(self) -> float:
         """The time (s) up to which motions at successive steps stay together."""
@@ -123,7 +121,7 @@ class Study(
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.energy_exchanged:.4g} J exchanged at the finest of {len(self.runs)} steps of "
+            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {len(self.runs)} steps of "
             f"{self.solver}{order} (confidence {self.verdict.confidence})"
         )
 
@@ -206,7 +204,7 @@ def _start(kane: Kane, state: State) -> States | None:
 
 
 NOISE = 1e-10
-"""Share of the energy exchanged below which a ΔC that does not fall is what iterative solutions leave."""
+"""Share of the energy exchanged below which a ΔC that does not fall is what an iterative solution leaves."""
 
 
 def studied(

@@ -88,7 +88,9 @@ def command(
             typer.echo(f"Repair. {repaired.explain()}\n")
         raise
     if write is not None and repaired is not None and repaired.fixes:
-        write.write_text(repaired.fixes[0].diff, encoding="utf-8")
+        from deltac.report.files import write_text
+
+        write_text(repaired.fixes[0].diff, write)
     more = [report for report in (repaired, refused) if report is not None]
     deliver(found, form.unless(as_json), *more, name=equations)
 

@@ -103,7 +103,9 @@ class Study(
         return tuple(
             {
                 "step": entry.step,
-                "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
+                "delta_c": {
+                    n: float(np.abs(c).max()) for n, c in (entry.energy_error or {}).items()
+                },
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
                 "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
@@ -229,7 +231,9 @@ def studied(
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
-    functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
+    functions = [
+        n for n in kept[-1].energy_error or {} if all(n in (e.energy_error or {}) for e in kept)
+    ]
     energy_exchanged = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
     energy = {
         n: _kept(_energy(kept, compared, first, steps, n), energy_exchanged) for n in functions
@@ -250,7 +254,7 @@ def studied(
     finest = kept[-1]
     ledger = finest.ledger
     assert ledger is not None
-    left = tuple(_largest(entry.left_over, function) for entry in kept)
+    left = tuple(_largest(entry.energy_error, function) for entry in kept)
     bars = tuple(_largest(entry.bar, function) for entry in kept)
     if residuals is not None:
         findings += residuals.findings
@@ -320,7 +324,7 @@ def _energy(
     kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array, name: str
 ) -> Convergence:
     """How ΔC of a function converges within the horizon; over all of the time where that is no time."""
-    curves = [(entry.left_over or {})[name] for entry in kept]
+    curves = [(entry.energy_error or {})[name] for entry in kept]
     bars = [(entry.bar or {})[name] for entry in kept]
     within = compared.within
     if _over_all(kept, compared, first):
@@ -387,7 +391,7 @@ def _largest(curves: Mapping[str, Array] | None, name: str) -> float:
 
 def _function(kept: Sequence[StudyRun]) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = kept[-1].left_over or {}
+    names = kept[-1].energy_error or {}
     return next(
         (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
     )

@@ -113,7 +113,7 @@ def _judged(case: Case, run: dc.Trajectory, exact: dc.Trajectory) -> dict[str, A
     return {
         "energy_error": float(np.abs(E - E[0]).max()),
         "delta_c": float(np.abs(ledger.delta_c["wang"]).max()),
-        "turnover": ledger.energy_exchanged,
+        "energy_exchanged": ledger.energy_exchanged,
         "error_early": float(off[: tenth + 1].max()),
         "error_at_end": float(off[-1]),
         "lost_at": float(run.t[first]) if lost.any() else None,

@@ -103,6 +103,7 @@ FINDINGS: dict[str, str] = {
     "writes-to-input": "the function writes into its arguments",
     "motor": "motors without a law were taken to exert nothing",
     "not-finite": "the accelerations are not finite at some states",
+    "wrong-expression": "an expression of the source is wrong, and an edit makes it right",
     "coordinates": "the same function is right in other coordinates",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""

@@ -58,7 +58,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    turnover, still = 1.0, False
+    energy_exchanged, still = 1.0, False
 
     def __init__(self, constant: dict[str, float], missed: float = 1.0) -> None:
         self.constant, self.missed, self.tried = constant, missed, 0

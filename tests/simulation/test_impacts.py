@@ -278,7 +278,7 @@ def test_a_box_that_tumbles_on_rough_ground_never_gains() -> None:
     run = dc.simulate(mechanism, start, 0.8, 0.01, "ode8")
     assert len(run.events) > 5 and all(event.energy_lost > 0.0 for event in run.events)
     ledger = dc.balance(mechanism, run)
-    # ode8's error over 80 steps of a tumbling box, relative to the energy turned over.
+    # ode8's error over 80 steps of a tumbling box, relative to the energy exchanged.
     assert np.abs(ledger.delta_c["wang"]).max() < 1e-11 * ledger.energy_exchanged
 
 

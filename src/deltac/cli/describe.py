@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from deltac.cli.output import Json, Model, deliver
+from deltac.cli.output import Form, Json, Model, deliver
 
 
 def command(
@@ -12,4 +12,4 @@ def command(
     """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
     from deltac.analysis.classify import classify
 
-    deliver(classify(model), as_json)
+    deliver(classify(model), Form.text.unless(as_json), name=model)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, Model, StartState, deliver, progress_bar
+from deltac.cli.output import Form, Format, Json, Model, StartState, deliver, progress_bar
 
 
 def command(
@@ -29,6 +29,7 @@ def command(
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
     state: StartState = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Check the equations, choose solver and step, study what error is left, audit the log.
@@ -49,4 +50,4 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    deliver(found, as_json)
+    deliver(found, form.unless(as_json), name=model)

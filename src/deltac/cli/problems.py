@@ -24,7 +24,7 @@ def command(
 ) -> None:
     """List the problem library; or run the problem NAME and compare it with its references.
 
-    Exit status 1 if a reference number is not met.
+    Exit code 1 if a reference number is not met.
     """
     from deltac import problems
 

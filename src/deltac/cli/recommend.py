@@ -7,13 +7,23 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, Model, StartState, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Model,
+    StartState,
+    checked_figure,
+    deliver,
+    progress_bar,
+    write,
+)
 
 
 def command(
     model: Model,
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a share of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a share of the energy exchanged.")
     ] = 1e-6,
     motion_tolerance: Annotated[
         float | None,
@@ -40,11 +50,12 @@ def command(
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
     state: StartState = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
-    Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
     from deltac.diagnosis.recommend.recommend import recommend
     from deltac.models import load_callable
@@ -69,4 +80,4 @@ def command(
         from deltac.report import recommendation_figure
 
         write(recommendation_figure(f"{model}: work and precision", found), figure)
-    deliver(found, as_json, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, deliver, print_sections, progress_bar
+from deltac.cli.output import Form, Json, deliver, print_sections, progress_bar
 from deltac.results import plain
 
 RUNS = 0.85
@@ -33,7 +33,7 @@ def command(
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
 
-    Exit status 0 if everything agrees but the known differences, which the table marks; else 1.
+    Exit code 0 if everything agrees but the known differences, which the table marks; else 1.
     """
     from deltac.report import output_folder
     from deltac.studies.thesis import reproduce, write
@@ -52,7 +52,10 @@ def command(
         )
     if as_json:
         deliver(
-            reproduction, as_json, figures=plain(written.figures), results_file=str(written.results)
+            reproduction,
+            Form.json,
+            figures=plain(written.figures),
+            results_file=str(written.results),
         )
     print_sections(reproduction.sections())
     if written.figures:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import as_law, check_symbols
@@ -52,7 +53,7 @@ class CoordinateMap:
                 name: as_law(law, f"{attribute} of {name!r} in the coordinate map")
                 for name, law in given.items()
             }
-            object.__setattr__(self, attribute, laws)
+            object.__setattr__(self, attribute, FrozenDict(laws))
         object.__setattr__(self, "coordinates", _names(self.coordinates, "coordinates"))
         object.__setattr__(self, "speeds", _names(self.speeds, "speeds") or self.coordinates)
         if not self.q and not self.u:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
+from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.constraints import Constraint
@@ -72,7 +73,7 @@ class Mechanism:
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
         store("joints", _tree_order(self.bodies, self.joints))
         store("gravity", vector(self.gravity, "gravity"))
-        store("parameters", _parameters(self.parameters))
+        store("parameters", FrozenDict(_parameters(self.parameters)))
         _distinct((e for e in self.events if isinstance(e, Event)), "events")
         _check_names_of_coordinates(self)
         self.scope.laws(self.gravity, self.scope.constants, "gravity")

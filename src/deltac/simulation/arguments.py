@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.recursions import crba
 from deltac.errors import InputError
 from deltac.mechanism.events import Event
@@ -154,13 +154,13 @@ def check_accelerations(
         )
 
 
-@lru_cache(maxsize=64)
+@derived
 def _accelerations(flow: Flow) -> Any:
     """(t, x; p) -> ẋ, as a CasADi function."""
     return ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
 
 
-@lru_cache(maxsize=64)
+@derived
 def _inertias(flow: Flow) -> Any:
     """(t, x; p) -> the diagonal of the mass matrix, as a CasADi function."""
     system, free = flow.system, flow.system.free_u

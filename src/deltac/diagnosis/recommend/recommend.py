@@ -30,7 +30,7 @@ from deltac.simulation.equations import Controller, Equations
 Progress: TypeAlias = Callable[[float], None]
 
 TOLERANCE = 1e-6
-"""Accepted by default: |ΔC| as a share of the energy turned over, q and u as shares of their ranges."""
+"""Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
 
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
@@ -68,7 +68,7 @@ def recommend(
             file is run by MuJoCo's integrators, unless `solvers` names ours.
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
-        tolerance: of the largest |ΔC| (Wang's), as a share of the energy turned over.
+        tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
         motion_tolerance: of q and u, each as a share of the range of what has its unit; by default
             `tolerance`. `math.inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names to choose from; by default all that suit the model.
@@ -93,7 +93,7 @@ def recommend(
         )
     if wanted < ROUNDING:
         raise InputError(
-            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy turned over there is "
+            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy exchanged there is "
             "nothing but rounding. Ask for more than that"
         )
     motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
@@ -235,7 +235,7 @@ class _Search:
             tolerance=self._asked[0],
             motion_tolerance=self._asked[1],
             duration=duration,
-            turnover=self._trials.turnover,
+            energy_exchanged=self._trials.energy_exchanged,
             still=self._trials.still,
             notes=(*notes, *self.refused, *self.notes),
         )

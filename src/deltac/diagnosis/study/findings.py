@@ -33,7 +33,7 @@ STAYS = 0.8
 """A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
 STILL = 1e-3
-"""Share of the turnover below which works that are no potential count as none."""
+"""Share of the energy exchanged below which works that are no potential count as none."""
 
 
 def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:
@@ -101,8 +101,8 @@ def of_growth(
     run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
 ) -> Iterator[Finding]:
     """How ΔC grows in time; a drift where a symplectic method should have none."""
-    assert run.left_over is not None
-    curve = run.left_over[function]
+    assert run.energy_error is not None
+    curve = run.energy_error[function]
     if float(np.abs(curve).max()) <= 10.0 * floor:
         return
     how = growth(ledger.t, curve)

@@ -47,7 +47,7 @@ from deltac.trajectories import Trajectory
 class Study(
     Judged,
     omit=("mechanism", "runs", "comparison", "measures"),
-    also=("relative", "turnover", "horizon", "rows"),
+    also=("relative", "energy_exchanged", "horizon", "rows"),
 ):
     """What a study of a motion at several steps found.
 
@@ -64,7 +64,7 @@ class Study(
         function: the testing function that the verdict rests on.
         measures: the numbers that the verdict rests on.
         verdict: what it means.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
     """
 
     mechanism: Mechanism
@@ -86,14 +86,16 @@ class Study(
         return self.comparison.horizon
 
     @property
-    def turnover(self) -> float:
-        """The energy turned over at the finest step, J."""
-        return self.measures.turnover
+    def energy_exchanged(self) -> float:
+        """The energy exchanged at the finest step, J."""
+        return self.measures.energy_exchanged
 
     @property
     def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
-        return self.measures.left[-1] / self.turnover if self.turnover > 0.0 else 0.0
+        """Largest |ΔC| at the finest step, as a fraction of the energy exchanged."""
+        return (
+            self.measures.left[-1] / self.energy_exchanged if self.energy_exchanged > 0.0 else 0.0
+        )
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
@@ -101,9 +103,11 @@ class Study(
         return tuple(
             {
                 "step": entry.step,
-                "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
+                "delta_c": {
+                    n: float(np.abs(c).max()) for n, c in (entry.energy_error or {}).items()
+                },
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.energy_exchanged if entry.ledger else None,
+                "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }
@@ -117,8 +121,8 @@ class Study(
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.turnover:.4g} J turned over at the finest of {len(self.runs)} steps of {self.solver}"
-            f"{order} (confidence {self.verdict.confidence})"
+            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {len(self.runs)} steps of "
+            f"{self.solver}{order} (confidence {self.verdict.confidence})"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -200,7 +204,7 @@ def _start(kane: Kane, state: State) -> States | None:
 
 
 NOISE = 1e-10
-"""Share of the turnover below which a ΔC that does not fall is what equations solved by iteration leave."""
+"""Share of the energy exchanged below which a ΔC that does not fall is what an iterative solution leaves."""
 
 
 def studied(
@@ -227,9 +231,13 @@ def studied(
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
-    functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    turnover = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
-    energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
+    functions = [
+        n for n in kept[-1].energy_error or {} if all(n in (e.energy_error or {}) for e in kept)
+    ]
+    energy_exchanged = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
+    energy = {
+        n: _kept(_energy(kept, compared, first, steps, n), energy_exchanged) for n in functions
+    }
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
     momentum = _momentum(mechanism, kept, compared, first, steps)
@@ -246,7 +254,7 @@ def studied(
     finest = kept[-1]
     ledger = finest.ledger
     assert ledger is not None
-    left = tuple(_largest(entry.left_over, function) for entry in kept)
+    left = tuple(_largest(entry.energy_error, function) for entry in kept)
     bars = tuple(_largest(entry.bar, function) for entry in kept)
     if residuals is not None:
         findings += residuals.findings
@@ -267,7 +275,7 @@ def studied(
         steps=tuple(map(float, steps)),
         left=left,
         bars=bars,
-        turnover=ledger.energy_exchanged,
+        energy_exchanged=ledger.energy_exchanged,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
@@ -316,7 +324,7 @@ def _energy(
     kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array, name: str
 ) -> Convergence:
     """How ΔC of a function converges within the horizon; over all of the time where that is no time."""
-    curves = [(entry.left_over or {})[name] for entry in kept]
+    curves = [(entry.energy_error or {})[name] for entry in kept]
     bars = [(entry.bar or {})[name] for entry in kept]
     within = compared.within
     if _over_all(kept, compared, first):
@@ -383,7 +391,7 @@ def _largest(curves: Mapping[str, Array] | None, name: str) -> float:
 
 def _function(kept: Sequence[StudyRun]) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = kept[-1].left_over or {}
+    names = kept[-1].energy_error or {}
     return next(
         (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
     )
@@ -397,7 +405,7 @@ def _run(entry: StudyRun) -> Trajectory:
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------
 
 TOLERANCE = 1e-6
-"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 MUJOCO = "mujoco:"
 
@@ -443,7 +451,7 @@ def study(
         simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
         logs: logs of the same motion at several steps, in place of simulating it; paths or Trajectories.
         tolerances: in place of steps, for adaptive solvers.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         order: the nominal order of `simulator`, if it has one.
         controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
             controller(model, data) before each step.

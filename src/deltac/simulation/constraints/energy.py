@@ -9,13 +9,13 @@ this does is booked like that of a projection, so ΔC tells what the run would h
 from __future__ import annotations
 
 import warnings
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
@@ -39,7 +39,7 @@ class EnergyLeftWarning(UserWarning):
     """A corrected run whose energy is not what it should be."""
 
 
-@lru_cache(maxsize=64)
+@derived
 def energy_correction(flow: Flow) -> Any:
     """(t, x; p, h) -> x with K + V − Q as at the start, as a CasADi function."""
     h = ca.SX.sym("h")
@@ -53,7 +53,7 @@ def energy_correction(flow: Flow) -> Any:
     return ca.Function("correct", [*given, h], [x])
 
 
-@lru_cache(maxsize=64)
+@derived
 def _balance(flow: Flow) -> Kernel:
     """(t, x; p) -> K, and K + V less what it should be."""
     given = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}

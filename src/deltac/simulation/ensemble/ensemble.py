@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
+from deltac.caching import LRUCache, derived
 from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError
 from deltac.kernels import Kernel
@@ -251,7 +250,7 @@ def _flow(
     )
 
 
-@lru_cache(maxsize=16)
+@derived
 def _observation(flow: Flow, along: int) -> Kernel:
     """(t, x; p) -> full q, u; of the testing functions ∫P, E, and their derivatives by parameters."""
     n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
@@ -46,7 +47,7 @@ class Eventful:
         return found
 
 
-@lru_cache(maxsize=32)
+@derived
 def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
     """Prepare the events of a flow."""
     system = flow.system

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.protocol import Motion
@@ -67,7 +68,7 @@ def remedy(longest: float) -> str:
     )
 
 
-@lru_cache(maxsize=32)
+@derived
 def _jacobian(flow: Flow) -> ca.Function:
     """∂(q̇, u̇)/∂(q, u), motors at zero."""
     n = flow.q_size + flow.u_size

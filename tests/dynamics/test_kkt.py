@@ -228,7 +228,7 @@ def test_a_row_at_rounding_level_asks_for_nothing() -> None:
     ("tilt", "accepted"), [(0.0, True), (1e-7, False), (3e-6, False), (1e-3, True)]
 )
 def test_nearly_dependent_constraints_are_refused(tilt: float, accepted: bool) -> None:
-    """Two gears of which the second differs by `tilt` in a third axis: it locks that axis, or says nothing."""
+    """Two gears of which the second differs by `tilt` in a third axis: it locks that, or says nothing."""
     wheels = Mechanism(
         [dc.bodies.sphere(n, 1.0, 0.1) for n in "xyz"],
         [dc.revolute(n, "ground", n) for n in "xyz"],

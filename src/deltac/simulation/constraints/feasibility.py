@@ -71,9 +71,9 @@ def constraint_start(
         raise InputError(
             f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
             f"{', '.join(dict.fromkeys(motion.rows.names))} is independent of the others only to "
-            f"{found.margin:.1g} of itself, so that no motion can be trusted, with it or without it. Where it "
-            "should follow from the others, deltac.assemble(mechanism, state) makes the state exact; else move "
-            "it away from them"
+            f"{found.margin:.1g} of itself, so that no motion can be trusted, with it or without it. "
+            "Where it should follow from the others, deltac.assemble(mechanism, state) makes the state "
+            "exact; else move it away from them"
         )
     if found.freedom == 0 and equations is None:
         raise InputError(

@@ -203,7 +203,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, correct, events),
+        notes=_notes(mechanism, equations, controller, correct, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -328,8 +328,11 @@ def _notes(
     controller: Controller | None,
     correct: str | None,
     events: EventRun | None,
+    coordinates: CoordinateMap | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
+    if coordinates is not None:
+        notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
     if correct is not None:
         notes["corrected"] = correct
     if events is not None and events.ended:

@@ -238,11 +238,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-<<<<<<< HEAD
-        notes=_notes(mechanism, equations, controller, correct, events, coordinates),
-=======
-        notes=_notes(mechanism, equations, controller, flow, events),
->>>>>>> main
+        notes=_notes(mechanism, equations, controller, flow, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -353,15 +349,10 @@ def _notes(
     coordinates: CoordinateMap | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
-<<<<<<< HEAD
     if coordinates is not None:
         notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
-    if correct is not None:
-        notes["corrected"] = correct
-=======
     if flow.correcting:
         notes["corrected"] = "energy"
->>>>>>> main
     if events is not None and events.ended:
         notes["ended"] = events.ended
     if equations is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
     urdf = read_urdf(path)
     assumed = list(urdf.remarks)
     # Meshes are often out of reach (package://…), and MuJoCo is strict about inertias.
+    refused = ""
     for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
         try:
             with _quiet(mujoco):
@@ -91,6 +93,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
             break
         except ValueError as error:
             problem = _refused(path.name, error)
+            refused = refused if placeholders else problem
     else:
         raise ModelError(problem)
     if not shapes:
@@ -111,7 +114,21 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
                 "for a robot that moves about, read it with base='free'",
             )
         )
-    return model, assumed, urdf
+    return model, assumed, replace(urdf, refused=refused if placeholders else "")
+
+
+def simulated_model(path: str | Path, base: str = "fixed") -> Any:
+    """The compiled model of an MJCF or URDF file, for MuJoCo to simulate.
+
+    Raises InputError as `load_model`, and for a URDF file whose inertias or joints MuJoCo does not take.
+    """
+    model, _, _, urdf = load_model(path, base)
+    if urdf is not None and urdf.refused:
+        raise ModelError(f"{urdf.refused}; `read_mechanism` reads it, MuJoCo does not simulate it")
+    if urdf is not None and urdf.floating:
+        joint = next(iter(urdf.floating.values()))
+        raise ModelError(f"{urdf.name}: MuJoCo does not simulate the floating joint {joint!r}")
+    return model
 
 
 def _tree(mujoco: Any, urdf: Urdf, placeholders: bool, shapes: bool, path: Path, base: str) -> Any:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
+from deltac.files import read_bytes
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
     actuator_names,
@@ -23,6 +27,7 @@ from deltac.importers.passive import Findings, disabled, read_passive, total_arm
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.tree import read_tree
 from deltac.importers.urdf import Urdf, read_urdf
+from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
 from deltac.mechanism.state import State
@@ -69,6 +74,7 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
         return model, path.name, assumed, urdf
     if path.suffix.lower() not in (".xml", ".mjcf"):
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
+    _try_apart(path)
     try:
         with _quiet(mujoco):
             return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
@@ -115,6 +121,50 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
             )
         )
     return model, assumed, replace(urdf, refused=refused if placeholders else "")
+
+
+def _try_apart(path: Path) -> None:
+    """Compile a file that may be large in a process of its own first, bounded in time and memory.
+
+    A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
+
+    Raises LimitError for a file that takes too long, ModelError for one that brings MuJoCo down.
+    """
+    limits = Limits.current()
+    text = read_bytes(path, "model").decode("utf-8", "replace")
+    counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
+    if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
+        return
+    code = (
+        "import sys, mujoco\n"
+        "try:\n    import resource\n    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)\n"
+        "except (ImportError, ValueError, OSError): pass\n"
+        "try: mujoco.MjModel.from_xml_path(sys.argv[1])\n"
+        "except ValueError: pass\n"  # said in the process of the caller
+        "except MemoryError: sys.exit(3)\n"
+    )
+    memory = free_memory() or 2**62
+    try:
+        tried = subprocess.run(
+            [sys.executable, "-c", code, str(path.absolute()), str(int(memory))],
+            capture_output=True,
+            timeout=limits.seconds,
+            cwd=path.parent,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        limits.refuse(
+            "seconds", f"model file {path.name!r} takes {limits.seconds} s to compile and"
+        )
+    if tried.returncode < 0 or tried.returncode == 3:
+        raise ModelError(
+            f"model file {path.name!r} brings MuJoCo down, or does not fit into {memory / 1e9:.1f} GB"
+        )
+
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
+_PLAIN, _MANY = 2**20, 500.0  # bytes of a file, and of its largest count
+_COUNTS = re.compile(r"""\b(?:count|nrow|ncol|width|height|cellcount)\s*=\s*["']([^"']*)["']""")
 
 
 def simulated_model(path: str | Path, base: str = "fixed") -> Any:

@@ -17,7 +17,7 @@ from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import Flow, Keeping, Projection
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
@@ -33,7 +33,6 @@ def check_request(
     equations: Equations | None,
     controller: Controller | None,
     step: float | None,
-    tolerance: float | None,
 ) -> None:
     """InputError for arguments that do not go together, or not with the mechanism."""
     if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
@@ -48,16 +47,8 @@ def check_request(
         )
     if step is not None:
         positive(step, "step")
-    if solver.takes_steps:
-        if step is None:
-            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
-        if tolerance is not None:
-            raise InputError(
-                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
-                "an adaptive solver such as 'DOP853'"
-            )
-    elif tolerance is not None:
-        positive(tolerance, "tolerance")
+    if solver.takes_steps and step is None:
+        raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
     motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
         raise InputError(
@@ -94,19 +85,19 @@ def check_events(mechanism: Mechanism, equations: Equations | None, switches: bo
     return True
 
 
-def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> None:
-    """InputError for a correction that is unknown, or does not go with the solver or with events."""
-    if correct not in (None, "energy"):
-        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
-    if correct is not None and (solver.multistep or solver.family == "taylor"):
+def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> None:
+    """InputError for a correction of the energy that does not go with the solver or with events."""
+    if not (isinstance(keeping, Projection) and keeping.energy):
+        return
+    if solver.multistep or solver.family == "taylor":
         raise InputError(
             f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
-    if correct is not None and watching:
+    if watching:
         raise InputError(
-            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
-            "energy that a correction would put back; leave one of them out"
+            "Projection(energy=True) cannot be combined with events (impacts, stops, switches): an impact "
+            "loses energy that a correction would put back; leave one of them out"
         )
 
 
@@ -216,7 +207,7 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
             f"times); the next smaller one that does is {near:.12g}"
         )
     if steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+        raise InputError(f"record: every = {every} does not divide the number of steps, {steps}")
     return steps
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,7 @@ def simulate(
     step: float | None = None,
     solver: str = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
-    equations: Equations | None = None,
+    equations: Equations | Callable[..., Any] | None = None,
     *,
     controller: Controller | None = None,
     tolerance: float | None = None,
@@ -93,7 +93,8 @@ def simulate(
         solver: a name or alias of `solver_names()`.
         testing: names of the testing functions whose power is integrated by the same solver and step;
             the integrals (J) are in the trajectory's `integrals`.
-        equations: hand-written equations of motion in place of the mechanism's own.
+        equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
+            function of (t, q, u) that returns u̇, in the mechanism's own coordinates.
         controller: sets the motors that have no law (`joint_torque` without torque).
         tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
         record_every: keep every so many steps of a fixed-step solver.
@@ -126,6 +127,8 @@ def simulate(
         StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
     """
     mechanism, state, duration = opened(model, state, duration)
+    if equations is not None and not isinstance(equations, Equations):
+        equations = Equations(equations)
     found = find_solver(solver)
     duration = positive(duration, "duration")
     every = count(record_every, "record_every")

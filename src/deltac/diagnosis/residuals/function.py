@@ -129,7 +129,7 @@ class Caller:
             if real.size == n + len(states.q):
                 hint = "; these look like the rates of the whole state (q̇, u̇): return u̇ alone"
             elif real.size == n:
-                hint = "; flatten it"
+                hint = "; return [value]" if real.ndim == 0 else "; flatten it"
             raise SourceError(
                 f"{self.name} returned an array of shape {real.shape}, expected ({n},): u̇ of "
                 f"{', '.join(states.speeds)}{hint}"

@@ -26,7 +26,7 @@ BAD: dict[str, tuple[Callable[[], Any], str, str]] = {
     "solver of MATLAB": (lambda: simulate(solver="ode45"), "E-NAME", "RK45"),
     "solver misspelt": (lambda: simulate(solver="od5"), "E-NAME", "ode5"),
     "solver no name": (lambda: simulate(solver=5), "E-TYPE", "ode5"),
-    "too many rows": (lambda: simulate(step=1e-9), "E-LIMIT", "record_every=10,"),
+    "too many rows": (lambda: simulate(step=1e-9), "E-LIMIT", "record=10,"),
     "endless": (lambda: simulate(step=1e-300), "E-VALUE", "larger step"),
     "step does not divide": (lambda: simulate(step=0.03), "E-VALUE", "0.0294"),
     "right-hand side a scalar": (lambda: simulate(equations=lambda t, q, u: 1.0), "E-VALUE", "u̇"),

@@ -195,7 +195,7 @@ def examine(
     told.part("")
     return Examination(
         model=loaded.mechanism.name or str(model),
-        classification=classify(loaded.problem or loaded.mechanism, state),
+        classification=classify(loaded, state),
         check=check,
         recommendation=recommendation,
         study=found,

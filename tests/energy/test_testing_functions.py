@@ -21,7 +21,9 @@ MACHINES = {"robot": robot, "workshop": workshop}
 def exact(machine: str) -> tuple[dc.Mechanism, dc.Trajectory]:
     """A motion to the accuracy of ode8 at a small step: some 1e-13."""
     mechanism, state = MACHINES[machine]()
-    return mechanism, dc.simulate(mechanism, state, 1.0, 1 / 400, "ode8", NAMES, record_every=4)
+    return mechanism, dc.simulate(
+        mechanism, state, 1.0, 1 / 400, "ode8", dc.Record(testing=NAMES, every=4)
+    )
 
 
 @pytest.fixture(scope="module", params=MACHINES)

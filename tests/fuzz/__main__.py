@@ -6,6 +6,7 @@ import argparse
 import hashlib
 import json
 import random
+import signal
 import sys
 import time
 import traceback
@@ -26,7 +27,7 @@ def fuzz(name: str, seconds: float, seed: int, most: int = 10**9) -> Counter[str
     pool = corpus(name)
     counts: Counter[str] = Counter()
     end = time.monotonic() + seconds
-    while time.monotonic() < end and counts.total() < most:
+    while time.monotonic() < end and counts.total() < most and not _stop:
         data = mutated(rng, pool)
         start = time.monotonic()
         try:
@@ -56,6 +57,7 @@ def corpus_of(name: str) -> list[bytes]:
 
 
 _made: dict[str, list[bytes]] = {}
+_stop: list[bool] = []
 
 
 def main() -> None:
@@ -65,9 +67,16 @@ def main() -> None:
     parser.add_argument("targets", nargs="*", default=list(TARGETS))
     parser.add_argument("--seed", type=int, default=int(time.time()))
     options = parser.parse_args()
-    share = options.seconds / len(options.targets)
-    table = {name: dict(fuzz(name, share, options.seed)) for name in options.targets}
-    print(json.dumps({"seed": options.seed, "seconds": options.seconds, "inputs": table}))
+    signal.signal(signal.SIGINT, lambda *_: _stop.append(True))  # the table is printed all the same
+    start = time.monotonic()
+    table: dict[str, Counter[str]] = {name: Counter() for name in options.targets}
+    turns = max(1, round(options.seconds / 60 / len(table)))
+    for turn in range(turns):  # in turns, so that a run that is stopped has seen all of them
+        for name, counts in table.items():
+            counts += fuzz(name, options.seconds / turns / len(table), options.seed + turn)
+    seconds = round(time.monotonic() - start)
+    total = sum(counts.total() for counts in table.values())
+    print(json.dumps({"seed": options.seed, "seconds": seconds, "total": total, "inputs": table}))
     sys.exit(any("broken" in counts for counts in table.values()))
 
 

@@ -200,9 +200,9 @@ def corpus(name: str) -> list[bytes]:
             run = str(FOLDER / "run.csv").encode()
             return [
                 b"problems",
-                b"problems\npendulum\n--json",
+                b"problems\ntriple-pendulum\n--json",
                 b"cache\n--json",
-                b"audit\n" + run + b"\npendulum\n--json",
+                b"audit\n" + run + b"\ntriple-pendulum\n--json",
                 b"--version",
             ]
     raise KeyError(name)

@@ -26,7 +26,7 @@ from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from deltac.errors import InputError
 from deltac.mechanism.state import State
-from deltac.models import load_model
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
 
 LOOKED_AT = 8
@@ -129,7 +129,7 @@ class Classification(Report, also=("kind",)):
         yield f"at the state: {energies}"
 
 
-def classify(model: Any, state: State | None = None) -> Classification:
+def classify(model: ModelLike, state: StateLike = None) -> Classification:
     """Scleronomic or rheonomic, catastatic or not, holonomic or not; what is redundant, and what is constant.
 
     What is constant, and which constraints are integrable, is found from the equations at random admissible
@@ -138,8 +138,8 @@ def classify(model: Any, state: State | None = None) -> Classification:
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: where constraints are counted and energies are told; by default a problem's start, else all
-            coordinates and speeds zero, assembled.
+        state: where constraints are counted and energies are told; by default the model's own start, else
+            all coordinates and speeds zero, assembled.
 
     Raises:
         InputError: there is no such model, or its constraints cannot be met.
@@ -147,8 +147,7 @@ def classify(model: Any, state: State | None = None) -> Classification:
     found = load_model(model)
     mechanism = found.mechanism
     motion = equations_of_motion(mechanism)
-    if state is None:
-        state = _start(motion) if found.problem is None else found.problem.state
+    state = _start(motion) if state is None and not found.starts else found.start(state)
     free, rows = mechanism.free, motion.rows
     counted = independence(motion, state.t, state.q[free.q])
     drifting = _depends(ca.vertcat(rows.b, *_driven_rates(motion)))

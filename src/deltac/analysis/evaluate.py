@@ -20,7 +20,7 @@ from deltac.dynamics.equations_of_motion import (
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
 from deltac.errors import InputError
-from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike
 from deltac.results import Record
 from deltac.trajectories import Trajectory
 
@@ -67,8 +67,8 @@ class Evaluation(Record):
 
 
 def evaluate(
-    model: Any,
-    state: State | Trajectory | None = None,
+    model: ModelLike,
+    state: StateLike | Trajectory = None,
     *,
     inputs: Mapping[str, Any] | None = None,
 ) -> Evaluation:

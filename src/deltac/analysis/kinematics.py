@@ -17,7 +17,7 @@ from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, closest
 from deltac.mechanism.constraints import Rolling
 from deltac.mechanism.quantities import vector
-from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike
 from deltac.trajectories import Trajectory
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -80,12 +80,12 @@ class Kinematics:
         return np.ascontiguousarray(values.T[0] if at.single else values.T)
 
 
-def kinematics(model: Any, state: State | Trajectory | None = None) -> Kinematics:
+def kinematics(model: ModelLike, state: StateLike | Trajectory = None) -> Kinematics:
     """Positions, velocities and orientations of a model's bodies at a state or along a run.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: a State or a Trajectory, also one of another simulator; by default a problem's start.
+        state: a State or a Trajectory, also one of another simulator; by default the model's own start.
 
     ``kinematics(mechanism, run).position("bar", [0, -0.5, 0])`` is (T, 3), m.
     """

@@ -24,6 +24,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
 from deltac.errors import InputError
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike
 from deltac.results import Report, Section, Table, number
 
 DEPENDENT = 1e-8
@@ -139,13 +140,13 @@ class Equilibrium(Report):
 
 
 def linearise(
-    model: Any, state: State | None = None, *, inputs: Mapping[str, Any] | None = None
+    model: ModelLike, state: StateLike = None, *, inputs: Mapping[str, Any] | None = None
 ) -> Linearisation:
     """Linearise the equations of motion about the motion through a state.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: on its constraints; by default a problem's start.
+        state: on its constraints; by default the model's own start.
         inputs: values (N·m or N) of the motors without a law, by name; zero where not given.
 
     Raises:
@@ -158,7 +159,7 @@ def linearise(
 
 
 def equilibrium(
-    model: Any, guess: State | None = None, *, inputs: Mapping[str, Any] | None = None
+    model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, Any] | None = None
 ) -> Equilibrium:
     """The equilibrium near a guess: free speeds and their accelerations are zero.
 
@@ -168,7 +169,7 @@ def equilibrium(
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        guess: its coordinates are where the search starts; by default a problem's start.
+        guess: its coordinates are where the search starts; by default the model's own start.
         inputs: values (N·m or N) of the motors without a law, by name; zero where not given.
 
     Raises:

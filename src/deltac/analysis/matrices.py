@@ -7,13 +7,13 @@ from typing import Any
 
 from deltac.analysis.model import instants, motors
 from deltac.dynamics.matrices import Matrices, matrices_at, stacked
-from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike
 from deltac.trajectories import Trajectory
 
 
 def matrices(
-    model: Any,
-    state: State | Trajectory | None = None,
+    model: ModelLike,
+    state: StateLike | Trajectory = None,
     *,
     inputs: Mapping[str, Any] | None = None,
     independent: Collection[str] = (),
@@ -26,7 +26,7 @@ def matrices(
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: a State; or a Trajectory, whose samples then are the first axis of every array. By default a
+        state: a State; or a Trajectory, whose samples then are the first axis of every array. By default the
             problem's start.
         inputs: values (N·m or N) of the motors without a law, by name; zero where not given. A run has its
             own.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
@@ -37,8 +38,15 @@ def independence(
     """Find independent rows at the free coordinates `q`, and whether q is a singular configuration.
 
     The rank is taken at q and at two configurations nearby that satisfy the constraints; the larger one
-    is the generic rank, on whose rows equations of motion can be built.
+    is the generic rank, on whose rows equations of motion can be built. The last few answers are kept with
+    the equations: a study starts many runs from one state.
     """
+    kept = equations.system.once("independence", lambda: LRUCache[Independence](16))
+    place = (t, q.tobytes(), np.asarray(p, dtype=float).tobytes())
+    return kept.get(place, lambda: _studied(equations, t, q, p))
+
+
+def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> Independence:
     rows, n = equations.rows, len(equations.system.free_u)
     if not len(rows):
         return Independence((), (), n, singular=False)

@@ -18,7 +18,7 @@ from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import Flow, Keeping, Projection
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
@@ -34,7 +34,6 @@ def check_request(
     equations: Equations | None,
     controller: Controller | None,
     step: float | None,
-    tolerance: float | None,
 ) -> None:
     """InputError for arguments that do not go together, or not with the mechanism."""
     if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
@@ -49,16 +48,8 @@ def check_request(
         )
     if step is not None:
         positive(step, "step")
-    if solver.takes_steps:
-        if step is None:
-            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
-        if tolerance is not None:
-            raise InputError(
-                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
-                "an adaptive solver such as 'DOP853'"
-            )
-    elif tolerance is not None:
-        positive(tolerance, "tolerance")
+    if solver.takes_steps and step is None:
+        raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
     motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
         raise InputError(
@@ -95,19 +86,19 @@ def check_events(mechanism: Mechanism, equations: Equations | None, switches: bo
     return True
 
 
-def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> None:
-    """InputError for a correction that is unknown, or does not go with the solver or with events."""
-    if correct not in (None, "energy"):
-        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
-    if correct is not None and (solver.multistep or solver.family == "taylor"):
+def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> None:
+    """InputError for a correction of the energy that does not go with the solver or with events."""
+    if not (isinstance(keeping, Projection) and keeping.energy):
+        return
+    if solver.multistep or solver.family == "taylor":
         raise InputError(
             f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
-    if correct is not None and watching:
+    if watching:
         raise InputError(
-            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
-            "energy that a correction would put back; leave one of them out"
+            "Projection(energy=True) cannot be combined with events (impacts, stops, switches): an impact "
+            "loses energy that a correction would put back; leave one of them out"
         )
 
 
@@ -214,7 +205,7 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
     if rows > most:
         raise LimitError(
             f"step {step:g} makes {rows:.3g} rows of the duration {duration:g}, more than {most:.3g}; give "
-            f"record_every={10 ** math.ceil(math.log10(every * rows / most))}, or a larger step"
+            f"record={10 ** math.ceil(math.log10(every * rows / most))}, or a larger step"
         )
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         near = duration / max(1, math.ceil(duration / step))
@@ -223,7 +214,7 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
             f"times); the next smaller one that does is {near:.12g}"
         )
     if steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+        raise InputError(f"record: every = {every} does not divide the number of steps, {steps}")
     return steps
 
 

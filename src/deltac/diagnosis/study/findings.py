@@ -103,8 +103,8 @@ def of_growth(
     run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
 ) -> Iterator[Finding]:
     """How ΔC grows in time; a drift where a symplectic method should have none."""
-    assert run.left_over is not None
-    curve = run.left_over[function]
+    assert run.energy_error is not None
+    curve = run.energy_error[function]
     if float(np.abs(curve).max()) <= 10.0 * floor:
         return
     how = growth(ledger.t, curve)

@@ -171,7 +171,13 @@ def symbolic_masks(flow: Flow) -> Parts:
     return Parts(*masks)
 
 
+@derived
 def numeric_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as arrays."""
-    masks = symbolic_masks(flow)
-    return Parts(*(np.array(mask).ravel() for mask in (masks.q, masks.u, masks.z)))
+    """The masks of q, u and integrals as read-only arrays."""
+    masks = []
+    for place in flow.parts:
+        mask = np.zeros(flow.x.shape[0])
+        mask[place] = 1.0
+        mask.flags.writeable = False
+        masks.append(mask)
+    return Parts(*masks)

@@ -61,6 +61,9 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
 	$(PY) benchmarks/correction.py $(ARGS)
 
+bench-repair-wild: $(TEST)  ## the same for programs as people write them
+	$(PY) benchmarks/wild.py $(ARGS)
+
 bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are detected, and repaired
 	$(PY) benchmarks/repair.py $(ARGS)
 

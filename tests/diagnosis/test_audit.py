@@ -62,7 +62,7 @@ def test_corrections_count_as_error_not_as_force() -> None:
     delta_c = found.ledger.delta_c[found.function]
     correction = found.ledger.work["correction implicit"]
     assert np.ptp(correction) > 0.0
-    np.testing.assert_allclose(found.left_over, delta_c + correction, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.energy_error, delta_c + correction, rtol=0, atol=1e-15)
     assert "ΔC with corrections" in found.table()
 
 

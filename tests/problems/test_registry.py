@@ -122,7 +122,7 @@ def test_the_energy_theorem_closes(case: str) -> None:
     assert {"wang", "liu-huston", "kane-levinson-1990"} <= proper
     rounding = ROUNDING * sum(np.abs(part).max() for part in (ledger.K2, ledger.K1, ledger.K0))
     for name in proper:
-        # ode5 at the thesis's step leaves some 1e-10 of the energy turned over; ode8 rounding.
+        # ode5 at the thesis's step leaves some 1e-10 of the energy exchanged; ode8 rounding.
         tolerance = 1e-9 * ledger.energy_exchanged + ledger.error_bar[name] + rounding
         assert (np.abs(ledger.delta_c[name]) <= tolerance).all(), name
 

@@ -150,4 +150,4 @@ def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
     allowed = found.tolerance * found.ledger.energy_exchanged
-    write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)
+    write(audit_figure(title, found.ledger, found.energy_error, found.function, allowed), path)

@@ -168,7 +168,7 @@ class Ledger(
         }
 
     def functions(self) -> dict[str, dict[str, float]]:
-        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy turned over."""
+        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy exchanged."""
         return {
             name: {
                 "delta_c": float(np.abs(values).max()),

@@ -66,7 +66,7 @@ class Curve:
     t          (T,) times (s)
     angles     name -> (T,) degrees
     delta_c    testing function -> (T,) ΔC (J)
-    energy_exchanged   energy exchanged (J): its rounding is the floor of |ΔC|
+    energy_exchanged   (J): its rounding is the floor of |ΔC|
     """
 
     label: str
@@ -291,9 +291,9 @@ MOST_CHANNELS = 5
 
 
 def audit_figure(
-    title: str, ledger: Ledger, left_over: Array, function: str, allowed: float
+    title: str, ledger: Ledger, energy_error: Array, function: str, allowed: float
 ) -> Figure:
-    """K, V and the works of the largest channels (J); below, `left_over` with its error bar.
+    """K, V and the works of the largest channels (J); below, `energy_error` with its error bar.
 
     `function` names the testing function that the bar belongs to; `allowed` (J) is drawn as a band.
     """
@@ -302,7 +302,7 @@ def audit_figure(
         flows, left = _stacked(figure, [2.2, 1.0], [0.2])
         stride = max(1, len(ledger.t) // POINTS)
         _flows(flows, ledger, stride)
-        _left_over(left, ledger, left_over, function, allowed, stride)
+        _left_over(left, ledger, energy_error, function, allowed, stride)
         left.set_xlabel("time t (s)")
         for panel in (flows, left):
             panel.yaxis.set_label_coords(-0.52 / 6.74, 0.5)
@@ -336,9 +336,9 @@ def _flows(panel: Axes, ledger: Ledger, stride: int) -> None:
 
 
 def _left_over(
-    panel: Axes, ledger: Ledger, left_over: Array, function: str, allowed: float, stride: int
+    panel: Axes, ledger: Ledger, energy_error: Array, function: str, allowed: float, stride: int
 ) -> None:
-    t, left = ledger.t[::stride], left_over[::stride]
+    t, left = ledger.t[::stride], energy_error[::stride]
     bar = ledger.error_bar[function][::stride]
     panel.axhspan(-allowed, allowed, color="#009e73", alpha=0.10, linewidth=0, label="accepted")
     panel.fill_between(t, left - bar, left + bar, color="#0072b2", alpha=0.25, linewidth=0)
@@ -457,9 +457,9 @@ def _over_time(panel: Axes, study: Study) -> None:
     floor = max(EPS * m.energy_exchanged, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
     palette = (*COLOURS[:2], *COLOURS[3:], COLOURS[2])
     for k, (entry, colour) in enumerate(zip(runs, (palette[i % 5] for i in range(len(runs))))):
-        assert entry.run is not None and entry.left_over is not None
+        assert entry.run is not None and entry.energy_error is not None
         stride = max(1, len(entry.run) // POINTS)
-        size = np.maximum(np.abs(entry.left_over[study.function]), floor)
+        size = np.maximum(np.abs(entry.energy_error[study.function]), floor)
         name = "h" if study.measures.unit else "tolerance"
         panel.semilogy(
             entry.run.t[::stride],

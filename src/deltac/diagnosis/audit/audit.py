@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 TOLERANCE = 1e-3
-"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class Row:
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "left_over", "step"),
+    omit=("ledger", "run", "mechanism", "import_report", "energy_error", "step"),
     also=(
         "relative",
-        "turnover",
+        "energy_exchanged",
         "method",
         "delta_c",
         "error_bar",
@@ -75,8 +76,8 @@ class Audit(
         mechanism: the model it was judged against.
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
-        left_over: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |left_over| as a fraction of the energy turned over, or of the energy that the
+        energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
+        tolerance: accepted |energy_error| as a fraction of the energy exchanged, or of the energy that the
             system has, where that is less.
         step: the one-step test of the rows, where it was made.
         strict: whether a mistake within the tolerance sets the exit code.
@@ -88,10 +89,13 @@ class Audit(
     mechanism: Mechanism
     import_report: ImportReport | None
     function: str
-    left_over: Array
+    energy_error: Array
     tolerance: float
     step: OneStep | None = None
     strict: bool = False
+
+    left_over = RenamedAttribute("energy_error")
+    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def one_step(self) -> dict[str, Any] | None:
@@ -100,12 +104,12 @@ class Audit(
 
     @property
     def relative(self) -> float:
-        """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
-        return float(np.abs(self.left_over).max()) / self.beside if self.beside > 0.0 else 0.0
+        """Largest |energy_error| as a fraction of the energy exchanged, or that the system has, if less."""
+        return float(np.abs(self.energy_error).max()) / self.beside if self.beside > 0.0 else 0.0
 
     @property
     def beside(self) -> float:
-        """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
+        """The energy that the error is judged beside: exchanged, or that the system has, if less; J."""
         return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
 
     @property
@@ -153,14 +157,14 @@ class Audit(
             row("Q", change - float(delta_c[-1]), "the works, without those of V"),
             row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
-        if not np.array_equal(self.left_over, delta_c):
-            left = float(self.left_over[-1])
+        if not np.array_equal(self.energy_error, delta_c):
+            left = float(self.energy_error[-1])
             rows.append(row("ΔC with corrections", left, ledger.method, bar))
         return tuple(rows)
 
     @property
-    def turnover(self) -> float:
-        """The energy turned over, J."""
+    def energy_exchanged(self) -> float:
+        """The energy exchanged, J."""
         return self.ledger.energy_exchanged
 
     @property
@@ -195,9 +199,10 @@ class Audit(
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
         sign = ">" if self.relative > self.tolerance else "≤"
+        what = "exchanged" if self.beside == self.energy_exchanged else "that the system has"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.beside:.4g} J {'turned over' if self.beside == self.turnover else 'that the system has'} "
+            f"{self.beside:.4g} J {what} "
             f"(confidence {self.verdict.confidence})"
         )
 
@@ -243,7 +248,7 @@ def audit(
         model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
         log: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
@@ -273,7 +278,7 @@ def audit(
     run, ledger = log_read.run, log_read.ledger
     findings += evidence.findings
     function = _function(ledger)
-    left_over = ledger.uncorrected(function)
+    energy_error = ledger.uncorrected(function)
     missing = checks.assumed_zero(run, import_report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
     basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
@@ -285,12 +290,12 @@ def audit(
     findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.energy_exchanged,
+        energy_exchanged=ledger.energy_exchanged,
         held_energy=_held_energy(ledger),
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
-        left=float(np.abs(left_over).max()),
+        left=float(np.abs(energy_error).max()),
         bar=float(ledger.error_bar[function].max()) + held,
         held=held,
         tolerance=tolerance,
@@ -310,7 +315,7 @@ def audit(
         mechanism=mechanism,
         import_report=import_report,
         function=function,
-        left_over=left_over,
+        energy_error=energy_error,
         tolerance=tolerance,
         step=evidence.step,
         strict=strict,

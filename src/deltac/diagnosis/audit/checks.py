@@ -60,11 +60,10 @@ def differing_channels(
 
 
 def _difference(
-    name: str, own: Array | None, logged: Array, energy: float, turnover: float
+    name: str, own: Array | None, logged: Array, energy: float, energy_exchanged: float
 ) -> Finding:
-    moved = (
-        f"{energy:.3g} J went through the difference, {percent(energy / turnover)} of the turnover"
-    )
+    share = percent(energy / energy_exchanged)
+    moved = f"{energy:.3g} J went through the difference, {share} of the energy exchanged"
     if own is None or not own.any():
         return Finding(
             "channel-not-in-model",
@@ -355,7 +354,7 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
             ", ".join(f"{name!r} ± {errors[name]:.2g} J" for name in unknown[:6])
             + (", …" if len(unknown) > 6 else ""),
             "Log more samples; runs of deltac integrate the works in the loop where testing functions are "
-            "(simulate(..., testing=...))",
+            "(simulate(..., record=...))",
             "note",
             element=worst,
             error=errors[worst],

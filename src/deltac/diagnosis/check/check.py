@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from deltac.diagnosis.check.location import Blame, blame
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.state_form import PLAIN, StateForm
 from deltac.diagnosis.residuals.states import (
     Place,
     Scales,
@@ -83,6 +84,8 @@ class EquationCheck(
         tolerance: relative residual that is accepted.
         coordinates: the map to the mechanism's coordinates, None for its own.
         name: what the equations are called; `vectorised`: whether they take batches.
+        rates: by coordinate, how far q̇ is off, relative; empty where the function does not return it.
+        form: how the function takes the state.
     """
 
     verdict: Verdict
@@ -98,6 +101,8 @@ class EquationCheck(
     coordinates: CoordinateMap | None
     name: str
     vectorised: bool
+    rates: Mapping[str, float] = field(default_factory=dict)
+    form: StateForm = PLAIN
 
     @property
     def worst(self) -> float:
@@ -192,7 +197,9 @@ def check_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
-        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); or `Equations`.
+        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function of
+            (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
+            entries are is found out, a control is zero); or `Equations`. Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
@@ -233,6 +240,7 @@ def check_equations(
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name)
+    caller.find_form(test, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
@@ -251,14 +259,24 @@ def check_equations(
     rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
-    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()))
+    rates = _wrong_rates(caller, test)
+    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()), rates)
     wrong = kind == "equation-error"
     found = blame(caller, test, given, limit) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
     findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
+    missed = max(rates.values(), default=0.0)
+    if rates:
+        seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong:
         findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
+    evidence = (*evidence, *_of_rates(rates, tolerance))
+    if not caller.form.plain:
+        evidence = (
+            *evidence,
+            f"called as {caller.form.describe(kane.coordinate_names, test.speeds)}",
+        )
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
         evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
@@ -283,6 +301,34 @@ def check_equations(
         coordinates=chosen,
         name=equations.name,
         vectorised=bool(caller.vectorised),
+        rates=rates,
+        form=caller.form,
+    )
+
+
+def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
+    """How far q̇ is off, by coordinate, relative; empty where the function does not return it."""
+    if caller.vectorised:
+        return {}
+    found, _ = caller.whole(test.states)
+    if not len(found):
+        return {}
+    size = np.sqrt(np.mean(test.rates**2, axis=1))
+    size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
+    off = np.abs(found - test.rates).max(axis=1) / size
+    off = np.where(np.isfinite(off), off, np.inf)
+    return dict(zip(test.states.coordinates, map(float, off)))
+
+
+def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
+    if not rates:
+        return ()
+    wrong = [name for name, off in rates.items() if off > tolerance]
+    worst = max(rates.values())
+    if not wrong:
+        return (f"q̇ is that of the speeds, to {worst:.2g} of its size",)
+    return (
+        f"q̇ of {', '.join(wrong)} is not that of the speeds: it is off by up to {worst:.2g} of its size",
     )
 
 
@@ -334,12 +380,17 @@ def _name_of(rhs: Any) -> str:
 
 
 def _judged(
-    residuals: Residuals, limit: Array, tolerance: float, finite: bool
+    residuals: Residuals,
+    limit: Array,
+    tolerance: float,
+    finite: bool,
+    rates: Mapping[str, float],
 ) -> tuple[Kind, Confidence]:
     worst = np.array(finite_worst(residuals))
     violated = float(residuals.relative_violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
-    excess = max(float((worst / limit).max(initial=0.0)), violated / most)
+    missed = max(rates.values(), default=0.0)
+    excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
     if excess > 1.0:
         return "equation-error", "high" if excess > 100.0 else "medium"
     if max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
@@ -489,7 +540,9 @@ def _other_coordinates(
             scales = natural_scales(kane)
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
-            relative = test.relative(Caller(equations.rhs, equations.name)(states))
+            caller = Caller(equations.rhs, equations.name)
+            caller.find_form(test, len(model.mechanism.motors))
+            relative = test.relative(caller(states))
         except InputError:
             continue
         if float(relative.max(initial=0.0)) < TOLERANCE:

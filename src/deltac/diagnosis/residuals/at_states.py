@@ -176,6 +176,11 @@ class EquationTest:
         return least_squares(self.M, self.G)
 
     @cached_property
+    def rates(self) -> Array:
+        """q̇ (nq, B) of the own coordinates."""
+        return self.kane.own_rates(self.states.t, self.states.q, self.states.u)
+
+    @cached_property
     def _projector(self) -> Array | None:
         """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
         if not len(self.gamma):

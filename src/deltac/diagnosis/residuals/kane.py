@@ -114,6 +114,26 @@ class Kane:
             return None
         return evaluate_at(self._inverse, t[None, :], q)[0]
 
+    @cached_property
+    def _own_rates(self) -> Any:
+        s, own = self.system, self.own
+        if own is None:
+            return ca.Function("rates", [s.t, s.q, s.u], [ca.densify(s.qdot)])
+        given = [s.t, own.own_q, own.own_u]
+        if self.coordinates is None or not (self.coordinates.q and self.coordinates.u):
+            return ca.Function("rates", given, [ca.densify(own.own_qdot)])
+        along = ca.substitute(s.qdot, ca.vertcat(s.q, s.u), ca.vertcat(own.q, own.u))
+        columns = [along - ca.jacobian(own.q, s.t), ca.vec(ca.jacobian(own.q, own.own_q))]
+        return ca.Function("rates", given, [ca.densify(x) for x in columns])
+
+    def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
+        """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
+        found, *slopes = evaluate_at(self._own_rates, t[None, :], own_q, own_u)
+        if not slopes:
+            return found
+        # By orthogonal factors: the symbols' normal equations lose half of the digits.
+        return times(np.linalg.pinv(matrices(slopes[0], len(found), len(own_q))), found)
+
 
 def times(A: Array, x: Array) -> Array:
     """A x at every state: matrices (B, m, n) by columns (n, B)."""

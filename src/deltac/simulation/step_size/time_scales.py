@@ -33,7 +33,7 @@ from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.stiffness import StiffStep, longest_step, remedy
+from deltac.simulation.step_size.stiffness import StiffStepWarning, longest_step, remedy
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, .
 
 
 def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float | None) -> None:
-    """InputError for shapes that overlap too deeply; warns `StiffStep` of a step that is far too large."""
+    """InputError for shapes that overlap too deeply; warns `StiffStepWarning` of a step too large."""
     if not any(isinstance(e, Contact | JointFriction | PointFriction) for e in mechanism.elements):
         return
     _check_overlaps(mechanism, state)
@@ -88,7 +88,7 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
             f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
             "longer ones",
-            StiffStep,
+            StiffStepWarning,
             stacklevel=3,
         )
 

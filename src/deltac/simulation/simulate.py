@@ -239,7 +239,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, flow, events),
+        notes=_notes(mechanism, equations, controller, flow, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -347,8 +347,11 @@ def _notes(
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
+    coordinates: CoordinateMap | None,
 ) -> dict[str, str]:
     notes: dict[str, str] = {}
+    if coordinates is not None:
+        notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
     if flow.correcting:
         notes["corrected"] = "energy"
     if events is not None and events.ended:

@@ -228,7 +228,7 @@ def studied(
     kept = [runs[k] for k in places]
     motions = [_run(entry) for entry in kept]
     compared = compare(mechanism, motions)
-    findings += noticed.of_comparison(compared, kept)
+    findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)

@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain docs clean
+	bench-correction bench-explain fuzz torture docs clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -64,8 +64,18 @@ bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: f
 bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
 	$(PY) benchmarks/correction.py $(ARGS)
 
+bench-repair-wild: $(TEST)  ## the same for programs as people write them
+	$(PY) benchmarks/wild.py $(ARGS)
+
 bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are detected, and repaired
 	$(PY) benchmarks/repair.py $(ARGS)
+
+SECONDS ?= 60
+fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
+	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
+
+torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost
+	$(PYTEST) -m "slow or not slow" tests/test_torture.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

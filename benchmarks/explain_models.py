@@ -221,7 +221,7 @@ def simulate(fault: Fault | None, model_name: str, duration: float = 2.5) -> dc.
     def control(m: Any, d: Any) -> None:
         d.ctrl[:] = amplitude * np.sin(rate * d.time + phase)
 
-    run = dc.run_mujoco(model, duration, data=data, control=control, integrator="rk4")
+    run = dc.run_mujoco(model, duration, data=data, controller=control, integrator="rk4")
     forces = {n: f for n, f in run.forces.items() if not n.startswith("friction ")}
     if fault is not None and fault.gear is not None:
         name, factor = fault.gear

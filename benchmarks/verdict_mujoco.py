@@ -151,7 +151,7 @@ def _runs(
         copy.copy(model),
         200 * coarse,
         integrator=integrator,
-        control=control if held else None,
+        controller=control if held else None,
         state=data,
     )
 

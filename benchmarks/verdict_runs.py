@@ -68,15 +68,15 @@ def delivery(run: Callable[[float], dc.Trajectory], how: str) -> Callable[[float
             case "full":
                 return made
             case "accelerations":
-                return replace(made, integrals=bare)
+                return replace(made, works={}, integrals=bare)
             case "no accelerations":
                 return _without_accelerations(made)
             case "positions and speeds":
-                return _foreign(replace(made, udot=None, integrals=bare, events=()))
+                return _foreign(replace(made, udot=None, works={}, integrals=bare, events=()))
             case "float32":
-                return _foreign(_rounded(replace(made, integrals=bare)))
+                return _foreign(_rounded(replace(made, works={}, integrals=bare)))
             case _:
-                return replace(made, integrals=bare).every(4)
+                return replace(made, works={}, integrals=bare).every(4)
 
     return delivered
 

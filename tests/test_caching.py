@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
-from deltac.caching import LRUCache
+import pytest
+
+import deltac as dc
+from deltac.caching import FrozenDict, LRUCache, Once, derived
 
 
 def test_what_was_not_asked_for_longest_goes_first() -> None:
@@ -44,3 +49,45 @@ def test_another_thread_may_evict_in_between() -> None:
 
     assert kept.get("own", make) == "own"
     assert kept.get("own", lambda: "again") == "own" and len(kept) == 1
+
+
+def test_what_is_derived_is_kept_with_its_owner() -> None:
+    made: list[tuple[str, int]] = []
+
+    @derived
+    def twice(owner: Owner, factor: int) -> int:
+        made.append((owner.name, factor))
+        return 2 * factor
+
+    first, second = Owner("first"), Owner("second")
+    assert [twice(first, 1), twice(first, 1), twice(first, 2), twice(second, 1)] == [2, 2, 4, 2]
+    assert made == [("first", 1), ("first", 2), ("second", 1)]
+
+
+class Owner(Once):
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def test_a_frozen_dict_is_a_dict_that_refuses_to_change() -> None:
+    frozen = FrozenDict(a=1.0)
+    for change in (
+        lambda: frozen.__setitem__("a", 2.0),
+        lambda: frozen.update(a=2.0),
+        lambda: frozen.pop("a"),
+        lambda: frozen.setdefault("b", 2.0),
+        frozen.clear,
+    ):
+        with pytest.raises(TypeError, match="with_parameters"):
+            change()
+    assert frozen == {"a": 1.0} and repr(frozen) == "{'a': 1.0}"
+    for twin in (copy.deepcopy(frozen), pickle.loads(pickle.dumps(frozen))):
+        assert twin == frozen and type(twin) is FrozenDict
+
+
+def test_parameters_of_a_mechanism_cannot_be_changed_behind_its_back() -> None:
+    """They are part of the digest by which compiled code is kept."""
+    mechanism = dc.problems.load("double-pendulum").mechanism
+    name = next(iter(mechanism.parameters))
+    with pytest.raises(TypeError):
+        mechanism.parameters[name] = 1.0  # type: ignore[index]

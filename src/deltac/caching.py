@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from functools import update_wrapper
 from threading import Lock
-from typing import Any, Generic, TypeVar
+from typing import Any, Concatenate, Generic, NoReturn, ParamSpec, TypeVar
 
 T = TypeVar("T")
+K = TypeVar("K")
+Owner = TypeVar("Owner", bound="Once")
+Key = ParamSpec("Key")
 
 
 class LRUCache(Generic[T]):
@@ -62,3 +66,32 @@ class Once:
             made.setdefault(key, make())
         value: T = made[key]
         return value
+
+
+def derived(make: Callable[Concatenate[Owner, Key], T]) -> Callable[Concatenate[Owner, Key], T]:
+    """Keep what a function derives from its first argument, an immutable object, with that object.
+
+    Further arguments tell several results apart: hashable, of values that cannot change.
+    """
+
+    def kept(owner: Owner, /, *key: Key.args, **named: Key.kwargs) -> T:
+        told = (make, key, tuple(sorted(named.items())))
+        return owner.once(told, lambda: make(owner, *key, **named))
+
+    return update_wrapper(kept, make)
+
+
+class FrozenDict(dict[K, T]):
+    """A dict that cannot be changed, as what is kept by its contents must be."""
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError(
+            "these entries cannot be changed: what was made of them is kept. Make a new object instead, by "
+            "Mechanism.with_parameters(...) or dataclasses.replace(...)"
+        )
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    update = setdefault = pop = popitem = clear = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrozenDict, (dict(self),)

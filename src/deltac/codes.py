@@ -35,6 +35,8 @@ FINDINGS: dict[str, str] = {
     "applied-moment": "a constant moment acts on a body, fixed in the world",
     "thrust": "a constant force acts on a body, fixed in the body",
     "body-torque": "a constant moment acts on a body, fixed in the body",
+    # what a simulation of an imported model lacks
+    "not-simulated": "a part of an imported model that deltac does not simulate",
     # what a log, or its channels, show beside the model
     "channel-not-in-model": "the log has a force that the model does not have",
     "channel-differs": "a force of the model did other work than the same force in the log",
@@ -70,6 +72,7 @@ FINDINGS: dict[str, str] = {
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",
     "forces-one-row-late": "the forces of a row are those of the step that led to it",
     "small-but-real": "a mistake within the tolerance, but far beyond its error bar",
+    "work-unresolved": "works of channels that the samples are too far apart to tell",
     "quaternion-order": "quaternions scalar last (xyzw) in place of scalar first (wxyz)",
     "quaternion-conjugate": "conjugated quaternions",
     "angular-velocity-frame": "an angular velocity in the parent's components in place of the body's",
@@ -100,6 +103,7 @@ FINDINGS: dict[str, str] = {
     "writes-to-input": "the function writes into its arguments",
     "motor": "motors without a law were taken to exert nothing",
     "not-finite": "the accelerations are not finite at some states",
+    "wrong-expression": "an expression of the source is wrong, and an edit makes it right",
     "coordinates": "the same function is right in other coordinates",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""

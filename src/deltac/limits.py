@@ -45,7 +45,7 @@ class Limits:
     name       characters of a column's name
     text       bytes of a mapping or another file of settings
     model      bytes of a model file (MJCF, URDF)
-    seconds    that a model file may take to compile
+    seconds    that an MJCF file may take to compile, if it is large or asks for many elements
 
     Raises InputError for a limit that is no whole number above zero.
     """
@@ -87,6 +87,7 @@ class Limits:
     def check(self, name: str, found: float, what: str) -> None:
         """Raise InputError if `found`, of what `what` says, is more than the limit `name`."""
         if found > getattr(self, name):
+            found = min(found, 10**18)  # what a file declares may be beyond all floats
             self.refuse(name, f"{what} {_amount(found, name)}", 1.1 * found)
 
     def refuse(self, name: str, problem: str, needed: float = 0.0) -> NoReturn:

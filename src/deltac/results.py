@@ -191,6 +191,7 @@ class Verbatim:
 Section: TypeAlias = "str | Table | Verbatim"
 """A paragraph, a table, or text as it is."""
 
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|J|W|N|m|s|ms|Hz|rad|kg|N·m|m/s|± [\d.e+-]+ J)(?:[\s.,;:)]|$))")
 _NUMBER = re.compile(r"^[-+±]? ?(\d[\d.e+-]*|nan|inf)( ± [\d.e+-]+)?( ?(%|[^\W\d]\S{0,5}))?$")
 
 
@@ -203,10 +204,12 @@ def _cells(tag: str, row: tuple[str, ...]) -> str:
 
 
 def paragraph(text: str, width: int = WIDTH) -> str:
-    """A paragraph wrapped to a width, further lines indented; no word is broken."""
-    return textwrap.fill(
-        text, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    """A paragraph wrapped to a width, further lines indented; no word or number with its unit is broken."""
+    kept = _UNIT.sub("\u00a0", text)  # which textwrap takes for no space
+    lines = textwrap.fill(
+        kept, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
+    return lines.replace("\u00a0", " ")
 
 
 def as_text(sections: Iterable[Section], width: int = WIDTH) -> str:

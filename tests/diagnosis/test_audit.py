@@ -62,7 +62,7 @@ def test_corrections_count_as_error_not_as_force() -> None:
     delta_c = found.ledger.delta_c[found.function]
     correction = found.ledger.work["correction implicit"]
     assert np.ptp(correction) > 0.0
-    np.testing.assert_allclose(found.left_over, delta_c + correction, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.energy_error, delta_c + correction, rtol=0, atol=1e-15)
     assert "ΔC with corrections" in found.table()
 
 
@@ -208,7 +208,7 @@ def test_a_log_read_in_parts_has_the_same_verdict(
     assert parts.relative == pytest.approx(whole.relative, rel=1e-9)
     for a, b in zip(parts.rows(), whole.rows(), strict=True):
         assert (a.name, a.basis[:4]) == (b.name, b.basis[:4])
-        assert a.energy == pytest.approx(b.energy, abs=1e-12 * whole.ledger.turnover)
+        assert a.energy == pytest.approx(b.energy, abs=1e-12 * whole.ledger.energy_exchanged)
 
 
 def test_prescribed_motion_that_was_not_followed() -> None:

@@ -52,7 +52,7 @@ def test_contacts_between_the_rows_are_not_accused(n: int) -> None:
 
 def test_forces_held_over_a_step_are_not_held_from_row_to_row() -> None:
     """What interpolation leaves is then the lag of the hold, h/2, whatever rows are left out."""
-    each = [np.abs(audit(model_of(ARM), arm_run().every(n)).left_over).max() for n in (2, 5, 10)]
+    each = [np.abs(audit(model_of(ARM), arm_run().every(n)).energy_error).max() for n in (2, 5, 10)]
     np.testing.assert_allclose(each, each[0], rtol=0.02)
     found = audit(model_of(ARM), arm_run().every(5), tolerance=1e-4)
     assert found.verdict.kind == "unresolved", found.verdict.explain()
@@ -149,7 +149,7 @@ def test_missing_rows_excuse_nothing() -> None:
 
 
 def test_a_free_body_is_judged_by_its_kinetic_energy() -> None:
-    """Nothing flows in or out: what is turned over is the integrator's error itself."""
+    """Nothing flows in or out: what is exchanged is the integrator's error itself."""
     model = with_changes(BOX, gravity=0.0)
     data = mujoco.MjData(model)
     data.qvel[:] = [1, 0, 3, 0.1, 4, 0.2]
@@ -176,7 +176,7 @@ def test_columns_in_another_order_are_put_right() -> None:
     )
     found = audit(model_of(BOX), turned)
     assert [f.kind for f in found.findings] == ["order"]
-    np.testing.assert_array_equal(found.left_over, audit(model_of(BOX), run).left_over)
+    np.testing.assert_array_equal(found.energy_error, audit(model_of(BOX), run).energy_error)
 
 
 def test_a_log_of_another_model_is_refused_with_the_closest_names() -> None:

@@ -146,7 +146,7 @@ def _at_rest(angle: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([[a, b, c], [b, d, e], [c, e, f]]), np.array(right)
 
 
-COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w")]
+COEFFICIENTS = [f.name for f in fields(HandEquations) if f.name not in ("A", "w", "noise")]
 ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2, 3},
         "g1": {1}, "g2": {2}, "g3": {3}, "c1": {1}, "c2": {1, 2}, "c3": {2, 3}}  # fmt: skip
 
@@ -159,9 +159,8 @@ def test_every_coefficient_counts(name: str, factor: float) -> None:
     found = check(wrong.free)
     assert found.verdict.kind == "equation-error", found.explain()
     assert {blame.number for blame in found.blame} == ROWS[name]
-    for (
-        blame
-    ) in found.blame:  # every wrong term is named, with the factor in front of it, and no other
+    # Every wrong term is named, with the factor in front of it, and no other.
+    for blame in found.blame:
         assert 1 <= len(blame.terms) <= 2
         assert [m.factor for m in blame.terms] == pytest.approx(
             [factor] * len(blame.terms), abs=1e-6

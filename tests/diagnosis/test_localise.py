@@ -16,7 +16,7 @@ def mistaken() -> tuple[dc.problems.Problem, dc.Trajectory]:
     """The motion of fig. 4.7's wrong equations."""
     p = dc.problems.load("triple-pendulum", mistake=True)
     run = dc.simulate(
-        p.mechanism, p.state, duration=1.0, step=2e-3, equations=p.equations, testing=()
+        p.mechanism, p.state, duration=1.0, step=2e-3, equations=p.equations, record=()
     )
     return p, run
 
@@ -94,13 +94,14 @@ def test_when_it_happens() -> None:
         u=np.concatenate([run.u, rest.u]),
         udot=np.concatenate([run.udot, rest.udot]),
         forces={},
+        works={},
         integrals={},
     )
     found = dc.localise(model.mechanism, both)
     (departure,) = found.departures
     assert departure.speed == "joint3"
     assert 0.0 < departure.span[0] < departure.span[1] <= 0.2
-    damped = dc.localise(model.mechanism, replace(run, forces={}, integrals={}))
+    damped = dc.localise(model.mechanism, replace(run, forces={}, works={}, integrals={}))
     assert [str(t) for t in damped.departures[0].terms] == ["0.2·u.joint3"]
 
 

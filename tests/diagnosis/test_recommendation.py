@@ -46,7 +46,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
         run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
         exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
         ledger = dc.balance(problem.mechanism, run, testing=("wang",))
-        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.turnover)
+        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.energy_exchanged)
         errors.append(max(energy, share_of_ranges(run, exact)))
     assert errors[0] <= 1.1e-6
     assert errors[1] > 0.9e-6
@@ -58,7 +58,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    turnover, still = 1.0, False
+    energy_exchanged, still = 1.0, False
 
     def __init__(self, constant: dict[str, float], missed: float = 1.0) -> None:
         self.constant, self.missed, self.tried = constant, missed, 0
@@ -162,7 +162,7 @@ def test_a_run_that_breaks_down_is_not_recommended() -> None:
         ({"solvers": ("ode55",)}, "did you mean"),
         ({"solvers": ("taylor",)}, "nothing to choose from"),
         ({"solvers": ("mujoco:rk4",)}, "needs a MuJoCo model"),
-        ({"control": lambda model, data: None}, "give our own solvers a controller"),
+        ({"controller": lambda model, data: None}, "our own solvers take a Controller"),
     ],
 )
 def test_bad_input(options: dict[str, object], message: str) -> None:
@@ -231,8 +231,8 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
     assert best is not None
 
     def error(trial: Trial, spacing: float) -> float:
-        knob = {} if trial.knob == "step" else {"tolerance": trial.setting}
-        run = dc.simulate(mechanism, state, 1.0, spacing, solver, **knob)
+        chosen = dc.solvers.by_name(solver, None if trial.knob == "step" else trial.setting)
+        run = dc.simulate(mechanism, state, 1.0, spacing, chosen)
         return error_of_the_kicked(run)
 
     if best.knob == "tolerance":  # the rows are where the user wants them
@@ -247,7 +247,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, None, Deadline())
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -296,7 +296,7 @@ def test_a_search_ends_in_its_time_with_the_best_it_has() -> None:
 
 def test_a_model_without_duration_is_asked_for_one() -> None:
     mechanism = dc.problems.load("simple-pendulum").mechanism
-    with pytest.raises(dc.InputError, match="duration="):
+    with pytest.raises(dc.InputError, match="duration: say how long"):
         dc.recommend(mechanism)
 
 
@@ -361,7 +361,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
         data.ctrl[0] = 0.4
 
     advice = dc.recommend(
-        model, duration=0.5, tolerance=tolerance, solvers=solvers, control=control
+        model, duration=0.5, tolerance=tolerance, solvers=solvers, controller=control
     )
     assert advice.verified
     assert advice.best is not None
@@ -369,7 +369,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
 
     def run(solver: str, step: float) -> dc.Trajectory:
         integrator = solver.removeprefix("mujoco:")
-        return dc.run_mujoco(model, 0.5, control=control, step=step, integrator=integrator)
+        return dc.run_mujoco(model, 0.5, controller=control, step=step, integrator=integrator)
 
     exact = run("mujoco:rk4", advice.best.setting / 32)
     assert advice.best.verified
@@ -379,7 +379,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
     assert advice.coarser is not None
     coarser = run(advice.best.solver, advice.coarser.setting)
     ledger = dc.balance(mechanism, coarser, testing=("wang",))
-    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.turnover
+    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.energy_exchanged
     exact = run("mujoco:rk4", advice.coarser.setting / 32)
     # What fails is one of the two, or the run itself; the energy counts corrections too.
     assert max(energy, distance(mechanism, coarser, exact)) > 0.5 * tolerance
@@ -394,11 +394,11 @@ def test_the_stiff_governor(solvers: tuple[str, ...] | None) -> None:
     assert advice.verified
     best = advice.best
     assert best is not None
-    knob = (
-        {"step": best.setting} if best.knob == "step" else {"step": 1e-4, "tolerance": best.setting}
-    )
-    run = dc.simulate(problem.mechanism, problem.state, 1.0, solver=best.solver, **knob)
+    stepping = best.knob == "step"
+    chosen = dc.solvers.by_name(best.solver, None if stepping else best.setting)
+    step = best.setting if stepping else 1e-4
+    run = dc.simulate(problem.mechanism, problem.state, 1.0, step, chosen)
     exact = dc.simulate(
-        problem.mechanism, problem.state, 1.0, float(run.t[1]), "Radau", tolerance=1e-11
+        problem.mechanism, problem.state, 1.0, float(run.t[1]), dc.solvers.Scipy("Radau", 1e-11)
     )
     assert distance(problem.mechanism, run, exact) <= 1.1e-4

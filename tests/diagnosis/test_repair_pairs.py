@@ -63,7 +63,7 @@ def test_mistakes_stay_in_their_rows(target: Target) -> None:
         (BOTH["an inertia and a sign in one row"][:1], 0),
         ([("b) - elbow", "b)")], 1),
     ):
-        program = read(Source("eom.py", mistaken(edit), "rhs"), target)
+        program = read(Source("eom.py", mistaken(edit), "rhs"), target).worst
         rows = unsolved_form(program)
         assert rows is not None
         off = np.abs(rows.original_residual).max(axis=1)
@@ -79,7 +79,7 @@ def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) ->
         ("m1 / 3 + m2", "m1 / 12 + m2"),
         ("m1 / 2 + m2", "m1 + m2"),
     ]
-    wrong = read(Source("eom.py", mistaken(edits), "rhs"), target)
+    wrong = read(Source("eom.py", mistaken(edits), "rhs"), target).worst
     found = terms(wrong, target)
     assert len(found) == 2
     assert found[1].startswith("equation 2 (b): the inertia term") and "0.25" in found[1]

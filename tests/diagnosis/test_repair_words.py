@@ -92,12 +92,6 @@ def test_a_line_is_suspected_once_by_its_widest_expression(target: Target) -> No
     assert weight == "eom.py:9: mass_a * g0 * len_a / 2 * np.tanh(np.exp(a) - a**4)"
 
 
-def test_a_lambda_is_named(tmp_path: Path) -> None:
-    (tmp_path / "eom.py").write_text("rhs = lambda t, q, u: [-q[0]]\n", "utf-8")
-    with pytest.raises(dc.InputError, match=r"eom\.py:1: rhs is a lambda; .* with def"):
-        read_source(tmp_path / "eom.py:rhs")
-
-
 @pytest.mark.parametrize("given", ["src/eom.py", "absolute"])
 @pytest.mark.parametrize("repository", [True, False])
 def test_the_patch_applies_from_the_root_of_a_project(

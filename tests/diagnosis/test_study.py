@@ -304,7 +304,7 @@ def test_fewer_than_three_steps_say_what_they_can() -> None:
     assert one.verdict.kind == "consistent"
     hidden = dc.study(
         pendulum(),
-        logs=[replace(simulator(0.05), udot=None, integrals={})],
+        logs=[replace(simulator(0.05), udot=None, works={}, integrals={})],
         tolerance=1e-9,
     )
     assert hidden.verdict.kind == "unresolved"

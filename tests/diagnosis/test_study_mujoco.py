@@ -57,7 +57,7 @@ def test_controls_are_held_over_a_step() -> None:
     def control(_: Any, data: Any) -> None:
         data.ctrl[:] = [0.3 * np.sin(3 * data.time), 0.1 * np.cos(5 * data.time)]
 
-    found = dc.study(model, start(model), 0.4, (8e-3, 4e-3, 2e-3), "mujoco:rk4", control=control)
+    found = dc.study(model, start(model), 0.4, (8e-3, 4e-3, 2e-3), "mujoco:rk4", controller=control)
     assert found.observed_order["state"].order == pytest.approx(1.0, abs=0.15)
     assert "order-below-nominal" in {f.kind for f in found.findings}
     assert found.verdict.kind in ("consistent", "integration-error", "unresolved")

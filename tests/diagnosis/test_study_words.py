@@ -115,7 +115,7 @@ def test_a_value_is_told_of_the_time_that_its_order_is_of() -> None:
     assert found.measures.left[-1] > 5.0 * found.measures.left[1]  # it grows
     assert found.verdict.confidence == "medium"
     meaning = found.verdict.meaning
-    within = np.abs(found.runs[-1].left_over["wang"][found.runs[-1].run.t <= found.horizon])  # type: ignore[index,union-attr]
+    within = np.abs(found.runs[-1].energy_error["wang"][found.runs[-1].run.t <= found.horizon])  # type: ignore[index,union-attr]
     assert f"up to t = {found.horizon:.4g} s, where the motions part" in meaning
     assert f"it is {within.max():.2g} J by then" in meaning
     assert f"{found.measures.left[-1]:.2g} J of" in meaning and "whole run" in meaning

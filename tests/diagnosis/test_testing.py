@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import deltac as dc
-from deltac.testing import assert_balanced
+from deltac.testing import assert_balanced, assert_converges, assert_equations
 from deltac.testing.plugin import balanced as balanced
 
 pytest_plugins = ["pytester"]
@@ -31,14 +33,13 @@ def test_the_message_says_what_is_wrong(run: dc.Trajectory) -> None:
     coarse = dc.simulate(problem.mechanism, problem.state, duration=0.5, step=1e-2, solver="ode1")
     with pytest.raises(AssertionError) as failure:
         assert_balanced(problem, coarse)
-    message = str(failure.value)
-    assert "integration-error" in message
-    assert "The step was 0.01 s" in message
-    assert "gravity" in message  # the table
+    first, _, rest = str(failure.value).partition("\n")
+    assert re.match(r"integration-error: \|ΔC\| [0-9.]+ % > 0\.1 % of the ", first)
+    assert "gravity" in rest  # the table
 
 
 def test_what_cannot_be_judged_does_not_pass(run: dc.Trajectory) -> None:
-    few = replace(run.every(10), integrals={}, udot=None)
+    few = replace(run.every(10), works={}, integrals={}, udot=None)
     with pytest.raises(AssertionError, match="unresolved"):
         assert_balanced("simple-pendulum", few, tolerance=1e-9)
 
@@ -51,8 +52,13 @@ def test_the_fixture_notes_the_error(
 
 
 def test_the_plugin_in_someone_elses_suite(
-    pytester: pytest.Pytester, run: dc.Trajectory, tmp_path: Path
+    pytester: pytest.Pytester,
+    run: dc.Trajectory,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Warnings are errors, and the report is of the family xunit2, which has no properties of its own."""
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path / "kernels"))
     run.write(tmp_path / "run.parquet")
     pytester.makepyfile(
         f"""
@@ -63,6 +69,33 @@ def test_the_plugin_in_someone_elses_suite(
         """
     )
     installed = any(e.name == "deltac" for e in entry_points(group="pytest11"))
-    outcome = pytester.runpytest_subprocess(*(() if installed else ("-p", "deltac.testing.plugin")))
+    loaded = () if installed else ("-p", "deltac.testing.plugin")
+    report = tmp_path / "report.xml"
+    strict = ("-W", "error", "-o", "junit_family=xunit2", f"--junitxml={report}")
+    outcome = pytester.runpytest_subprocess(*loaded, *strict)
     outcome.assert_outcomes(passed=1, failed=1)
-    outcome.stdout.fnmatch_lines(["*energy balance does not hold*"])
+    outcome.stdout.fnmatch_lines(
+        ["E * integration-error: |*", "FAILED *test_bad - AssertionError: *"]
+    )
+    outcome.stdout.no_fnmatch_line("*_passing*")  # only the test's own line is shown
+    assert "deltac_relative_energy_error" in report.read_text("utf-8")
+
+
+def test_equations_are_asserted() -> None:
+    problem = dc.problems.load("triple-pendulum")
+    assert problem.equations is not None
+    assert assert_equations(problem, problem.equations).exit_code == 0
+    mistaken = dc.problems.load("triple-pendulum", mistake=True).equations
+    with pytest.raises(AssertionError, match="^equation-error: the residual is .* > 1.5e-08 of an"):
+        assert_equations(problem, mistaken)
+
+
+def test_convergence_is_asserted() -> None:
+    steps = (0.02, 0.01, 0.005)
+    options: dict[str, Any] = {"duration": 0.5, "solver": "ode4"}
+    found = assert_converges("simple-pendulum", steps, order=4, **options)
+    assert found.relative < 1e-6
+    with pytest.raises(AssertionError, match="^integration-error: "):
+        assert_converges("simple-pendulum", steps, tolerance=1e-12, **options)
+    with pytest.raises(AssertionError, match="expected order 6"):
+        assert_converges("simple-pendulum", steps, order=6, **options)

@@ -99,8 +99,8 @@ def test_wrong_accelerations_show_as_the_missing_power(tied: Tied) -> None:
         return  # the textbook's v_t is for independent rows
     k = terms(system, system.udot_all, channels(system), None, tied.bound)
     found = tied.evaluate(*rate_forms(system, k))
-    left_over = book.F + book.F_star(s.udot)
-    expected = -(book.v - ties.v_t) @ left_over
+    energy_error = book.F + book.F_star(s.udot)
+    expected = -(book.v - ties.v_t) @ energy_error
     lam = ties.multipliers(s.udot)
     scale = size(tied, s.udot, lam) * max(1.0, condition(tied) / 100)
     for name, epsilon in zip(NAMES, found, strict=True):
@@ -122,9 +122,9 @@ def test_wang_with_known_reactions_sees_errors_along_v_t(tied: Tied) -> None:
     k = terms(system, system.udot_all, channels(system), None, tied.bound, reactions)
     epsilon = tied.evaluate(*rate_forms(system, k))[NAMES.index("wang")]
     # In speeds: u·(F + F*) of all joints, and F′ = driving + Gᵀλ.
-    left_over = book.P.T @ (book.F + book.F_star(s.udot)) + driving + ties.G_all.T @ lam
+    energy_error = book.P.T @ (book.F + book.F_star(s.udot)) + driving + ties.G_all.T @ lam
     scale = size(tied, s.udot, lam) * max(1.0, condition(tied) / 100)
-    assert abs(scalar(epsilon) + s.u @ left_over) < ROUNDING * scale
+    assert abs(scalar(epsilon) + s.u @ energy_error) < ROUNDING * scale
 
 
 @fewer
@@ -221,5 +221,5 @@ def test_reactions_balance_newton_and_euler() -> None:
     motion = forward(system, parts, tied.bound)
     missing = rnea(system, motion.udot) - total_force(system, parts) - motion.driving
     left = missing - ca.mtimes(tied.bound.rows.G_all.T, motion.multipliers)
-    (left_over,) = tied.evaluate(left)
-    assert largest(left_over) < 1e-12 * 100
+    (energy_error,) = tied.evaluate(left)
+    assert largest(energy_error) < 1e-12 * 100

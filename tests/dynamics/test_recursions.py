@@ -11,10 +11,11 @@ from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.recursions import accelerations, crba, rnea, velocities
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import (
+    Reactions,
     channel_powers,
     driving_forces,
     forward,
-    prescribed_channels,
+    reaction_powers,
     terms,
 )
 from deltac.mechanism.bodies import body, rod
@@ -131,7 +132,8 @@ def test_terms(sample: Sample) -> None:
             scalar(found), value, rtol=1e-12, atol=1e-12 * scale, err_msg=name
         )
     assert_close(scalar(values[3]), sum(map(scalar, values[:3])))
-    driven = prescribed_channels(system, driving_forces(system, system.udot_all, parts))
+    driving = driving_forces(system, system.udot_all, parts)
+    driven = reaction_powers(system, Reactions(driving, ca.SX(0, 1)), None)
     assert set(driven) == {f"prescribed {j.name}" for j in sample.mechanism.joints if j.prescribed}
     total = sum(scalar(power) for power in sample.evaluate(system, *driven.values()))
     assert_close(total, expected["prescribed_power"], scale=scale)

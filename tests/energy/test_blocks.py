@@ -13,7 +13,7 @@ from deltac.energy.sampling.interpolation import band_matrices, weighted_windows
 
 def logged() -> tuple[dc.Mechanism, dc.Trajectory]:
     problem = dc.problems.load("triple-pendulum")
-    run = dc.simulate(problem.mechanism, problem.state, 3.0, 1e-3, "ode8", testing=())
+    run = dc.simulate(problem.mechanism, problem.state, 3.0, 1e-3, "ode8", record=())
     return problem.mechanism, run
 
 
@@ -39,7 +39,7 @@ def test_powers_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(sampled, "ROWS_AT_ONCE", 40)
     monkeypatch.setattr(quadrature, "BANDS", 3)
     small = dc.balance(mechanism, run, work="samples")
-    scale = whole.turnover
+    scale = whole.energy_exchanged
     for name in whole.power:
         np.testing.assert_array_equal(whole.power[name], small.power[name])
         np.testing.assert_allclose(whole.work[name], small.work[name], rtol=0, atol=1e-14 * scale)

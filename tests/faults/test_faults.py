@@ -51,16 +51,16 @@ def test_the_missing_lever_arm_does_no_work() -> None:
     assert dc.balance(bare, given.log).work.keys() == {"gravity"}
     energy = dc.balance(bare, given.log)
     total = energy.kinetic + energy.potential_energy
-    assert np.ptp(total) < 1e-9 * energy.turnover  # order 5 at 2 ms
+    assert np.ptp(total) < 1e-9 * energy.energy_exchanged  # order 5 at 2 ms
     right = dc.balance(bare, given.right)
-    assert (right.kinetic + right.potential_energy)[-1] < total[-1] - 0.05 * right.turnover
+    assert (right.kinetic + right.potential_energy)[-1] < total[-1] - 0.05 * right.energy_exchanged
 
 
 def test_an_anisotropic_drag_without_lever_arm_adds_energy() -> None:
     given = cases.missing_lever_arm((0.4, 4.0, 0.4))
     ledger = dc.balance(replace(given.model, forces=()), given.log)
     total = ledger.kinetic + ledger.potential_energy
-    assert total.max() > total[0] + 0.01 * ledger.turnover
+    assert total.max() > total[0] + 0.01 * ledger.energy_exchanged
     assert dc.audit(given.model, given.log).verdict.kind == "equation-error"
 
 

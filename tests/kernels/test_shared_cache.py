@@ -96,3 +96,10 @@ def test_widths_are_kept_apart(tmp_path: Path) -> None:
     alone = {width: output(start(None, DELTAC_SIMD=width)) for width in ("2", "4")}
     for width in ("2", "4", "2"):
         assert output(start(tmp_path, DELTAC_SIMD=width)) == alone[width]
+
+
+def test_processes_at_once_make_one_key(tmp_path: Path) -> None:
+    code = "from deltac.kernels.cache import _secret\nprint(_secret().hex())"
+    together = [start(None, code, XDG_STATE_HOME=str(tmp_path)) for _ in range(6)]
+    assert len({output(process) for process in together}) == 1
+    assert [file.name for file in (tmp_path / "deltac").iterdir()] == ["kernels.key"]

@@ -8,7 +8,7 @@ import pytest
 
 from deltac.errors import InputError
 from deltac.mechanism.bodies import body, box, frame
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.forces import (
     joint_damper,
     joint_spring,
@@ -139,8 +139,8 @@ def test_forces_that_do_not_fit(force: Any, words: list[str]) -> None:
         (lambda: joint_spring("s", "j", torque="sin(q.j**2)*exp(q.j**3)"), ["'s'", "potential="]),
         (lambda: point_force("f", "a", frame="bdy"), ["'f'", "'world' or 'body'", "'bdy'"]),
         (lambda: joint_damper("", "j", 1), ["name", "''"]),
-        (lambda: split("dampr elbow"), ["'dampr'", "did you mean 'damper'"]),
-        (lambda: split("damper"), ["'damper'", "no element"]),
+        (lambda: ChannelName.parse("dampr elbow"), ["'dampr'", "did you mean 'damper'"]),
+        (lambda: ChannelName.parse("damper"), ["'damper'", "no element"]),
     ],
 )
 def test_forces_that_cannot_be(make: Any, words: list[str]) -> None:

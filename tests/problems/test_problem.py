@@ -104,10 +104,10 @@ def test_only_the_form_of_1988_fails_for_the_particle_in_turning_coordinates() -
     p = problems.load("free-particle")
     functions = tuple(TESTING_FUNCTIONS)
     run = simulate(
-        p.mechanism, p.state, p.duration, p.step, p.solver, functions, speeds=p.coordinates
+        p.mechanism, p.state, p.duration, p.step, p.solver, functions, coordinates=p.coordinates
     )
     for work in ("in-loop", "samples"):
-        ledger = balance(p.mechanism, run, work, functions, speeds=p.coordinates)
+        ledger = balance(p.mechanism, run, work, functions, coordinates=p.coordinates)
         spread = {name: float(np.ptp(values)) for name, values in ledger.delta_c.items()}
         # The integrand is quadratic in t: exact for a method of order 4.
         assert abs(spread.pop("kane-levinson-1988") - 1.35681) < 1e-12

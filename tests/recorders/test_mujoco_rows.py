@@ -79,7 +79,7 @@ def test_without_anything_implicit_there_is_no_correction() -> None:
 def test_a_loop_and_the_single_call_are_bitwise_the_same() -> None:
     model = models.compiled(models.WALKER)
     data = models.started(model, 0.3)
-    whole = run_mujoco(model, 0.1, data=data, control=models.sine)
+    whole = run_mujoco(model, 0.1, data=data, controller=models.sine)
     with record_mujoco(model, data) as rec:
         for _ in range(50):
             models.sine(model, data)
@@ -120,7 +120,7 @@ def test_all_kinds_of_forces(integrator: str, jacobian: str) -> None:
         data.qfrc_applied[0] = 0.3
 
     start = models.started(model, 0.3)
-    run = run_mujoco(model, 0.5, data=start, control=control, integrator=integrator)
+    run = run_mujoco(model, 0.5, data=start, controller=control, integrator=integrator)
     expected = {
         *("actuator m", "actuator servo", "actuator actuator2", "actuator actuator3"),
         *("spring a", "spring b", "spring t", "spring putty", "spring sp"),
@@ -180,7 +180,7 @@ def test_held_channels() -> None:
     model = models.compiled(models.SWINGER)
 
     def held(integrator: str, control: Any) -> set[str]:
-        run = run_mujoco(model, 0.1, integrator=integrator, control=control)
+        run = run_mujoco(model, 0.1, integrator=integrator, controller=control)
         return {*filter(None, run.provenance.notes["held"].split(";"))}
 
     assert held("rk4", models.sine) == {"actuator turn"}

@@ -121,7 +121,7 @@ def test_the_ledger_closes_on_samples_of_a_logged_motor() -> None:
     for name, left in exact.delta_c.items():
         error = np.abs(samples.delta_c[name] - left[::10])
         assert (error <= samples.error_bar[name]).all(), name
-        assert samples.error_bar[name].max() < 1e-6  # J, of some 10 J turned over
+        assert samples.error_bar[name].max() < 1e-6  # J, of some 10 J exchanged
 
 
 def refused(function: Any, words: str, **options: Any) -> None:

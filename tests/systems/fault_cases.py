@@ -39,7 +39,7 @@ class EquationsCase:
 
 def bare(run: dc.Trajectory) -> dc.Trajectory:
     """A log as a foreign simulator writes it: states and accelerations, no forces."""
-    return replace(run, forces={}, integrals={})
+    return replace(run, forces={}, works={}, integrals={})
 
 
 # --- logs ---------------------------------------------------------------------------------------------

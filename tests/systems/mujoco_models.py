@@ -76,7 +76,7 @@ def arm_run(integrator: str = "rk4") -> Trajectory:
     def control(_: Any, data: Any) -> None:
         data.ctrl[:] = [0.3 * np.sin(3 * data.time), 0.1 * np.cos(5 * data.time)]
 
-    return run_mujoco(model_of(ARM), 2.0, control=control, integrator=integrator)
+    return run_mujoco(model_of(ARM), 2.0, controller=control, integrator=integrator)
 
 
 @cache

@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as arrays
 from deltac.errors import InputError
 from deltac.mechanism.channels import KINDS
 from deltac.trajectories import (
+    FORMATS,
     Provenance,
     Trajectory,
     read_trajectory,
@@ -28,7 +29,8 @@ from deltac.trajectories import (
     write_trajectory,
 )
 
-SUFFIXES = (".csv", ".parquet", ".npz", ".h5", ".mat")
+SUFFIXES = tuple({form: suffix for suffix, form in FORMATS.items() if form.write}.values())
+"""One suffix of every format that is written: what is listed is tested."""
 
 # Any text but control characters, lone surrogates and line separators; dots, commas, quotes and
 # the like often.

@@ -159,7 +159,7 @@ def pendulum() -> Trajectory:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"schema_version": 3}, "schema version 3, this deltac reads up to 2. Update deltac"),
+        ({"schema_version": 4}, "schema version 4, this deltac reads up to 3. Update deltac"),
         ({"schema_version": 0}, "schema_version is 0"),
         ({"schema_version": True}, "schema_version is True, expected int"),
         ({"units": {"angle": "deg"}}, "angle in 'deg', expected 'rad'"),

@@ -10,34 +10,101 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from deltac.cli import audit, cache, check, mutate, problems, recommend, reproduce, study
+from deltac.cli import (
+    audit,
+    cache,
+    check,
+    describe,
+    examine,
+    mutate,
+    problems,
+    recommend,
+    reproduce,
+    study,
+)
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
+
+ClickException: Any = typer.BadParameter.__mro__[2]
+"""The base of all errors of usage, from the click that typer brings or needs."""
 
 USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
 """Codes of errors that are no InputError: of the command line itself, and of deltac."""
 
+COMMANDS: dict[str, tuple[str, str]] = {
+    "examine": (
+        "The whole procedure for a model, its equations and its log.",
+        "deltac examine double-pendulum --duration 2\n"
+        "  deltac examine model.py:pendulum --equations eom.py:rhs --log run.csv",
+    ),
+    "describe": (
+        "What a model is, before anything is simulated.",
+        "deltac describe triple-pendulum",
+    ),
+    "study": (
+        "Run a motion at several steps: is the error the integrator's?",
+        "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
+        "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
+    ),
+    "audit": (
+        "Judge logs: where every joule went, and what is wrong.",
+        "deltac audit arm.xml run.parquet --tolerance 1e-3 --explain\n"
+        "  deltac audit robot.py:model runs/*.csv --mapping map.toml --format github",
+    ),
+    "check": (
+        "Check equations of motion at random states; repair them.",
+        "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
+    ),
+    "recommend": (
+        "Find the cheapest solver and step that keep a tolerance.",
+        "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
+    ),
+    "mutate": (
+        "Make mistakes on purpose, and see which tests notice.",
+        "deltac mutate model.py:pendulum eom.py:rhs",
+    ),
+    "problems": (
+        "List the problem library, or run one of its problems.",
+        "deltac problems\n  deltac problems n-four-bar --set n=3",
+    ),
+    "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
+    "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
+}
+"""What the list of commands says of each, and the examples in its help."""
+
+PAGES = {
+    "problems": "guide",
+    "describe": "guide",
+    "reproduce": "thesis",
+    "mutate": "repair",
+    "cache": "guide",
+}
+"""Pages of the documentation that are not named like their command."""
+
 app = typer.Typer(
     name="deltac",
     help="Energy testing functions: can this multibody simulation be trusted?",
+    epilog="Completion for bash, zsh and fish: deltac --install-completion",
     no_args_is_help=True,
-    add_completion=False,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("reproduce")(reproduce.command)
-app.command("problems")(problems.command)
-app.command("study")(study.command)
-app.command("audit")(audit.command)
-app.command("recommend")(recommend.command)
-app.command("check")(check.command)
-app.command("mutate")(mutate.command)
-app.command("cache")(cache.command)
+for module in (
+    *(examine, audit, study, recommend, check, mutate),
+    *(describe, problems, reproduce, cache),
+):
+    command = module.__name__.rpartition(".")[2]
+    short, examples = COMMANDS[command]
+    page = f"docs/{PAGES.get(command, command)}.md"
+    epilog = f"\b\nExamples:\n  {examples}\nMore: {page}"
+    app.command(command, short_help=short, epilog=epilog)(module.command)
 
 
 def _version(wanted: bool) -> None:
@@ -65,15 +132,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        app(given, prog_name="deltac")
-    except SystemExit as left:
-        if left.code == BAD_INPUT:  # said on standard error already
-            _as_json(given, USAGE, "wrong usage; standard error says what", BAD_INPUT)
-        raise
+        with interruptible():
+            sys.exit(app(given, prog_name="deltac", standalone_mode=False))
+    except ClickException as error:
+        error.show()
+        _as_json(given, USAGE, error.format_message(), error.exit_code)
     except InputError as error:
         _complain(f"{error} [{error.code}]")
         _as_json(given, error.code, str(error), BAD_INPUT)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
     except Exception as error:
         if os.environ.get("DELTAC_DEBUG", "") not in ("", "0"):

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, print_json, print_sections, write
-from deltac.results import Table, number, plain
+from deltac.cli.formats import Case, worst
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Model,
+    checked_figure,
+    deliver,
+    print_cases,
+    print_json,
+    print_sections,
+    progress_bar,
+    write,
+)
+from deltac.errors import InputError
+from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
@@ -16,15 +31,12 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
+    model: Model,
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG", help="Logs of its motion, one or more.")
     ],
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of its motion.")],
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-3,
     work: Annotated[
         str | None, typer.Option(help="How works are taken: in-loop, samples or discrete.")
@@ -46,31 +58,87 @@ def command(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the energies over time (PNG).")
     ] = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
-    """Audit a log: where every joule went, what is left, and what is wrong.
+    """Audit logs: where every joule went, what is left, and what is wrong.
 
-    Exit status 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not tell.
+    Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
+    several logs the worst, and 2 if one cannot be read.
     """
+    if len(logs) > 1 and (explain or explain_log or figure is not None):
+        raise InputError("--explain, --explain-log and --figure are of one log; give one")
+    log = logs[0]
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
     from deltac.diagnosis.audit.audit import audit
 
     checked_figure(figure)
-    found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
-    if figure is not None:
-        _draw(found, f"{found.mechanism.name}: {log.name}", figure)
+    form = form.unless(as_json)
+    if len(logs) > 1:
+        with progress_bar(f"auditing {len(logs)} logs") as progress:
+            cases = []
+            for k, each in enumerate(logs):
+                progress(k / len(logs))
+                cases.append(
+                    _case(
+                        each,
+                        lambda path: audit(
+                            model, path, tolerance=tolerance, work=work, mapping=mapping,
+                            strict=strict,
+                        ),
+                    )
+                )
+        _print_several(cases, form)
+        raise typer.Exit(worst(cases))
+    with progress_bar(f"auditing {log.name}"):
+        found = audit(
+            model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+        )
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
 
-        explanations.append(explain_residual(model, log, mapping=mapping))
-    deliver(found, as_json, *explanations, figure=figure)
+        with progress_bar("seeking causes"):
+            explanations.append(explain_residual(model, log, mapping=mapping))
+    if figure is not None:
+        _draw(found, f"{found.mechanism.name}: {log.name}", figure)
+    deliver(found, form, *explanations, name=str(log), figure=figure)
+
+
+def _case(log: Path, judged: Callable[[Path], Report]) -> Case:
+    """One of several logs; one that cannot be read does not keep the others from being judged."""
+    try:
+        return Case(str(log), str(log), judged(log))
+    except InputError as error:
+        return Case(str(log), str(log), error)
+
+
+def _print_several(cases: Sequence[Case], form: Form) -> None:
+    """The outcome of each log in a line, then at length where it is not consistent."""
+    if form is Form.json:
+        told = [{"log": case.name, **_contents(case)} for case in cases]
+        print_json("Audits", {"exit_code": worst(cases), "audits": told})
+    elif form in (Form.text, Form.github):
+        rows = tuple((case.name, case.summary()) for case in cases)
+        print_sections([Table(("log", "outcome"), rows)])
+        for case in cases:
+            if case.exit_code and not isinstance(case.report, InputError):
+                print(f"\n{case.name}")
+                print_sections(case.report.sections())
+    print_cases(cases, form)
+
+
+def _contents(case: Case) -> dict[str, Any]:
+    if isinstance(case.report, InputError):
+        error = {"code": case.report.code, "message": str(case.report)}
+        return {"exit_code": case.exit_code, "error": error}
+    return case.report.contents()
 
 
 def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)
@@ -89,4 +157,4 @@ def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
     allowed = found.tolerance * found.beside
-    write(audit_figure(title, found.ledger, found.left_over, found.function, allowed), path)
+    write(audit_figure(title, found.ledger, found.energy_error, found.function, allowed), path)

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, deliver
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
+from deltac.errors import InputError, LimitError
 
 if TYPE_CHECKING:
-    from deltac.repair import Repair
+    from deltac.repair.outcome import NoRepair, Repair
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str,
         typer.Argument(
             metavar="FILE.py:FUNCTION",
-            help="A function of (t, q, u) that returns u̇, or dc.Equations.",
+            help="A function of (t, q, u) that returns u̇, one of (t, y) that returns ẏ, or dc.Equations.",
         ),
     ],
     coordinates: Annotated[
@@ -50,11 +50,15 @@ def command(
         Path | None,
         typer.Option(metavar="FILE.patch", help="With --repair: write the least edit as a patch."),
     ] = None,
+    limit: Annotated[
+        float, typer.Option("--time-limit", min=0.1, help="Time for the function's answers (s).")
+    ] = 300.0,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
-    Exit status 0 if they agree, 1 if not, 3 if that cannot be told.
+    Exit code 0 if they agree, 1 if not, 3 if that cannot be told.
     """
     from deltac.diagnosis.check.check import TOLERANCE, check_equations
     from deltac.diagnosis.inputs.equations import load_equations, load_map
@@ -62,25 +66,67 @@ def command(
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
-    repaired = _repair(model, equations, rhs, chosen, seed) if repair or write else None
-    found = check_equations(
-        model,
-        rhs,
-        coordinates=chosen,
-        count=count,
-        seed=seed,
-        tolerance=TOLERANCE if tolerance is None else tolerance,
-    )
+    repaired = refused = None
+    if repair or write:
+        with progress_bar("seeking the edit"):
+            repaired, refused = _repair(model, equations, rhs, chosen, seed)
+    try:
+        with (
+            progress_bar(f"checking at {count} random states"),
+            time_limit(limit, f"{equations} has not answered"),
+        ):
+            found = check_equations(
+                model,
+                rhs,
+                coordinates=chosen,
+                count=count,
+                seed=seed,
+                tolerance=TOLERANCE if tolerance is None else tolerance,
+            )
+    except InputError:
+        if repaired is not None and not repaired.right and not as_json:
+            typer.echo(f"Repair. {repaired.explain()}\n")
+        raise
     if write is not None and repaired is not None and repaired.fixes:
-        write.write_text(repaired.fixes[0].diff, encoding="utf-8")
-    deliver(found, as_json, *(() if repaired is None else (repaired,)))
+        from deltac.report.files import write_text
+
+        write_text(repaired.fixes[0].diff, write)
+    more = [report for report in (repaired, refused) if report is not None]
+    deliver(found, form.unless(as_json), *more, name=equations)
 
 
-def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair:
-    """Seek the edit: in the function that the text names, or that the `Equations` there have."""
-    from deltac.repair import repair_equations
-    from deltac.simulation.equations import Equations
+def _repair(
+    model: str, text: str, rhs: Any, coordinates: Any, seed: int
+) -> tuple[Repair | None, NoRepair | None]:
+    """Seek the edit in the function that the text names, as it is loaded; or say why not."""
+    from deltac.repair.outcome import NoRepair
+    from deltac.repair.repair import repair_loaded
+    from deltac.repair.tracing.interpreter import Endless
 
-    return repair_equations(
-        model, rhs if isinstance(rhs, Equations) else text, coordinates=coordinates, seed=seed
-    )
+    try:
+        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed), None
+    except Endless:
+        raise
+    except InputError as error:
+        return None, NoRepair(str(error))
+
+
+@contextmanager
+def time_limit(seconds: float, what: str) -> Iterator[None]:
+    """Raise LimitError where a block takes longer, on systems that have alarms."""
+
+    def late(number: int, frame: Any) -> None:
+        raise LimitError(
+            f"{what} within {seconds:g} s; look for a loop that does not end, or --time-limit"
+        )
+
+    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

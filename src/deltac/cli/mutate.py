@@ -6,16 +6,11 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, deliver, progress_bar
+from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     equations: Annotated[
         str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
     ],
@@ -30,11 +25,21 @@ def command(
         int, typer.Option(min=0, help="Other names that take the place of each use of a name.")
     ] = 2,
     seed: Annotated[int, typer.Option(help="Which names and states are drawn.")] = 0,
+    tests: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COMMAND",
+            help='Your own tests, such as "pytest tests/": which mistakes do they miss? They run in a copy '
+            "of the project.",
+        ),
+    ] = None,
+    most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Change equations in every small way, and see which tests notice.
 
-    Exit status 0 if every mutant that is a mistake is seen by the coordinate residual, 1 if not.
+    Exit code 1 if the equations are wrong as they are, or your tests (--tests) miss a mistake; else 0.
     """
     from deltac.diagnosis.inputs.equations import load_map
     from deltac.repair.mutate.report import mutate_equations
@@ -46,6 +51,8 @@ def command(
             coordinates=None if coordinates is None else load_map(coordinates),
             names=names,
             seed=seed,
+            tests=tests,
+            most=most,
             progress=progress,
         )
-    deliver(found, as_json)
+    deliver(found, form.unless(as_json), name=equations)

@@ -7,13 +7,15 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeAlias
 
 import typer
 
+from deltac.cli.formats import Case, github, junit, sarif
 from deltac.results import Report, Section, as_text, headed
 
 if TYPE_CHECKING:
@@ -24,7 +26,48 @@ UNKNOWN, WIDEST = 100, 120
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output, nothing else.")]
 
-Progress: TypeAlias = Callable[[float, str], None]
+
+class Form(Enum):
+    """Forms that a report is printed in."""
+
+    text = "text"
+    json = "json"
+    github = "github"
+    junit = "junit"
+    sarif = "sarif"
+
+    def unless(self, as_json: bool) -> Form:
+        """This form, unless --json asks for JSON."""
+        return Form.json if as_json else self
+
+
+Format = Annotated[
+    Form,
+    typer.Option(
+        "--format",
+        help="For people, or for programs: json (see docs/json.md); github: annotations and a job "
+        "summary; junit: XML; sarif: findings and repairs with file and line.",
+    ),
+]
+
+Model = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+    ),
+]
+
+StartState = Annotated[
+    str | None,
+    typer.Option(
+        "--state",
+        metavar="NAME=VALUE,…|FILE|KEYFRAME",
+        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
+        "first row; a keyframe of an MJCF file. By default the model's own start.",
+    ),
+]
+
+Progress: TypeAlias = Callable[[float], None]
 
 
 def width() -> int:
@@ -44,25 +87,42 @@ def print_sections(sections: Iterable[Section]) -> None:
 
 
 def deliver(
-    report: Report, as_json: bool, *more: Report, figure: Path | None = None, **contents: Any
+    report: Report,
+    form: Form,
+    *more: Report,
+    name: str = "",
+    figure: Path | None = None,
+    **contents: Any,
 ) -> NoReturn:
     """Print a report, then further ones, and end the command with its exit code.
 
-    In JSON, `contents` and the further reports (by the names of their classes) follow its own.
+    `name` is what was judged, for forms that tell of several things. In JSON, `contents` and the further
+    reports (by the names of their classes) follow its own.
     """
-    if as_json:
+    if form is Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
         shown = {} if figure is None else {"figure": str(figure)}
-        held = {**report.contents(), **told, **contents, **shown}
-        print_json(type(report).__name__, held)
+        print_json(type(report).__name__, {**report.contents(), **told, **contents, **shown})
     else:
-        for k, part in enumerate((report, *more)):
-            if k:
-                print()
-            print_sections(part.sections())
-        if figure is not None:
-            print(f"figure: {figure}")
+        speaks = next((part for part in more if part.findings and not report.findings), report)
+        if form is Form.text or form is Form.github:
+            for k, part in enumerate((report, *more)):
+                print("\n" * bool(k), end="")
+                print_sections(part.sections())
+            if figure is not None:
+                print(f"figure: {figure}")
+        print_cases([Case(name, name.rpartition(":")[0] or name, speaks)], form)
     raise typer.Exit(report.exit_code)
+
+
+def print_cases(cases: Sequence[Case], form: Form) -> None:
+    """Print what programs read of some cases; nothing for people."""
+    if form is Form.github:
+        print(github(cases))
+    elif form is Form.junit:
+        print(junit("deltac", cases))
+    elif form is Form.sarif:
+        print(json.dumps(sarif(cases), ensure_ascii=False, indent=2))
 
 
 def checked_figure(path: Path | None) -> Path | None:
@@ -105,10 +165,13 @@ def _painted(text: str) -> str:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
-    """A bar with the time left on standard error while the block runs, on terminals only."""
+def progress_bar(what: str = "") -> Iterator[Progress]:
+    """A bar with the time left on standard error while the block runs, on terminals only.
+
+    Until the block reports a fraction the bar pulses; `what` says what is being done.
+    """
     if not sys.stderr.isatty():
-        yield lambda fraction, what: None
+        yield lambda fraction: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -127,9 +190,9 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.description}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=1.0)
+        task = progress.add_task(what, total=None)
 
-        def report(fraction: float, what: str) -> None:
-            progress.update(task, completed=fraction, description=what)
+        def report(fraction: float) -> None:
+            progress.update(task, total=1.0, completed=fraction)
 
         yield report

@@ -24,7 +24,7 @@ def command(
 ) -> None:
     """List the problem library; or run the problem NAME and compare it with its references.
 
-    Exit status 1 if a reference number is not met.
+    Exit code 1 if a reference number is not met.
     """
     from deltac import problems
 
@@ -67,21 +67,20 @@ def _list(library: list[Problem], as_json: bool) -> None:
     rows = (
         (
             problem.name,
-            problem.classification,
+            problem.title,
             str(problem.freedom),
             ", ".join(problem.conserved) or "–",
             str(len(problem.reference)),
         )
         for problem in library
     )
-    print_sections([Table(("name", "class", "dof", "conserved", "refs"), tuple(rows))])
+    print_sections([Table(("name", "what", "dof", "conserved", "refs"), tuple(rows))])
 
 
 def _description(problem: Problem) -> dict[str, Any]:
     return {
         "name": problem.name,
         "title": problem.title,
-        "class": problem.classification,
         "dof": problem.freedom,
         "conserved": list(problem.conserved),
         "source": problem.source,
@@ -102,10 +101,14 @@ def _print_json(problem: Problem, compared: tuple[Comparison, ...]) -> None:
     description = _description(problem)
     for entry, row in zip(description["reference"], compared, strict=True):
         entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
-    print_json("Problem", description)
+    from deltac.analysis.classify import classify
+
+    print_json("Problem", description | {"class": classify(problem).kind})
 
 
 def _print(problem: Problem, compared: tuple[Comparison, ...]) -> None:
+    from deltac.analysis.classify import classify
+
     heads = ("quantity", "reference", "we measure", "unit", "|Δ|", "allowed", "kind", "agrees?")
     rows = (
         (
@@ -122,7 +125,7 @@ def _print(problem: Problem, compared: tuple[Comparison, ...]) -> None:
     )
     print_sections(
         [
-            f"{problem.title} ({problem.classification})",
+            f"{problem.title} ({classify(problem).kind})",
             f"source: {problem.source}",
             f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s",
             Table(heads, tuple(rows)),

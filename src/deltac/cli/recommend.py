@@ -7,18 +7,23 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Model,
+    StartState,
+    checked_figure,
+    deliver,
+    progress_bar,
+    write,
+)
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a share of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a share of the energy exchanged.")
     ] = 1e-6,
     motion_tolerance: Annotated[
         float | None,
@@ -34,7 +39,7 @@ def command(
         str | None,
         typer.Option(metavar="A,B", help="Choose from these, for example ode4,ode5 or mujoco:rk4."),
     ] = None,
-    control: Annotated[
+    controller: Annotated[
         str | None,
         typer.Option(metavar="FILE.py:FUNCTION", help="Input of a MuJoCo model: (model, data)."),
     ] = None,
@@ -44,14 +49,16 @@ def command(
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
+    state: StartState = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
-    Exit status 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
     """
-    from deltac.diagnosis.inputs.models import load_callable
     from deltac.diagnosis.recommend.recommend import recommend
+    from deltac.models import load_callable
 
     checked_figure(figure)
     chosen = None
@@ -60,11 +67,12 @@ def command(
     with progress_bar() as progress:
         found = recommend(
             model,
+            state,
             duration=duration,
             tolerance=tolerance,
             motion_tolerance=motion_tolerance,
             solvers=chosen,
-            control=None if control is None else load_callable(control),
+            controller=None if controller is None else load_callable(controller),
             time_limit=time_limit,
             progress=progress,
         )
@@ -72,4 +80,4 @@ def command(
         from deltac.report import recommendation_figure
 
         write(recommendation_figure(f"{model}: work and precision", found), figure)
-    deliver(found, as_json, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure)

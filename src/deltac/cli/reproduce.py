@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, deliver, print_sections, progress_bar
+from deltac.cli.output import Form, Json, deliver, print_sections, progress_bar
 from deltac.results import plain
 
 RUNS = 0.85
@@ -33,7 +33,7 @@ def command(
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
 
-    Exit status 0 if everything agrees but the known differences, which the table marks; else 1.
+    Exit code 0 if everything agrees but the known differences, which the table marks; else 1.
     """
     from deltac.report import output_folder
     from deltac.studies.thesis import reproduce, write
@@ -43,16 +43,19 @@ def command(
         figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
     output_folder(out)
     with progress_bar() as progress:
-        reproduction = reproduce(figures, lambda done, what: progress(RUNS * done, what))
+        reproduction = reproduce(figures, lambda done: progress(RUNS * done))
         written = write(
             reproduction,
             out,
-            lambda done, what: progress(RUNS + (1 - RUNS) * done, what),
+            lambda done: progress(RUNS + (1 - RUNS) * done),
             thesis_axes=thesis_axes,
         )
     if as_json:
         deliver(
-            reproduction, as_json, figures=plain(written.figures), results_file=str(written.results)
+            reproduction,
+            Form.json,
+            figures=plain(written.figures),
+            results_file=str(written.results),
         )
     print_sections(reproduction.sections())
     if written.figures:

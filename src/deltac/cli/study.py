@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import Json, checked_figure, deliver, progress_bar, write
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Model,
+    StartState,
+    checked_figure,
+    deliver,
+    progress_bar,
+    write,
+)
 
 if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
@@ -15,12 +25,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
-        ),
-    ],
+    model: Model,
     steps: Annotated[
         str | None,
         typer.Option(
@@ -50,16 +55,18 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Column names and units of the logs (TOML).")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy turned over.")
+        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
     ] = None,
+    state: StartState = None,
+    form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
     """Study a motion at several steps: how fast the energy error falls, and whose error it is.
 
-    Exit status 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
+    Exit code 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
     cannot be told.
     """
     from deltac.diagnosis.study.study import study
@@ -68,6 +75,7 @@ def command(
     with progress_bar() as progress:
         found = study(
             model,
+            state,
             duration=duration,
             steps=_numbers(steps, "--steps"),
             solver=solver or "",
@@ -80,7 +88,7 @@ def command(
         )
     if figure is not None:
         _draw(found, figure)
-    deliver(found, as_json, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from deltac.dynamics.spatial import SX
+from deltac.mechanism.channels import ChannelName
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Channel:
     depends on time. `logged` marks a motor whose value comes from a controller or a log.
     """
 
-    name: str
+    name: ChannelName
     force: SX
     potential: SX | None = None
     explicit: SX | None = None

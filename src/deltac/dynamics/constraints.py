@@ -160,6 +160,13 @@ class Scene:
         """Coordinates in a body frame of a world position."""
         return ca.mtimes(self.rotation(body).T, x - self.point(body, (0.0, 0.0, 0.0)))
 
+    def angular_velocity(self, body: str) -> SX:
+        """World components of a body's angular velocity."""
+        k = self.system.index[body]
+        if k < 0:
+            return ca.SX.zeros(3)
+        return ca.mtimes(self.system.poses[k].E.T, self.V[k][:3])
+
     def velocity(self, body: str, x: SX) -> SX:
         """World velocity of the body's material point that is at the world position `x`."""
         k = self.system.index[body]
@@ -168,6 +175,10 @@ class Scene:
         E, o = self.system.poses[k].E, self.system.poses[k].r
         w, v = ca.mtimes(E.T, self.V[k][:3]), ca.mtimes(E.T, self.V[k][3:])
         return v + cross(w, x - o)
+
+
+NO_SINE = 1e-280
+"""Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
 
 
 def _entries(column: SX) -> list[SX]:
@@ -217,8 +228,14 @@ def _point_on(scene: Scene, c: PointOn) -> list[SX]:
 
 
 def _angle(scene: Scene, c: Angle) -> list[SX]:
-    cosine = ca.dot(scene.axis(c.body1, c.axis1), scene.axis(c.body2, c.axis2))
-    return [cosine - ca.cos(scene.laws((c.angle,)))]
+    """α − angle in rad, α by the sine and cosine: the cosine alone loses it, and its slope, towards 0 and π.
+
+    The row then has the size of a turn whatever the angle, and its multiplier is a moment.
+    """
+    first, second = scene.axis(c.body1, c.axis1), scene.axis(c.body2, c.axis2)
+    normal = cross(first, second)
+    sine = ca.sqrt(ca.dot(normal, normal) + NO_SINE)
+    return [ca.atan2(sine, ca.dot(first, second)) - scene.laws((c.angle,))]
 
 
 def _holonomic(scene: Scene, c: Holonomic) -> list[SX]:
@@ -253,6 +270,11 @@ def _contact(scene: Scene, c: Rolling) -> _Contact:
         height = height - radius * sine
     first, second = perpendiculars(c.normal)
     return _Contact(height, point, (scene.axis(c.on, first), scene.axis(c.on, second)))
+
+
+def contact_point(scene: Scene, c: Rolling) -> SX:
+    """Where a wheel touches its plane, world components."""
+    return _contact(scene, c).point
 
 
 def _rolling_position(scene: Scene, c: Rolling) -> list[SX]:

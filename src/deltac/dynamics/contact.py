@@ -9,6 +9,7 @@ from deltac.dynamics.gaps import Gap, all_velocities, gaps
 from deltac.dynamics.recursions import gather
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 
@@ -28,7 +29,7 @@ def joint_friction(system: System, element: JointFriction) -> list[Channel]:
         # Odd in u already: tanh changes sign, and the excess is even.
         force[k] = -_strength(system, law, u**2) * ca.tanh(u / system.number(law.width))
         force[k] -= system.number(law.viscous) * u
-    return [Channel(f"friction {element.name}", force)]
+    return [Channel(ChannelName("friction", element.name), force)]
 
 
 def point_friction(system: System, element: PointFriction) -> list[Channel]:
@@ -37,7 +38,7 @@ def point_friction(system: System, element: PointFriction) -> list[Channel]:
     velocity = touch.relative_velocity(system, all_velocities(system))
     strength = ca.fmax(system.number(element.normal_force), 0)
     force = _slip_force(system, element.law, strength, touch.n, velocity)
-    return [Channel(f"friction {element.name}", touch.generalized(system, force))]
+    return [Channel(ChannelName("friction", element.name), touch.generalized(system, force))]
 
 
 def rubbing_point(system: System, element: PointFriction) -> Gap:
@@ -70,11 +71,11 @@ def contact(system: System, element: Contact) -> list[Channel]:
         if element.friction is not None:
             force = _slip_force(system, element.friction, f_n, gap.n, velocity)
             _add(rubbing, gap.wrenches(system, force))
-    made = [Channel(f"spring {element.name}", gather(system, elastic), potential)]
+    made = [Channel(ChannelName("spring", element.name), gather(system, elastic), potential)]
     if not (isinstance(element.dissipation, float) and element.dissipation == 0.0):
-        made.append(Channel(f"contact {element.name}", gather(system, dissipative)))
+        made.append(Channel(ChannelName("contact", element.name), gather(system, dissipative)))
     if element.friction is not None:
-        made.append(Channel(f"friction {element.name}", gather(system, rubbing)))
+        made.append(Channel(ChannelName("friction", element.name), gather(system, rubbing)))
     return made
 
 

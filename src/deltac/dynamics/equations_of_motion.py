@@ -163,7 +163,7 @@ class EquationsOfMotion:
         """
         s, n = self.system, len(self.system.free_u)
         held = np.zeros(s.inputs.shape[0]) if inputs is None else np.asarray(inputs, dtype=float)
-        found = evaluate(self._terms, t, q, u, held, p)
+        found = evaluate_at(self._terms, t, q, u, held, p)
         M, bias, forces, phi, psi, gamma, G, W = found
         by_channel = forces.reshape(len(self.channels), n, *forces.shape[1:])
         return MotionTerms(
@@ -182,13 +182,13 @@ class EquationsOfMotion:
     ) -> tuple[Array, Array, Array, Array, Array]:
         """M, φ, ψ, G, W at one state or many: what it takes to bring a state onto its constraints."""
         n = len(self.system.free_u)
-        M, phi, psi, G, W = evaluate(self._onto, t, q, u, p)
+        M, phi, psi, G, W = evaluate_at(self._onto, t, q, u, p)
         nc, nq = len(self.rows), len(self.system.free_q)
         return matrices(M, n, n), phi, psi, matrices(G, nc, n), matrices(W, nq, n)
 
     def violation(self, t: ArrayLike, q: Array, u: Array, p: ArrayLike = ()) -> tuple[Array, Array]:
         """φ and ψ (nc,) at one state; (nc, B) at B states."""
-        phi, psi = evaluate(self._violation, t, q, u, p)
+        phi, psi = evaluate_at(self._violation, t, q, u, p)
         return phi, psi
 
 
@@ -217,7 +217,7 @@ def quaternions(mechanism: Mechanism) -> tuple[slice, ...]:
     return tuple(found)
 
 
-def evaluate(function: Any, *given: ArrayLike) -> list[Array]:
+def evaluate_at(function: Any, *given: ArrayLike) -> list[Array]:
     """A CasADi function of columns at one state, outputs (n,), or at B states, outputs (n, B).
 
     What is the same at all states may be given once.

@@ -13,6 +13,7 @@ from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.recursions import gather
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
@@ -57,7 +58,7 @@ def _gravity(system: System) -> Channel:
         wrenches[k] = ca.vertcat(cross(link.centre, weight), weight)
         centre = pose.r + ca.mtimes(pose.E.T, link.centre)
         potential -= link.mass * ca.dot(system.gravity, centre)
-    return Channel("gravity", gather(system, wrenches), potential)
+    return Channel(ChannelName("gravity"), gather(system, wrenches), potential)
 
 
 def _joint_places(system: System, name: str) -> tuple[slice, slice, Any]:
@@ -118,7 +119,7 @@ def _joint_damper(system: System, element: JointDamper) -> list[Channel]:
     _, where, _ = _joint_places(system, element.joint)
     force = ca.SX.zeros(len(system.mechanism.speeds))
     force[where] = -system.vector(element.damping) * system.u_all[where]
-    return [Channel(f"damper {element.name}", force)]
+    return [Channel(ChannelName("damper", element.name), force)]
 
 
 def _joint_torque(system: System, element: JointTorque) -> list[Channel]:
@@ -128,7 +129,7 @@ def _joint_torque(system: System, element: JointTorque) -> list[Channel]:
         force[where] = system.inputs[system.input_places[element.name]]
     else:
         force[where] = system.vector(element.torque)
-    return [Channel(f"actuator {element.name}", force, logged=element.torque is None)]
+    return [Channel(ChannelName("actuator", element.name), force, logged=element.torque is None)]
 
 
 def _point_force(system: System, element: PointForce) -> list[Channel]:
@@ -138,7 +139,7 @@ def _point_force(system: System, element: PointForce) -> list[Channel]:
     f = ca.mtimes(E, force)
     n = ca.mtimes(E, moment) + cross(point, f)
     generalized = gather(system, {k: ca.vertcat(n, f)})
-    return [Channel(f"applied {element.name}", generalized)]
+    return [Channel(ChannelName("applied", element.name), generalized)]
 
 
 def _spring_damper(system: System, element: SpringDamper) -> list[Channel]:
@@ -176,7 +177,9 @@ def _spring_damper(system: System, element: SpringDamper) -> list[Channel]:
     if not _is_zero(element.damping):
         unit = between / ca.sqrt(ca.dot(between, between))
         closing = ca.dot(unit, _velocity(system, *ends[1]) - _velocity(system, *ends[0]))
-        made.append(Channel(f"damper {element.name}", _pull(system, ends, c * closing * unit)))
+        made.append(
+            Channel(ChannelName("damper", element.name), _pull(system, ends, c * closing * unit))
+        )
     return made
 
 
@@ -193,14 +196,14 @@ def _tendon(system: System, element: Tendon) -> list[Channel]:
             (a[k] * stretch ** (k + 2) / (k + 2) for k in range(len(a))), start=ca.SX(0)
         )
         tension = sum((a[k] * stretch ** (k + 1) for k in range(len(a))), start=ca.SX(0))
-        made.append(Channel(f"spring {element.name}", -tension * J, potential))
+        made.append(Channel(ChannelName("spring", element.name), -tension * J, potential))
     if not all(_is_zero(a) for a in element.damping):
         rate = ca.dot(J, system.u_all)
         a = [system.number(law) for law in element.damping]
         # Even powers with the sign of the rate: v |v|.
         powers = [rate ** (k + 1) if k % 2 == 0 else rate**k * ca.fabs(rate) for k in range(len(a))]
         tension = sum((c * power for c, power in zip(a, powers)), start=ca.SX(0))
-        made.append(Channel(f"damper {element.name}", -tension * J))
+        made.append(Channel(ChannelName("damper", element.name), -tension * J))
     return made
 
 
@@ -235,7 +238,7 @@ def _gravity_compensation(system: System, element: GravityCompensation) -> list[
         link = system.links[k]
         lift = -system.number(fraction) * link.mass * ca.mtimes(system.poses[k].E, system.gravity)
         wrenches[k] = ca.vertcat(cross(link.centre, lift), lift)
-    return [Channel(f"applied {element.name}", gather(system, wrenches))]
+    return [Channel(ChannelName("applied", element.name), gather(system, wrenches))]
 
 
 def _pull(system: System, ends: list[tuple[int, SX]], tension: SX) -> SX:
@@ -266,10 +269,10 @@ def _velocity(system: System, k: int, point: SX) -> SX:
 def _potential_channels(
     kind: str, name: str, force: SX, potential: SX, explicit: SX
 ) -> list[Channel]:
-    made = [Channel(f"{kind} {name}", force, potential)]
+    made = [Channel(ChannelName(kind, name), force, potential)]
     if not ca.SX(explicit).is_zero():
         nothing = ca.SX.zeros(force.shape[0])
-        made.append(Channel(f"prescribed {name}", nothing, explicit=explicit))
+        made.append(Channel(ChannelName("prescribed", name), nothing, explicit=explicit))
     return made
 
 

@@ -18,6 +18,7 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained, Terms, acatastatic
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.events import Impact, JointStop
 
 
@@ -42,9 +43,9 @@ class ImpactPoint:
     friction: SX
 
     @property
-    def channel(self) -> str:
+    def channel(self) -> ChannelName:
         """The channel in which its work is booked."""
-        return f"impact {self.name}"
+        return ChannelName("impact", self.name)
 
 
 def impact_points(system: System) -> tuple[ImpactPoint, ...]:

@@ -156,7 +156,11 @@ def matrices_at(
     Raises:
         InputError: unknown names, and independent speeds that the others do not follow from.
     """
-    book = _Book(mechanism, t, q, u, _motor_values(mechanism, inputs or {}), tuple(independent))
+    held: dict[str, Sequence[float]] = {
+        motor.name: [0.0] * len(mechanism.joint(motor.joint).speeds) for motor in mechanism.motors
+    }
+    held.update(inputs or {})
+    book = _Book(mechanism, t, q, u, held, tuple(independent))
     return book.matrices(udot, joints)
 
 
@@ -174,28 +178,6 @@ def stacked(samples: Sequence[Matrices]) -> Matrices:
         turns = np.sign(np.einsum("ij,ij->i", x[1:, k : k + 4], x[:-1, k : k + 4]))
         x[1:, k : k + 4] *= np.cumprod(np.where(turns < 0.0, -1.0, 1.0))[:, None]
     return Matrices(**values)
-
-
-def _motor_values(
-    mechanism: Mechanism, given: Mapping[str, Sequence[float]]
-) -> dict[str, Sequence[float]]:
-    names = [motor.name for motor in mechanism.motors]
-    for name in given:
-        if name not in names:
-            raise InputError(
-                f"inputs: no joint torque without a law is called {name!r}{closest(name, names)}"
-            )
-    values: dict[str, Sequence[float]] = {}
-    for motor in mechanism.motors:
-        size = len(mechanism.joint(motor.joint).speeds)
-        value = np.atleast_1d(np.asarray(given.get(motor.name, np.zeros(size)), dtype=float))
-        if value.shape != (size,) or not np.isfinite(value).all():
-            raise InputError(
-                f"inputs: {given[motor.name]!r} for joint torque {motor.name!r}; expected {size} finite "
-                "value(s), N·m or N"
-            )
-        values[motor.name] = value.tolist()
-    return values
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,10 @@ from deltac.dynamics.kkt import Schur
 from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
+from deltac.mechanism.channels import ChannelName
+
+DRIFT = ChannelName("correction", "drift")
+"""The channel of motion that violates its constraints."""
 
 
 @dataclass(frozen=True)
@@ -136,16 +140,6 @@ def multipliers(
         return ca.SX(0, 1)
     needed = (rnea(system, udot) - total_force(system, parts))[system.free_u]
     return constrained.multipliers_from(needed)
-
-
-def prescribed_channels(system: System, driving: SX) -> dict[str, SX]:
-    """Power of the channel ``prescribed <joint>`` of every driven joint."""
-    found: dict[str, SX] = {}
-    for joint in system.mechanism.joints:
-        if joint.prescribed:
-            place = system.mechanism.speeds.of(joint.name)
-            found[f"prescribed {joint.name}"] = ca.dot(driving[place], system.u_all[place])
-    return found
 
 
 @dataclass(frozen=True)
@@ -264,14 +258,33 @@ def terms(
     )
 
 
-def channel_powers(system: System, parts: tuple[Channel, ...]) -> dict[str, SX]:
+def channel_powers(system: System, parts: tuple[Channel, ...]) -> dict[ChannelName, SX]:
     """Power of each channel, f·u + explicit (W)."""
-    found: dict[str, SX] = {}
+    found: dict[ChannelName, SX] = {}
     for part in parts:
         power = ca.dot(part.force, system.u_all)
         if part.explicit is not None:
             power = power + part.explicit
         found[part.name] = power
+    return found
+
+
+def reaction_powers(
+    system: System, reactions: Reactions, constrained: Constrained | None
+) -> dict[ChannelName, SX]:
+    """Power (W) of what drives each prescribed joint, of each constraint, −bᵀλ, and of drift, ψᵀλ."""
+    found: dict[ChannelName, SX] = {}
+    for joint in system.mechanism.joints:
+        if joint.prescribed:
+            place = system.mechanism.speeds.of(joint.name)
+            power = ca.dot(reactions.driving[place], system.u_all[place])
+            found[ChannelName("prescribed", joint.name)] = power
+    if constrained is not None:
+        rows, multipliers = constrained.rows, reactions.multipliers
+        for name in dict.fromkeys(rows.names):
+            k = rows.places(name)
+            found[ChannelName("constraint", name)] = -ca.dot(rows.b[k], multipliers[k])
+        found[DRIFT] = ca.dot(rows.psi, multipliers)
     return found
 
 

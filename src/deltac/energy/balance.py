@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -21,89 +22,94 @@ from deltac.dynamics.testing_functions import (
 from deltac.energy.discrete import discrete_work
 from deltac.energy.ledger import Ledger
 from deltac.energy.prepare import checked_samples, violations
-from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
 from deltac.energy.terms import (
+    LedgerKernels,
     LedgerSymbols,
     LoggedForces,
-    energies,
-    ledger_kernel,
+    ledger_kernels,
     ledger_symbols,
-    powers,
     residual_kernel,
     variants,
 )
+from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WORK = ("in-loop", "samples", "discrete")
 EPS = float(np.finfo(np.float64).eps)
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def balance(
-    mechanism: Mechanism,
+    model: ModelLike,
     run: Trajectory,
     work: str | None = None,
     testing: Sequence[str] | None = None,
     *,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory.
 
     Args:
-        mechanism: the model that the motion is tested against.
+        model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion. Forces that it holds are used in place of the model's own, and channels that the
             model does not have are added.
         work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
             where the run has them). "samples": by quadrature along the samples. "discrete": forces held
             over a step do the work h fᵀ(u_k + u_{k+1})/2, for engines that step so.
         testing: names of testing functions; by default those integrated in the loop, or all.
-        speeds: generalized speeds in which the kinetic energy is divided (Kane–Levinson).
+        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson).
 
     Returns:
-        The ledger; works and turnover are always taken along the samples.
+        The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
+        the run has them, else they are taken along the samples; each has an error bar.
 
     Raises:
         InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
             lacks the integrals asked for.
     """
-    require_mechanism(mechanism)
+    mechanism = load_model(model).mechanism
     _require_trajectory(run)
     method = _method(run, work)
     tied = bool(mechanism.constraints)
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
+    if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
+        _require_same_division(run, coordinates)
     rows = rows_of(run)
     log = LoggedForces.of(rows)
     samples, basis = checked_samples(mechanism, rows, log)
-    compiled = _compiled(mechanism, log, functions, speeds, _start(samples))
-    symbols, kernel, names = compiled.symbols, compiled.between, compiled.powers
-    sampled = at_samples(samples, *_evaluation(compiled.at_samples, log))
-    energy_at = {n: e[rows.own] for n, e in zip(compiled.energies, sampled)}
-    known = sampled[len(compiled.energies) :]
-    channel_names = [n.removeprefix("power ") for n in names if n.startswith("power ")]
-    channel_powers = {n: p[rows.own] for n, p in zip(channel_names, known)}
-    barred = slice(len(channel_names), None)
-    evaluate, rated = _evaluation(kernel, log)
-    every = integrate_pieces(samples, rows.starts, evaluate, known, rated, barred)
-    integral = replace(every, value=every.value[rows.own], bar=every.bar[rows.own])
-    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, speeds)
-    delta_c: dict[str, Array] = {}
-    bars: dict[str, Array] = {}
-    potential = {n.removeprefix("V "): e for n, e in energy_at.items() if n.startswith("V ")}
-    parts = Energies(*(energy_at[name] for name in ("K2", "K1", "K0", "V")))
-    V = parts.V
-    # Trapezoids: the turnover is a scale, not a balance.
-    flow = np.trapezoid(sampled[compiled.energies.index("flow")], rows.t)
-    turnover = float(flow + np.ptp(parts.K) + np.ptp(V)) + jumped.turnover
-    scale = sum(float(np.abs(e).max()) for e in (parts.K2, parts.K1, parts.K0, V)) + turnover
-    rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
+    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
+    sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
+    places = kernels.at_samples.output_slices.items()
+    here = {name: sampled[where][:, rows.own] for name, where in places}
+    power = dict(zip(kernels.powers, (*here["conservative"], *here["channels"])))
+    known = sampled[-kernels.between.n_out :]
+    evaluate, rated = _evaluation(kernels.between, log)
+    leading = slice(len(kernels.channels), None)
+    found = integrate_pieces(samples, rows.starts, evaluate, known, rated, leading)
+    sums = {
+        name: [Work(found.value[rows.own, k], found.bar[rows.own, k]) for k in _range(where)]
+        for name, where in kernels.between.output_slices.items()
+    }
+    parts = Energies(*here["energies"])
+    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
     discrete = None
     if method == "discrete":
         discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
+
+    # The testing functions.
+    integrals = dict(zip(kernels.functions, sums["functions"]))
+    delta_c: dict[str, Array] = {}
+    bars: dict[str, Array] = {}
     for function in functions:
         E = function.E(parts)
         for name in variants(symbols, function.name):
@@ -114,24 +120,50 @@ def balance(
             elif discrete is not None:
                 flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
-                flowed = integral.value[:, names.index(f"P {name}")]
-                bar = _bar(integral, names, f"P {name}")
+                flowed, bar = integrals[name].value, integrals[name].bar
                 flowed = flowed + _projected(run, potential=function.name != "liu-huston")
             if method != "in-loop":
                 flowed = flowed + jumped.functions.get(function.name, 0.0)
             delta_c[name] = E - E[0] - (flowed - flowed[0])
-            bars[name] = bar + rounding
-    works = {
-        n: integral.value[:, names.index(f"power {n}")] if discrete is None else discrete.work[n]
-        for n in channel_names
-    }
-    silent = {f"impact {e.name}": np.zeros(len(run)) for e in mechanism.events if e.impulsive}
-    for name, work_of_impulses in (silent | dict(jumped.work)).items():
-        works[name] = works.get(name, np.zeros(len(run))) + work_of_impulses
-        channel_powers.setdefault(name, np.zeros(len(run)))
+            bars[name] = bar
+
+    # The works: those of forces, of impulses, and of corrections.
+    potential = dict(zip(kernels.potential, here["potential"]))
+    corrected = _corrections(mechanism, run)
+    quadrature = dict(zip(kernels.channels, sums["channels"]))
+    if discrete is not None:
+        nothing = np.zeros(len(run))
+        works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
+    else:
+        works = dict(quadrature)
+        if method == "in-loop":
+            left = [d + sum(corrected.values()) for d in delta_c.values()]
+            unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
+            for name in works.keys() & run.works.keys():
+                value = run.works[name] - run.works[name][0]
+                works[name] = in_loop(value, quadrature[name], unaccounted)
+        for name in kernels.conservative:
+            driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
+            works[name] = of_potential(potential[name], None if driven is None else works[driven])
+        works = {name: works[name] for name in kernels.powers}
+    flows = [exchanged(w, power[name], run.t) for name, w in works.items()]
+    energy_exchanged = sum(flows) + jumped.exchanged + float(np.ptp(parts.K) + np.ptp(parts.V))
+    scale = energy_exchanged + sum(float(np.abs(e).max()) for e in here["energies"])
+    rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
+    bars = {name: bar + rounding for name, bar in bars.items()}
+    impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
+    for name in dict.fromkeys((*impulsive, *jumped.work)):
+        added = Work.exact(jumped.work.get(name, np.zeros(len(run))), "events")
+        works[name] = works[name] + added if name in works else added
+        power.setdefault(name, np.zeros(len(run)))
         basis.setdefault(name, "measured")
-    works.update(_corrections(mechanism, run))
-    momentum, momentum_bar = _momenta(energy_at, integral, names, jumped.momentum)
+    works |= {name: Work(value, rounding, "booked") for name, value in corrected.items()}
+    if method == "in-loop" and "wang" in delta_c:
+        free = {n: w for n, w in works.items() if n not in potential}
+        E = parts.K + parts.V
+        missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
+        works |= widened(free, missing)
+    momentum, momentum_bar = _momenta(kernels, here["momentum"], sums["force"], jumped.momentum)
     return Ledger(
         t=run.t,
         method=method,
@@ -139,28 +171,31 @@ def balance(
         K1=parts.K1,
         K0=parts.K0,
         potential=potential,
-        power=channel_powers,
-        work=works,
+        power=power,
+        work={name: w.value for name, w in works.items()},
+        work_error={name: w.bar for name, w in works.items()},
+        work_from={name: w.way for name, w in works.items()},
         delta_c=delta_c,
         error_bar=bars,
-        turnover=turnover,
+        energy_exchanged=energy_exchanged,
         momentum=momentum,
         momentum_bar=momentum_bar,
         violation=violations(mechanism, run),
         basis={
-            **{n: "measured" if n in run.forces else "computed" for n in channel_names},
+            **{n: "measured" if n in run.forces else "computed" for n in kernels.powers},
             **basis,
         },
-        rule="discrete" if discrete is not None else integral.rule,
+        rule="discrete" if discrete is not None else found.rule,
     )
 
 
+@renamed_keywords(mechanism="model", speeds="coordinates")
 def residuals(
-    mechanism: Mechanism,
+    model: ModelLike,
     run: Trajectory,
     testing: Sequence[str] | None = None,
     *,
-    speeds: CoordinateMap | None = None,
+    coordinates: CoordinateMap | None = None,
 ) -> dict[str, Array]:
     """The testing functions in rate form, ε = Ė − P (W), at every sample: no integration at all.
 
@@ -169,19 +204,20 @@ def residuals(
 
     Raises InputError as `balance`, and for a run without u̇.
     """
+    mechanism = load_model(model).mechanism
+    _require_trajectory(run)
     if run.udot is None:
         raise InputError("residuals need the accelerations u̇ of the run; it has none")
     log = LoggedForces.of(run)
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
-    symbols = ledger_symbols(mechanism, log, speeds, _start(samples))
+    symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     tied = bool(mechanism.constraints)
     functions = testing_functions(
         applicable(constrained=tied) if testing is None else testing, constrained=tied
     )
     found = _at_samples(residual_kernel(symbols, functions), samples, log)
-    shaped = {n.removeprefix("rate "): value for n, value in found.items()}
-    shaped["coordinates"] = shaped["coordinates"].reshape(len(run), -1)
-    return shaped
+    found["coordinates"] = found["coordinates"].reshape(len(run), -1)
+    return found
 
 
 def _require_trajectory(run: object) -> None:
@@ -206,6 +242,17 @@ def _method(run: Trajectory, work: str | None) -> str:
             "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
         )
     return work
+
+
+def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
+    """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
+    taken, _, names = run.provenance.notes.get("coordinates", "").partition(" ")
+    if taken != ("" if coordinates is None else coordinates.digest):
+        of = f"in the own speeds {names}" if taken else "in the mechanism's speeds"
+        raise InputError(
+            f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
+            f"balance {'the same coordinates=' if taken else 'none'}, or work='samples'"
+        )
 
 
 def _chosen(
@@ -241,21 +288,21 @@ def _chosen(
 CORRECTIONS = ("correction kinetic", "correction potential")
 """Integrals in which a run books what projections and corrections of the energy did to K and V."""
 
-ENERGY_CORRECTION = "correction energy"
-"""The integral that holds the latter's part of both."""
+ENERGY_CORRECTION = ChannelName("correction", "energy")
+"""The integral that holds the latter's part of both, and the channel of that work."""
+
+PROJECTION = ChannelName("correction", "projection")
 
 
-def _corrections(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
+def _corrections(mechanism: Mechanism, run: Trajectory) -> dict[ChannelName, Array]:
     """Work (T,) of what a run was corrected by, by channel."""
-    works: dict[str, Array] = {}
+    works: dict[ChannelName, Array] = {}
     if ENERGY_CORRECTION in run.integrals:
         works[ENERGY_CORRECTION] = (
             run.integrals[ENERGY_CORRECTION] - run.integrals[ENERGY_CORRECTION][0]
         )
     if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
-        works["correction projection"] = _projected(run, potential=True) - works.get(
-            ENERGY_CORRECTION, 0.0
-        )
+        works[PROJECTION] = _projected(run, potential=True) - works.get(ENERGY_CORRECTION, 0.0)
     return works
 
 
@@ -268,18 +315,7 @@ def _projected(run: Trajectory, *, potential: bool) -> Array:
     return total
 
 
-@dataclass(frozen=True, eq=False)
-class _Compiled:
-    """The kernels of a ledger: all that is wanted at the samples, and powers alone between them."""
-
-    symbols: LedgerSymbols
-    energies: list[str]
-    powers: list[str]
-    at_samples: Kernel
-    between: Kernel
-
-
-_KEPT: LRUCache[_Compiled] = LRUCache(16)
+_KEPT: LRUCache[tuple[LedgerSymbols, LedgerKernels]] = LRUCache(16)
 
 
 def _compiled(
@@ -288,15 +324,12 @@ def _compiled(
     functions: Sequence[TestingFunction],
     speeds: CoordinateMap | None,
     start: tuple[float, Array],
-) -> _Compiled:
+) -> tuple[LedgerSymbols, LedgerKernels]:
     """Traced and compiled once for logs of the same mechanism that hold the same forces."""
 
-    def make() -> _Compiled:
+    def make() -> tuple[LedgerSymbols, LedgerKernels]:
         symbols = ledger_symbols(mechanism, log, speeds, start)
-        power = powers(symbols, functions)
-        energy = energies(symbols, power)
-        both = ledger_kernel(symbols, energy | power)
-        return _Compiled(symbols, list(energy), list(power), both, ledger_kernel(symbols, power))
+        return symbols, ledger_kernels(symbols, functions, log.places.keys())
 
     # Where the run starts decides which rows of the constraints are independent.
     where = (start[0], start[1].tobytes()) if mechanism.constraints else None
@@ -346,26 +379,21 @@ def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, .
     return evaluate, rated
 
 
-def _bar(integral: Integral, names: Sequence[str], name: str) -> Array:
-    """Bars are there for the last columns only."""
-    return integral.bar[:, names.index(name) - len(names)]
+def _range(where: slice) -> range:
+    return range(where.start, where.stop)
 
 
 def _momenta(
-    energy: Mapping[str, Array],
-    integral: Integral,
-    names: Sequence[str],
+    kernels: LedgerKernels,
+    momentum: Array,
+    sums: Sequence[Work],
     impulses: Mapping[str, Array],
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """h(t) − h(0) − ∫ force dt of every momentum balance, with its bar."""
+    """h(t) − h(0) − ∫ force dt of every momentum balance (T,), with its bar."""
     departures: dict[str, Array] = {}
     bars: dict[str, Array] = {}
-    for key in names:
-        if key.startswith("rate "):
-            impulse, bar = integral.value[:, names.index(key)], _bar(integral, names, key)
-            name = key.removeprefix("rate ")
-            impulse = impulse + impulses.get(name, 0.0)
-            h = energy[f"momentum {name}"]
-            departures[name] = h - h[0] - impulse
-            bars[name] = bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())
+    for name, h, force in zip(kernels.momenta, momentum, sums):
+        impulse = force.value + impulses.get(name, 0.0)
+        departures[name] = h - h[0] - impulse
+        bars[name] = force.bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())
     return departures, bars

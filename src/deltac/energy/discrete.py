@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -15,6 +14,7 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.sampling.segments import Rows
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class DiscreteWork:
     `explicit` is the part of `work` that is ∂V/∂t of driven springs: it feeds V and no force does it.
     """
 
-    work: Mapping[str, Array]
+    work: ByChannel
     explicit: Array
     bias: Array
-    potential: frozenset[str]
+    potential: frozenset[ChannelName]
 
     def at(self, rows: NDArray[np.intp] | slice) -> DiscreteWork:
         """Some of the rows."""
@@ -53,39 +53,39 @@ def discrete_work(
     symbols: LedgerSymbols, run: Rows, samples: Samples, log: LoggedForces
 ) -> DiscreteWork:
     """Forces at the start of each step, times the mean of the speeds at its ends."""
-    s = symbols.system
-    outputs = {part.name: ca.densify(part.force) for part in symbols.parts}
+    s, nu = symbols.system, len(symbols.system.mechanism.speeds)
+    acting = {part.name: part.force for part in symbols.parts}
     reactions = symbols.reactions
     for joint in s.mechanism.joints:
-        name = f"prescribed {joint.name}"
         if joint.prescribed:
             place = s.mechanism.speeds.of(joint.name)
-            force = ca.SX.zeros(len(s.mechanism.speeds))
+            force = ca.SX.zeros(nu)
             force[place] = reactions.driving[place]
-            outputs[name] = force
+            acting[ChannelName("prescribed", joint.name)] = force
     if symbols.constrained is not None:
         rows = symbols.constrained.rows
         for owner in dict.fromkeys(rows.names):
             k = rows.places(owner)
             force = ca.mtimes(rows.G_all[k, :].T, reactions.multipliers[k])
-            outputs[f"constraint {owner}"] = ca.densify(force)
-    outputs["bias"] = ca.densify(-rnea(s, ca.SX.zeros(len(s.mechanism.speeds))))
-    kernel = Kernel(symbols.inputs, outputs, name="forces")
+            acting[ChannelName("constraint", owner)] = force
+    bias = -rnea(s, ca.SX.zeros(nu))
+    forces = ca.densify(ca.vertcat(bias, *acting.values()))
+    kernel = Kernel(symbols.inputs, {"forces": forces}, name="forces")
     given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
     given["q"], given["u"] = samples.smooth["q"].values, samples.smooth["u"].values
     given["udot"] = samples.smooth["u"].rates
     arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
     if "logged" in kernel.input_names:
         arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)
-    forces = kernel(**arrays)
+    found = kernel(**arrays)["forces"].reshape(len(run), -1, nu)
     h = np.diff(run.t)
     mean = 0.5 * (run.u[1:] + run.u[:-1])
 
     def cumulated(force: Array) -> Array:
-        steps = h * np.einsum("ij,ij->i", force.reshape(len(run), -1)[:-1], mean)
+        steps = h * np.einsum("ij,ij->i", force[:-1], mean)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    work = {name: cumulated(force) for name, force in forces.items() if name != "bias"}
+    work = {name: cumulated(found[:, 1 + k]) for k, name in enumerate(acting)}
     # ∂V/∂t does work though no force acts: a left-end sum, of the scheme's own order.
     driven = np.zeros(len(run))
     for part in symbols.parts:
@@ -97,4 +97,4 @@ def discrete_work(
             work[part.name] += steps
             driven += steps
     potential = frozenset(part.name for part in symbols.parts if part.potential is not None)
-    return DiscreteWork(work, driven, cumulated(forces["bias"]), potential)
+    return DiscreteWork(work, driven, cumulated(found[:, 0]), potential)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.by_name import ByName
+from deltac.deprecation import RenamedAttribute
+from deltac.energy.works import unresolved
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
 
 if TYPE_CHECKING:
@@ -19,8 +23,8 @@ if TYPE_CHECKING:
 class Ledger(
     Report,
     omit=(
-        *("t", "K2", "K1", "K0", "potential", "power", "work", "delta_c", "error_bar", "momentum"),
-        *("momentum_bar", "violation"),
+        *("t", "K2", "K1", "K0", "potential", "power", "work", "work_error", "work_from"),
+        *("delta_c", "error_bar", "momentum", "momentum_bar", "violation"),
     ),
     also=("duration", "works", "energies", "functions"),
 ):
@@ -32,11 +36,14 @@ class Ledger(
         kinetic: K (T,); `K2`, `K1`, `K0` are its parts of degree 2, 1, 0 in the generalized speeds.
         potential: V of each source, ``"gravity"``, ``"spring elbow"`` (T,).
         power: power of each channel, positive into the system (T,).
-        work: cumulated work of each channel, from the first sample on (T,).
+        work: cumulated work of each channel, from the first sample on (T,); `work_error`: how far it may
+            be off (T,); `work_from`: how it was found, "in-loop", "samples", "discrete", from a
+            "potential", from "events", or "booked" by a correction.
         delta_c: ΔC of each testing function (T,); exact motion keeps it at zero. Where the driving force
             of a prescribed joint was logged, "wang" uses it and "wang-inertial" does not.
-        error_bar: how far ΔC may be off for other reasons than the motion: quadrature and rounding (T,).
-        turnover: the energy turned over, ∫Σ|P| dt + range(K) + range(V): what ΔC is to be compared with.
+        error_bar: numerical uncertainty of ΔC (quadrature and round-off) (T,).
+        energy_exchanged: ∫Σ|P| dt + range(K) + range(V), as far as the samples resolve it: what ΔC is to be
+            compared with.
         momentum: departure of each momentum balance (T,), kg·m/s or kg·m²/s; `momentum_bar` likewise.
         violation: departure of prescribed joints from their laws, of the motion from its constraints, of
             quaternions from unit length (T,).
@@ -52,17 +59,25 @@ class Ledger(
     K2: Array
     K1: Array
     K0: Array
-    potential: Mapping[str, Array]
-    power: Mapping[str, Array]
-    work: Mapping[str, Array]
+    potential: ByChannel
+    power: ByChannel
+    work: ByChannel
+    work_error: ByChannel
+    work_from: Mapping[Any, str]
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
-    turnover: float
+    energy_exchanged: float
     momentum: Mapping[str, Array]
     momentum_bar: Mapping[str, Array]
     violation: Mapping[str, Array]
     basis: Mapping[str, str]
     rule: str = ""
+
+    turnover = RenamedAttribute("energy_exchanged")
+
+    def __post_init__(self) -> None:
+        for name, what in _WHAT.items():
+            object.__setattr__(self, name, ByName(what, getattr(self, name)))
 
     @property
     def kinetic(self) -> Array:
@@ -74,15 +89,30 @@ class Ledger(
         """Potential energy V of all sources together (T,)."""
         return sum(self.potential.values(), start=np.zeros(len(self.t)))
 
+    @property
+    def energy_stored(self) -> Array:
+        """K + V above the lowest potential energy of the run (T,): what the system has at a time."""
+        V = self.potential_energy
+        above: Array = self.kinetic + (V - V.min())
+        return above
+
+    @property
+    def unresolved(self) -> tuple[ChannelName, ...]:
+        """The channels whose work is hardly known: its error is a tenth of it, or more.
+
+        Errors below a millionth of the energy exchanged do not count.
+        """
+        return unresolved(self.work, self.work_error, self.energy_exchanged)
+
     def relative(self, name: str) -> float:
-        """Largest |ΔC| of a testing function as a fraction of the energy turned over."""
+        """Largest |ΔC| of a testing function as a fraction of the energy exchanged."""
         largest = float(np.abs(self.delta_c[name]).max())
-        return largest / self.turnover if self.turnover > 0 else 0.0
+        return largest / self.energy_exchanged if self.energy_exchanged > 0 else 0.0
 
     @property
     def corrections(self) -> Array:
         """Work (T,) by which a simulator corrected its own state: channels ``correction …``."""
-        works = (w - w[0] for n, w in self.work.items() if n.startswith("correction "))
+        works = (w - w[0] for name, w in self.work.items() if name.kind == "correction")
         return sum(works, start=np.zeros(len(self.t)))
 
     def uncorrected(self, name: str) -> Array:
@@ -94,10 +124,11 @@ class Ledger(
         import polars
 
         columns: dict[str, Array] = {"time": self.t, "kinetic": self.kinetic}
-        groups = {
+        groups: dict[str, Mapping[Any, Array]] = {
             "potential": self.potential,
             "power": self.power,
             "work": self.work,
+            "work_error": self.work_error,
             "delta_c": self.delta_c,
             "error_bar": self.error_bar,
             "momentum": self.momentum,
@@ -112,10 +143,21 @@ class Ledger(
         """Time from the first sample to the last, s."""
         return float(self.t[-1] - self.t[0])
 
-    def works(self) -> dict[str, float]:
-        """Work of each channel over the whole time, largest first, J."""
-        works = {name: float(w[-1] - w[0]) for name, w in self.work.items()}
-        return dict(sorted(works.items(), key=lambda item: -abs(item[1])))
+    def works(self) -> dict[str, dict[str, Any]]:
+        """Of each channel, largest first: its work over the whole time, how far that may be off (J).
+
+        `resolved` is False for those in `unresolved`.
+        """
+        unknown = self.unresolved
+        return {
+            name: {
+                "work": float(self.work[name][-1] - self.work[name][0]),
+                "error": float(self.work_error[name].max()),
+                "resolved": name not in unknown,
+                "from": self.work_from[name],
+            }
+            for name in sorted(self.work, key=lambda name: -abs(self.work[name][-1]))
+        }
 
     def energies(self) -> dict[str, float]:
         """Change of K and of V from each source over the whole time, J."""
@@ -126,7 +168,7 @@ class Ledger(
         }
 
     def functions(self) -> dict[str, dict[str, float]]:
-        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy turned over."""
+        """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy exchanged."""
         return {
             name: {
                 "delta_c": float(np.abs(values).max()),
@@ -137,18 +179,26 @@ class Ledger(
         }
 
     def summary(self) -> str:
-        """Method, largest |ΔC| of each testing function, energy turned over."""
+        """Method, largest |ΔC| of each testing function, energy exchanged."""
         worst = ", ".join(
             f"{name} {f['delta_c']:.3g} ± {f['error_bar']:.1g} J"
             for name, f in self.functions().items()
         )
-        return f"{self.method}; max |ΔC|: {worst}; {self.turnover:.4g} J turned over"
+        return f"{self.method}; max |ΔC|: {worst}; {self.energy_exchanged:.4g} J exchanged"
 
     def sections(self) -> Iterator[Section]:
         """Works of the channels and changes of the energies, then the testing functions."""
-        rows = [(n, number(w), self.basis.get(n, "computed")) for n, w in self.works().items()]
-        changes = [(f"Δ{name}", number(change), "") for name, change in self.energies().items()]
-        yield Table(("channel", "energy (J)", "basis"), (*rows, (), *changes))
+        rows = [
+            (
+                name,
+                number(found["work"]) if found["resolved"] else "unresolved",
+                number(found["error"], digits=2),
+                self.basis.get(name, "computed"),
+            )
+            for name, found in self.works().items()
+        ]
+        changes = [(f"Δ{name}", number(change), "", "") for name, change in self.energies().items()]
+        yield Table(("channel", "energy (J)", "± (J)", "basis"), (*rows, (), *changes))
         yield Table(
             ("testing function", "max |ΔC| (J)", "± (J)", "share"),
             tuple(
@@ -161,4 +211,19 @@ class Ledger(
                 for name, f in self.functions().items()
             ),
         )
-        yield f"{self.turnover:.4g} J were turned over in {self.duration:g} s; ΔC by {self.method}."
+        yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
+
+
+_WHAT = {
+    "potential": "source of potential energy",
+    "power": "channel",
+    "work": "channel",
+    "work_error": "channel",
+    "work_from": "channel",
+    "delta_c": "testing function",
+    "error_bar": "testing function",
+    "momentum": "momentum balance",
+    "momentum_bar": "momentum balance",
+    "violation": "violation",
+}
+"""What each of the ledger's mappings is of."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.energy.balance import balance
 from deltac.energy.ledger import Ledger
+from deltac.energy.works import Work, exchanged
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Occurrence, Trajectory
@@ -22,7 +23,7 @@ KEPT = 20_000
 """Rows of the ledger that is handed back, about."""
 
 _CARRIED = ("work", "delta_c", "momentum")
-_BARS = ("error_bar", "momentum_bar")
+_BARS = ("work_error", "error_bar", "momentum_bar")
 _PLAIN = ("potential", "power", "violation")
 
 
@@ -45,9 +46,9 @@ def balance_chunks(
         kept: about how many rows to keep: of equal parts of the log those where |ΔC| is largest.
 
     Returns:
-        The ledger at the rows kept, and these rows of the log. Works, ΔC and turnover are taken over all
-        rows; the largest |ΔC| is among those kept. Discrete works and those in the loop are the ones of
-        `balance` to rounding; works on samples are too, but where chunks differ in the order of
+        The ledger at the rows kept, and these rows of the log. Works, ΔC and the energy exchanged are taken
+        over all rows; the largest |ΔC| is among those kept. Discrete works and those in the loop are
+        the ones of `balance` to rounding; works on samples are too, but where chunks differ in the order of
         interpolation that suits them: then within the error bar, which adds up over chunks.
 
     Raises:
@@ -73,17 +74,17 @@ def balance_chunks(
         happened |= {(event.t, event.names): event for event in chunk.run.events}
     if state is None:
         raise InputError("the log has no rows; a balance needs at least two")
-    turnover = state.flow + float(np.ptp(state.K)) + float(np.ptp(state.V))
+    total = state.exchanged + float(np.ptp(state.K)) + float(np.ptp(state.V))
     kept_rows = replace(_joined_rows(rows), events=tuple(happened.values()))
-    return replace(_joined(parts), turnover=turnover), kept_rows
+    return replace(_joined(parts), energy_exchanged=total), kept_rows
 
 
 @dataclass
 class _Carry:
-    """What earlier chunks came to: last values by (group, name), the flow so far, extremes of K and V."""
+    """What earlier chunks came to: last values by (group, name), energy exchanged, extremes of K and V."""
 
     last: dict[tuple[str, str], float] = field(default_factory=dict)
-    flow: float = 0.0
+    exchanged: float = 0.0
     K: list[float] = field(default_factory=list)
     V: list[float] = field(default_factory=list)
 
@@ -100,11 +101,14 @@ class _Carry:
                 groups[group][name] = here
                 self.last[group, name] = float(here[-1])
         through = np.arange(before, core[-1] + 1)
-        for power in ledger.power.values():
-            self.flow += float(np.trapezoid(np.abs(power[through]), ledger.t[through]))
-        for name, work in ledger.work.items():  # an impulse has no power
-            if name.startswith("impact "):
-                self.flow += float(np.abs(np.diff(work[through])).sum())
+        t = ledger.t[through]
+        for name, power in ledger.power.items():
+            sums, bar = ledger.work[name][through], ledger.work_error[name][through]
+            work = Work(sums, bar, ledger.work_from[name])
+            if name.kind == "impact":  # an impulse has no power
+                self.exchanged += float(np.abs(np.diff(work.value)).sum())
+            else:
+                self.exchanged += exchanged(work, power[through], t)
         for extremes, values in ((self.K, ledger.kinetic), (self.V, ledger.potential_energy)):
             extremes[:] = [
                 float(np.min([values[core].min(), *extremes])),
@@ -155,6 +159,7 @@ def _rows(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
         u=run.u[rows],
         udot=None if run.udot is None else run.udot[rows],
         forces={name: force[rows] for name, force in run.forces.items()},
+        works={name: values[rows] for name, values in run.works.items()},
         integrals={name: values[rows] for name, values in run.integrals.items()},
         events=(),
     )
@@ -169,5 +174,6 @@ def _joined_rows(parts: Sequence[Trajectory]) -> Trajectory:
         u=np.concatenate([p.u for p in parts]),
         udot=None if first.udot is None else np.concatenate([np.asarray(p.udot) for p in parts]),
         forces={n: np.concatenate([p.forces[n] for p in parts]) for n in first.forces},
+        works={n: np.concatenate([p.works[n] for p in parts]) for n in first.works},
         integrals={n: np.concatenate([p.integrals[n] for p in parts]) for n in first.integrals},
     )

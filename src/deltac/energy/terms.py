@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.forces import Channel, total_force
 from deltac.dynamics.independence import independence
@@ -22,7 +23,7 @@ from deltac.dynamics.terms import (
     Reactions,
     Terms,
     channel_powers,
-    prescribed_channels,
+    reaction_powers,
     reactions_from,
     terms,
 )
@@ -31,6 +32,7 @@ from deltac.energy.sampling.segments import Rows
 from deltac.errors import InputError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -43,15 +45,15 @@ class LoggedForces:
     `places` maps a channel to its speeds; `columns` to where they lie among the kernel's inputs.
     """
 
-    places: Mapping[str, list[int]]
-    columns: Mapping[str, slice]
+    places: Mapping[Any, list[int]]
+    columns: Mapping[Any, slice]
     size: int
 
     @staticmethod
     def of(run: Trajectory | Rows) -> LoggedForces:
         """What the forces of a trajectory act on."""
-        places: dict[str, list[int]] = {}
-        columns: dict[str, slice] = {}
+        places: dict[ChannelName, list[int]] = {}
+        columns: dict[ChannelName, slice] = {}
         start = 0
         for name, force in run.forces.items():
             acting = [int(k) for k in np.flatnonzero(_any_nonzero(force))]
@@ -60,7 +62,7 @@ class LoggedForces:
             start += len(acting)
         return LoggedForces(places, columns, start)
 
-    def values(self, run: Trajectory | Rows) -> dict[str, np.ndarray]:
+    def values(self, run: Trajectory | Rows) -> dict[ChannelName, np.ndarray]:
         """The columns of each channel (T, n)."""
         return {name: columns(run.forces[name], places) for name, places in self.places.items()}
 
@@ -102,12 +104,20 @@ class LedgerSymbols:
     system: System
     parts: tuple[Channel, ...]
     logged: SX
-    measured: Mapping[str, SX]
+    measured: Mapping[ChannelName, SX]
     constrained: Constrained | None
     reactions: Reactions
     computed: Terms
     with_measured: Terms | None
     udot: SX
+
+    @property
+    def driven(self) -> frozenset[ChannelName]:
+        """The channels with a potential that depends on time: ``prescribed <element>`` holds ∂V/∂t."""
+        explicit = {part.name.element for part in self.parts if part.explicit is not None}
+        return frozenset(
+            p.name for p in self.parts if p.potential is not None and p.name.element in explicit
+        )
 
     @property
     def inputs(self) -> dict[str, SX]:
@@ -129,18 +139,13 @@ def ledger_symbols(
     """
     motion = equations_of_motion(mechanism)
     system = motion.system
-    if speeds is not None and mechanism.constraints:
-        raise InputError(
-            "own generalized speeds (speeds=) and constraints cannot be combined: the constraints already "
-            "choose how the motion is divided"
-        )
+    own = trace_split(system, speeds)
     bound = motion.constrained(independence(motion, *start).independent)
-    own = trace_map(system, speeds) if speeds is not None else None
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)
-    driven = {f"prescribed {joint.name}" for joint in mechanism.joints if joint.prescribed}
-    ties = {f"constraint {constraint.name}" for constraint in mechanism.constraints}
-    forces: dict[str, SX] = {}
+    driven = {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}
+    ties = {ChannelName("constraint", constraint.name) for constraint in mechanism.constraints}
+    forces: dict[ChannelName, SX] = {}
     for name, places in log.places.items():
         force = ca.SX.zeros(nu)
         for k, place in enumerate(places):
@@ -173,8 +178,8 @@ def ledger_symbols(
 
 
 def _measured(
-    measured: Mapping[str, SX],
-    driven: set[str],
+    measured: Mapping[ChannelName, SX],
+    driven: set[ChannelName],
     nu: int,
     bound: Constrained | None,
     system: System,
@@ -187,43 +192,73 @@ def _measured(
     return Reactions(driving, multipliers)
 
 
-def energies(symbols: LedgerSymbols, powers: Mapping[str, SX]) -> dict[str, SX]:
-    """K2, K1, K0, V and the potential of every source, every momentum; and `flow`, Σ|P| of all channels."""
-    k = symbols.computed
-    outputs = {"K2": k.K2, "K1": k.K1, "K0": k.K0, "V": k.V}
-    channels = (power for name, power in powers.items() if name.startswith("power "))
-    outputs["flow"] = sum((ca.fabs(power) for power in channels), start=ca.SX(0))
-    for part in symbols.parts:
-        if part.potential is not None:
-            outputs[f"V {part.name}"] = part.potential
-    for balance in momentum_balances(symbols.system):
-        outputs[f"momentum {balance.name}"] = balance.momentum
-    return outputs
+@dataclass(frozen=True)
+class LedgerKernels:
+    """The kernels of a ledger, and what their outputs are, in order.
+
+    `at_samples`: K2, K1, K0 and V (`energies`), the `potential` of each source, each `momentum`, the powers
+    of the `conservative` channels, then all of `between`: the powers of the other `channels`, the powers P
+    of the testing `functions`, the `force` on each momentum. Conservative is what has a potential, unless
+    the log holds its force: its work is what the potential lost, and its power need not be integrated.
+    """
+
+    conservative: tuple[ChannelName, ...]
+    channels: tuple[ChannelName, ...]
+    potential: tuple[ChannelName, ...]
+    functions: tuple[str, ...]
+    momenta: tuple[str, ...]
+    at_samples: Kernel
+    between: Kernel
+
+    @property
+    def powers(self) -> tuple[ChannelName, ...]:
+        """All channels of forces."""
+        return self.conservative + self.channels
 
 
-def powers(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> dict[str, SX]:
-    """Power of every channel, then of every testing function, and the rate of every momentum."""
-    s = symbols.system
-    outputs = {f"power {n}": p for n, p in channel_powers(s, symbols.parts).items()}
-    driven = prescribed_channels(s, symbols.reactions.driving)
-    outputs.update({f"power {name}": power for name, power in driven.items()})
-    if symbols.constrained is not None:
-        rows, multipliers = symbols.constrained.rows, symbols.reactions.multipliers
-        for name in dict.fromkeys(rows.names):
-            k = rows.places(name)
-            outputs[f"power constraint {name}"] = -ca.dot(rows.b[k], multipliers[k])
-        outputs["power correction drift"] = ca.dot(rows.psi, multipliers)
-    for function in functions:
-        outputs.update(
-            {f"P {name}": function.P(k) for name, k in variants(symbols, function.name).items()}
-        )
-    for balance in momentum_balances(s):
-        outputs[f"rate {balance.name}"] = balance.force(symbols.parts)
-    return outputs
+def ledger_kernels(
+    symbols: LedgerSymbols, functions: Sequence[TestingFunction], logged: Container[str]
+) -> LedgerKernels:
+    """Write the kernels out; `logged` are the channels that the log holds."""
+    s, k = symbols.system, symbols.computed
+    potential = {p.name: p.potential for p in symbols.parts if p.potential is not None}
+    power = channel_powers(s, symbols.parts)
+    power |= reaction_powers(s, symbols.reactions, symbols.constrained)
+    conservative = {n: power.pop(n) for n in potential if n not in logged}
+    P = {
+        name: function.P(known)
+        for function in functions
+        for name, known in variants(symbols, function.name).items()
+    }
+    balances = momentum_balances(s)
+    between = {
+        "channels": _column(power.values()),
+        "functions": _column(P.values()),
+        "force": _column(balance.force(symbols.parts) for balance in balances),
+    }
+    at_samples = {
+        "energies": ca.vertcat(k.K2, k.K1, k.K0, k.V),
+        "potential": _column(potential.values()),
+        "momentum": _column(balance.momentum for balance in balances),
+        "conservative": _column(conservative.values()),
+    }
+    return LedgerKernels(
+        tuple(conservative),
+        tuple(power),
+        tuple(potential),
+        tuple(P),
+        tuple(balance.name for balance in balances),
+        _kernel(symbols, at_samples | between),
+        _kernel(symbols, between),
+    )
 
 
-def ledger_kernel(symbols: LedgerSymbols, outputs: Mapping[str, SX]) -> Kernel:
-    """Energies, powers or both; accelerations are among the inputs only where they matter."""
+def _column(entries: Iterable[SX]) -> SX:
+    return ca.densify(ca.vertcat(ca.SX(0, 1), *entries))
+
+
+def _kernel(symbols: LedgerSymbols, outputs: Mapping[str, SX]) -> Kernel:
+    """Accelerations are among the inputs only where they matter."""
     inputs = symbols.inputs
     if "udot" in inputs and not ca.depends_on(ca.vertcat(*outputs.values()), inputs["udot"]):
         del inputs["udot"]  # then nobody need interpolate them
@@ -241,7 +276,7 @@ def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]
     outputs: dict[str, SX] = {}
     for function in functions:
         for name, known in variants(symbols, function.name).items():
-            outputs[f"rate {name}"] = function.E(rates) - function.P(known)
+            outputs[name] = function.E(rates) - function.P(known)
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     if symbols.constrained is not None:
         residual = residual + ca.mtimes(symbols.constrained.rows.G.T, symbols.reactions.multipliers)

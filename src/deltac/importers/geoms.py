@@ -29,7 +29,7 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
     Raises:
         InputError: as `read_mechanism`.
     """
-    model, _, _ = load_model(source, base)
+    model, _, _, _ = load_model(source, base)
     bodies, found, left_out = body_names(model), {}, []
     for i, name in enumerate(geom_names(model)):
         if not (model.geom_contype[i] or model.geom_conaffinity[i]):

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
+from deltac.files import read_bytes
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
     actuator_names,
@@ -21,10 +26,11 @@ from deltac.importers.names import (
 from deltac.importers.passive import Findings, disabled, read_passive, total_armature
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.tree import read_tree
+from deltac.importers.urdf import Urdf, read_urdf
+from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
-
-_SHAPES = re.compile(r"<(visual|collision)\b[^>]*?(/>|>.*?</\1\s*>)", re.DOTALL)
+from deltac.mechanism.state import State
 
 
 def require_mujoco() -> Any:
@@ -38,8 +44,10 @@ def require_mujoco() -> Any:
     return mujoco
 
 
-def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]]:
+def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark], Urdf | None]:
     """The compiled model of a path, `MjModel` or `MjSpec`, what to call it, and what was assumed.
+
+    Last comes the URDF file, whose links and floating joints take the place of the model's.
 
     `base` = "free" puts a free joint under the root link of a URDF file, which else stands still.
 
@@ -50,9 +58,9 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     if base not in ("fixed", "free"):
         raise InputError(f"base: expected 'fixed' or 'free', found {base!r}")
     if isinstance(source, mujoco.MjModel):
-        return source, "an MjModel", []
+        return source, "an MjModel", [], None
     if isinstance(source, mujoco.MjSpec):
-        return _compiled(source.copy(), "the MjSpec"), "an MjSpec", []
+        return _compiled(source.copy(), "the MjSpec"), "an MjSpec", [], None
     if not isinstance(source, str | Path):
         raise WrongType(
             f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
@@ -62,39 +70,47 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     if not path.is_file():
         raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
-        model, assumed = _urdf(mujoco, path, base)
-        return model, path.name, assumed
+        model, assumed, urdf = _urdf(mujoco, path, base)
+        return model, path.name, assumed, urdf
     if path.suffix.lower() not in (".xml", ".mjcf"):
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
+    _try_apart(path)
     try:
-        return mujoco.MjModel.from_xml_path(str(path)), path.name, []
+        with _quiet(mujoco):
+            return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
     except ValueError as error:
         raise ModelError(_refused(path.name, error)) from None
 
 
-def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark]]:
-    assumed: list[Remark] = []
-    try:
-        text = path.read_text("utf-8")
-        spec = mujoco.MjSpec.from_file(str(path))
-        if not _meshes_open(spec):
-            # Meshes are often out of reach (package://…); a link's inertia is in the file itself.
-            spec = mujoco.MjSpec.from_string(_SHAPES.sub("", text))
-            assumed.append(
-                Remark(
-                    path.name,
-                    "meshes cannot be opened, so all shapes were left out",
-                    "links without <inertial> have no mass; contact forces must come from the log",
-                )
+def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf | None]:
+    """The compiled tree of a URDF file, what was assumed, and the file itself.
+
+    The model has the file's own inertias where MuJoCo takes them, and placeholders where it does not.
+    """
+    urdf = read_urdf(path)
+    assumed = list(urdf.remarks)
+    # Meshes are often out of reach (package://…), and MuJoCo is strict about inertias.
+    refused = ""
+    for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
+        try:
+            with _quiet(mujoco):
+                spec = _tree(mujoco, urdf, placeholders and bool(urdf.links), shapes, path, base)
+                model = spec.compile()
+            break
+        except ValueError as error:
+            problem = _refused(path.name, error)
+            refused = refused if placeholders else problem
+    else:
+        raise ModelError(problem)
+    if not shapes:
+        assumed.append(
+            Remark(
+                path.name,
+                "meshes cannot be opened, so all shapes were left out",
+                "contact forces must come from the log",
             )
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
-    except ValueError as error:
-        raise ModelError(_refused(path.name, error)) from None
+        )
     if base == "free":
-        for root in spec.worldbody.bodies:
-            if not root.joints:
-                root.add_freejoint(name="base")
         assumed.append(Remark("base", "the root link floats: a free joint was put under it"))
     else:
         assumed.append(
@@ -104,23 +120,94 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark]]:
                 "for a robot that moves about, read it with base='free'",
             )
         )
-    # Links on fixed joints keep their names, unless only the sum of inertias is one that MuJoCo takes.
-    apart = spec.copy()
-    apart.compiler.fusestatic = False
-    try:
-        return apart.compile(), assumed
-    except ValueError:
-        model = _compiled(spec, path.name)
-    assumed.append(Remark(path.name, "links on fixed joints were joined with their parents"))
-    return model, assumed
+    return model, assumed, replace(urdf, refused=refused if placeholders else "")
 
 
-def _meshes_open(spec: Any) -> bool:
+def _try_apart(path: Path) -> None:
+    """Compile a file that may be large in a process of its own first, bounded in time and memory.
+
+    A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
+
+    Raises LimitError for a file that takes too long, ModelError for one that brings MuJoCo down.
+    """
+    limits = Limits.current()
+    text = read_bytes(path, "model").decode("utf-8", "replace")
+    counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
+    if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
+        return
+    code = (
+        "import sys, mujoco\n"
+        "try:\n    import resource\n    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)\n"
+        "except (ImportError, ValueError, OSError): pass\n"
+        "try: mujoco.MjModel.from_xml_path(sys.argv[1])\n"
+        "except ValueError: pass\n"  # said in the process of the caller
+        "except MemoryError: sys.exit(3)\n"
+    )
+    memory = free_memory() or 2**62
     try:
-        spec.copy().compile()
-    except ValueError as error:
-        return "opening file" not in str(error) and "resource" not in str(error).lower()
-    return True
+        tried = subprocess.run(
+            [sys.executable, "-c", code, str(path.absolute()), str(int(memory))],
+            capture_output=True,
+            timeout=limits.seconds,
+            cwd=path.parent,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        limits.refuse(
+            "seconds", f"model file {path.name!r} takes {limits.seconds} s to compile and"
+        )
+    if tried.returncode < 0 or tried.returncode == 3:
+        raise ModelError(
+            f"model file {path.name!r} brings MuJoCo down, or does not fit into {memory / 1e9:.1f} GB"
+        )
+
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
+_PLAIN, _MANY = 2**20, 500.0  # bytes of a file, and of its largest count
+_COUNTS = re.compile(r"""\b(?:count|nrow|ncol|width|height|cellcount)\s*=\s*["']([^"']*)["']""")
+
+
+def simulated_model(path: str | Path, base: str = "fixed") -> Any:
+    """The compiled model of an MJCF or URDF file, for MuJoCo to simulate.
+
+    Raises InputError as `load_model`, and for a URDF file whose inertias or joints MuJoCo does not take.
+    """
+    model, _, _, urdf = load_model(path, base)
+    if urdf is not None and urdf.refused:
+        raise ModelError(f"{urdf.refused}; `read_mechanism` reads it, MuJoCo does not simulate it")
+    if urdf is not None and urdf.floating:
+        joint = next(iter(urdf.floating.values()))
+        raise ModelError(f"{urdf.name}: MuJoCo does not simulate the floating joint {joint!r}")
+    return model
+
+
+def _tree(mujoco: Any, urdf: Urdf, placeholders: bool, shapes: bool, path: Path, base: str) -> Any:
+    """A spec of the file whose links on fixed joints keep their names."""
+    spec = mujoco.MjSpec.from_string(urdf.text(placeholders, shapes))
+    spec.modelfiledir = str(path.parent)
+    spec.compiler.fusestatic = False
+    if urdf.links:
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    if base == "free":
+        for root in spec.worldbody.bodies:
+            if not root.joints:
+                root.add_freejoint(name="base")
+    return spec
+
+
+@contextmanager
+def _quiet(mujoco: Any) -> Iterator[None]:
+    """Without MuJoCo's remarks on standard output, and in a file MUJOCO_LOG.TXT where the program runs."""
+    if not hasattr(mujoco, "MjLogConfig"):  # of older versions
+        yield
+        return
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig()
+    quiet.logto_console = quiet.logto_file = False
+    quiet.set()
+    try:
+        yield
+    finally:
+        before.set()
 
 
 def _compiled(spec: Any, name: str) -> Any:
@@ -219,9 +306,9 @@ def read_mechanism(
     """
     if equality not in ("log", "constraints"):
         raise ModelError(f"equality: expected 'log' or 'constraints', found {equality!r}")
-    model, name, assumed = load_model(source, base)
+    model, name, assumed, urdf = load_model(source, base)
     found = Findings(assumed=assumed)
-    tree = read_tree(model, total_armature(model))
+    tree = read_tree(model, total_armature(model), urdf)
     found.ignored.extend(tree.remarks)
     found.read.insert(0, _counts(len(tree.bodies), tree.joints))
     read_passive(model, found)
@@ -245,8 +332,21 @@ def read_mechanism(
         tuple(found.assumed),
         tuple(found.equalities),
         motor_strengths(model),
+        _starts(model, mechanism),
     )
     return mechanism, report
+
+
+def _starts(model: Any, mechanism: Mechanism) -> dict[str, State]:
+    """States at which the model may start: its keyframes, by name or as ``key<i>``, and "qpos0"."""
+    if (model.nq, model.nv) != (len(mechanism.coordinates), len(mechanism.speeds)):
+        return {}
+    keys = {
+        model.key(k).name or f"key{k}": (model.key_qpos[k], model.key_qvel[k], model.key_time[k])
+        for k in range(model.nkey)
+    }
+    keys.setdefault("qpos0", (model.qpos0, np.zeros(model.nv), 0.0))
+    return {name: mechanism.state(q, u, float(t)) for name, (q, u, t) in keys.items()}
 
 
 def _counts(bodies: int, joints: Sequence[Any]) -> Remark:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.state import State
 
 SHOWN = 6
 """Remarks of a kind that a report shows; `summary` has all of them."""
@@ -32,7 +33,8 @@ class ImportReport:
     names, or it will show as an energy error.
 
     `equalities`: those of `ignored` equalities that have a counterpart, as the exact constraints that
-    they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`).
+    they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`);
+    `starts`: the states of the model's keyframes by their names, then MuJoCo's reference, "qpos0".
     """
 
     source: str
@@ -41,6 +43,7 @@ class ImportReport:
     assumed: tuple[Remark, ...] = ()
     equalities: tuple[Constraint, ...] = ()
     strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    starts: Mapping[str, State] = field(default_factory=dict)
 
     def summary(self) -> str:
         """All remarks, one a line, under their three headings."""

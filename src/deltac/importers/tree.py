@@ -6,6 +6,7 @@ joints on one body become a chain with massless frames between; a body without j
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.importers.names import JOINT_KINDS, body_names, joint_names
 from deltac.importers.report import Remark
+from deltac.importers.urdf import LinkInertia, Urdf, UrdfBody
 from deltac.mechanism.bodies import Body, body, frame
 from deltac.mechanism.joints import KINDS, Joint, fixed, free, prismatic, revolute, spherical
 from deltac.mechanism.quantities import as_rotation, rotation_matrix
@@ -28,19 +30,26 @@ class Tree:
     remarks: tuple[Remark, ...]
 
 
-def read_tree(model: Any, armature: Array) -> Tree:
-    """The tree of a model; `armature` (nv,) are the rotor inertias of all speeds."""
+def read_tree(model: Any, armature: Array, urdf: Urdf | None = None) -> Tree:
+    """The tree of a model; `armature` (nv,) are the rotor inertias of all speeds.
+
+    Links and floating joints of a `urdf` take the place of the model's bodies and of the fixed joints there.
+    """
     names, bodies, joints, ignored = body_names(model), [], [], []
+    links = urdf.links if urdf is not None else {}
     for i in range(1, model.nbody):
         name, parent = names[i], names[model.body_parentid[i]]
-        if _lost(model, i):
+        if not links and _lost(model, i):
             what = "inertia of a body without mass"
             ignored.append(
                 Remark(name, what, "its kinetic energy is missing here, so K is too small")
             )
         own = _own_joints(model, i)
-        if not own:
-            position, rotated = _placement(model, i)
+        position, rotated = _placement(model, i)
+        if urdf is not None and name in urdf.floating:
+            joint = urdf.floating[name]
+            joints.append(free(joint, name, parent, position=position, rotation=rotated))
+        elif not own:
             joints.append(
                 fixed(f"{name} (fixed)", parent, name, position=position, rotation=rotated)
             )
@@ -51,7 +60,12 @@ def read_tree(model: Any, armature: Array) -> Tree:
             parent = between
         if own:
             joints.append(_joint(model, own[-1], parent, name, armature))
-        bodies.append(_body(model, i, name))
+        if urdf is not None and links:
+            bodies.append(
+                _link(name, links.get(name, LinkInertia()), _carries(model, i, names, urdf))
+            )
+        else:
+            bodies.append(_body(model, i, name))
     return Tree(tuple(bodies), tuple(joints), tuple(ignored))
 
 
@@ -78,6 +92,32 @@ def _body(model: Any, i: int, name: str) -> Body:
         if int(model.body_parentid[k]) == i:
             inertia = inertia + _inertia_without_mass(model, k)
     return body(name, mass, ((inertia + inertia.T) / 2).tolist(), model.body_ipos[i].tolist())
+
+
+def _link(name: str, link: LinkInertia, carries: bool) -> Body:
+    """The body of a URDF's link; one without mass is a frame, if what it carries has some."""
+    if link.empty and carries:
+        return frame(name)
+    if link.rigid(1e-9 * float(np.abs(link.tensor).max())):  # as `body` judges it
+        return body(name, link.mass, link.tensor, link.centre)
+    return UrdfBody(name, link.mass, link.centre, link.tensor)  # type: ignore[arg-type]
+
+
+def _carries(model: Any, i: int, names: Sequence[str], urdf: Urdf) -> bool:
+    """Whether the joint that moves a body moves anything with inertia; True if none does."""
+    while i and not model.body_jntnum[i] and names[i] not in urdf.floating:
+        i = int(model.body_parentid[i])
+    return i == 0 or any(
+        not urdf.links.get(names[k], LinkInertia()).empty and _outward(model, i, k)
+        for k in range(i, model.nbody)
+    )
+
+
+def _outward(model: Any, i: int, k: int) -> bool:
+    """Whether body k is body i or carried by it."""
+    while k > i:
+        k = int(model.body_parentid[k])
+    return k == i
 
 
 def _inertia(model: Any, i: int) -> Array:

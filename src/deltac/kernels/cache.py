@@ -328,20 +328,22 @@ def _secret() -> bytes | None:
 def _secret_in(file: Path) -> bytes | None:
     with suppress(OSError, InputError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for _ in range(2):
+        for _ in range(3):
+            if file.is_symlink():
+                file.unlink()
+            unfit = True
             try:
                 handle = os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
             except FileNotFoundError:
-                pass
+                unfit = False
             else:
                 with os.fdopen(handle, "rb") as stream:
                     about, secret = os.fstat(handle), stream.read(_SEAL + 1)
                 mine = not _foreign(about) and not (about.st_mode & 0o077 and hasattr(os, "getuid"))
                 if mine and len(secret) == _SEAL:
                     return secret
-            if file.is_symlink():
-                file.unlink()
-            with appearing(file, mode=0o600, replace=file.exists()) as stream:
+            # Another process may be making it now: only a file that is there and unfit is replaced.
+            with appearing(file, mode=0o600, replace=unfit) as stream:
                 stream.write(secrets.token_bytes(_SEAL))
     return None
 

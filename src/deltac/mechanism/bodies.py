@@ -21,7 +21,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class Body(Part):
             _check_inertia([[scope.number(e) for e in row] for row in self.inertia], self.name)
 
 
+@constructor
 def body(
     name: str,
     mass: Any,
@@ -87,6 +88,7 @@ def body(
     return made
 
 
+@constructor
 def rod(
     name: str,
     mass: Any,
@@ -103,6 +105,7 @@ def rod(
     return body(name, m, _about_axis(m * l**2 / 12, 0.0, n), centre)
 
 
+@constructor
 def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = ZERO) -> Body:
     """A uniform box with edges `size` along the body axes, centred at `mass_centre`."""
     m = positive(mass, f"mass of body {name!r}")
@@ -112,6 +115,7 @@ def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = 
     return body(name, m, moments, mass_centre)
 
 
+@constructor
 def disc(
     name: str,
     mass: Any,
@@ -128,6 +132,7 @@ def disc(
     return body(name, m, _about_axis(m * (3 * r**2 + h**2) / 12, m * r**2 / 2, n), mass_centre)
 
 
+@constructor
 def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO) -> Body:
     """A uniform solid sphere centred at `mass_centre`; I = 2/5 m r²."""
     m = positive(mass, f"mass of body {name!r}")
@@ -136,11 +141,13 @@ def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO)
     return body(name, m, (moment, moment, moment), mass_centre)
 
 
+@constructor
 def point_mass(name: str, mass: Any, at: Sequence[Any] = ZERO) -> Body:
     """A particle at the point `at` of its body frame; it has no inertia of its own."""
     return body(name, mass, ZERO, at)
 
 
+@constructor
 def frame(name: str) -> Body:
     """A massless frame: carries joints and points, as an intermediate of composed joints.
 

@@ -1,4 +1,4 @@
-"""Names of the channels through which energy flows: ``"<kind> <element>"``.
+"""The channels through which energy flows, and their names: a kind and an element.
 
 The power of a channel is positive when it adds energy to the system (W). The kinds are a closed
 list, so that logs, ledgers and verdicts of every simulator speak of the same things.
@@ -6,6 +6,10 @@ list, so that logs, ledgers and verdicts of every simulator speak of the same th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, NoReturn, TypeAlias
+
+from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, closest
 
 KINDS: tuple[str, ...] = (
@@ -25,20 +29,51 @@ KINDS: tuple[str, ...] = (
 """Every kind a channel can have."""
 
 
-def split(name: str) -> tuple[str, str]:
-    """Kind and element of a channel's name; the element of plain ``"gravity"`` is empty.
+class ChannelName(str):
+    """The name of a channel: its `kind`, one of `KINDS`, and the `element` that it belongs to.
+
+    It is the text ``"<kind> <element>"`` (gravity has no element), so ``ledger.work["damper elbow"]``
+    finds what is kept under ``ChannelName("damper", "elbow")``.
 
     Raises InputError for a kind that is not in `KINDS`, or an element that is missing.
     """
-    kind, _, element = name.partition(" ")
-    if kind not in KINDS:
-        raise UnknownName(
-            f"channel {name!r}: {kind!r} is no kind of channel{closest(kind, KINDS)}. "
-            "A channel is named '<kind> <element>', for example 'damper elbow'."
-        )
-    if not element and kind != "gravity":
-        raise ModelError(
-            f"channel {name!r} names no element; expected '{kind} <element>', "
-            f"for example '{kind} elbow'."
-        )
-    return kind, element
+
+    __slots__ = ("element", "kind")
+    kind: str
+    element: str
+
+    def __new__(cls, kind: str, element: str = "") -> ChannelName:
+        """Join the two, checked."""
+        if kind not in KINDS:
+            raise UnknownName(
+                f"channel {f'{kind} {element}'.strip()!r}: {kind!r} is no kind of channel"
+                f"{closest(kind, KINDS)}. "
+                "A channel is named '<kind> <element>', for example 'damper elbow'."
+            )
+        if not element and kind != "gravity":
+            raise ModelError(
+                f"channel {kind!r} names no element; expected '{kind} <element>', "
+                f"for example '{kind} elbow'."
+            )
+        name = super().__new__(cls, f"{kind} {element}" if element else kind)
+        object.__setattr__(name, "kind", kind)
+        object.__setattr__(name, "element", element)
+        return name
+
+    @classmethod
+    def parse(cls, name: str) -> ChannelName:
+        """The channel that a log or a user names as text; InputError as for the class."""
+        if isinstance(name, ChannelName):
+            return name
+        kind, _, element = name.partition(" ")
+        return cls(kind, element)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a channel's name does not change: cannot set {name!r}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ChannelName, (self.kind, self.element)
+
+
+ByChannel: TypeAlias = Mapping[Any, Array]
+"""Arrays by channel: the keys are `ChannelName`s, and text finds them."""

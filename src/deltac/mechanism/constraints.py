@@ -24,7 +24,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 
 Axis: TypeAlias = tuple[float, float, float]
 
@@ -84,6 +84,7 @@ def _loop(
     )
 
 
+@constructor
 def loop_spherical(
     name: str,
     body1: str,
@@ -96,6 +97,7 @@ def loop_spherical(
     return _loop("spherical", name, body1, body2, point1, point2)
 
 
+@constructor
 def loop_revolute(
     name: str,
     body1: str,
@@ -110,6 +112,7 @@ def loop_revolute(
     return _loop("revolute", name, body1, body2, point1, point2, axis1, axis2)
 
 
+@constructor
 def loop_universal(
     name: str,
     body1: str,
@@ -124,6 +127,7 @@ def loop_universal(
     return _loop("universal", name, body1, body2, point1, point2, axis1, axis2)
 
 
+@constructor
 def loop_prismatic(
     name: str,
     body1: str,
@@ -138,6 +142,7 @@ def loop_prismatic(
     return _loop("prismatic", name, body1, body2, point1, point2, axis1, rotation=rotation)
 
 
+@constructor
 def loop_weld(
     name: str,
     body1: str,
@@ -172,6 +177,7 @@ class Distance(Part):
         scope.laws([self.length], scope.in_time, f"length of {self.where}")
 
 
+@constructor
 def distance(
     name: str,
     body1: str,
@@ -220,6 +226,7 @@ class PointOn(Part):
                 raise ModelError(f"equation of {self.where}: {law} holds none of x, y, z")
 
 
+@constructor
 def point_on(
     name: str,
     body: str,
@@ -243,6 +250,7 @@ def point_on(
     )
 
 
+@constructor
 def point_in_plane(
     name: str,
     body: str,
@@ -263,6 +271,7 @@ def point_in_plane(
     )
 
 
+@constructor
 def point_on_line(
     name: str,
     body: str,
@@ -301,6 +310,7 @@ class Angle(Part):
         scope.laws([self.angle], scope.in_time, f"angle of {self.where}")
 
 
+@constructor
 def angle(
     name: str,
     body1: str,
@@ -339,11 +349,13 @@ class Holonomic(Part):
             raise ModelError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
 
 
+@constructor
 def holonomic(name: str, law: Any) -> Holonomic:
     """Keep any law of t and coordinates at zero (one row); see `Holonomic`."""
     return Holonomic(name, as_law(law, Holonomic.called(name)))
 
 
+@constructor
 def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any = 0.0) -> Holonomic:
     """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
     where = Holonomic.called(name)
@@ -380,6 +392,7 @@ class MotionConstraint(Part):
                     )
 
 
+@constructor
 def motion_constraint(name: str, law: Any) -> MotionConstraint:
     """Keep any law linear in the speeds at zero (one row); see `MotionConstraint`."""
     return MotionConstraint(name, as_law(law, MotionConstraint.called(name)))
@@ -420,6 +433,7 @@ class Rolling(Part):
         scope.laws(self.surface_velocity, velocity, f"surface velocity of {self.where}")
 
 
+@constructor
 def rolling(
     name: str,
     body: str,
@@ -485,6 +499,7 @@ class Skate(Part):
         scope.laws([self.drift], scope.in_time, f"drift of {self.where}")
 
 
+@constructor
 def skate(
     name: str,
     body: str,

@@ -9,7 +9,7 @@ from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Part, Scope
+from deltac.mechanism.scope import Part, Scope, constructor
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
@@ -69,6 +69,7 @@ class Contact(Part):
             self.friction.check(scope, self.where, scope.constants, source=source)
 
 
+@constructor
 def contact(
     name: str,
     first: Shape,

@@ -6,10 +6,13 @@ planar chains of hinges.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
+from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import as_law, check_symbols
@@ -52,7 +55,7 @@ class CoordinateMap:
                 name: as_law(law, f"{attribute} of {name!r} in the coordinate map")
                 for name, law in given.items()
             }
-            object.__setattr__(self, attribute, laws)
+            object.__setattr__(self, attribute, FrozenDict(laws))
         object.__setattr__(self, "coordinates", _names(self.coordinates, "coordinates"))
         object.__setattr__(self, "speeds", _names(self.speeds, "speeds") or self.coordinates)
         if not self.q and not self.u:
@@ -61,6 +64,12 @@ class CoordinateMap:
             raise ModelError("a coordinate map with q= must name its own coordinates")
         if self.u and not self.speeds:
             raise ModelError("a coordinate map with u= must name its own speeds")
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of the map, to tell whether a log was made with the same one."""
+        laws = [sorted(law.items()) for law in (self.q, self.u)]
+        return hashlib.sha256(repr((self.coordinates, self.speeds, laws)).encode()).hexdigest()[:16]
 
     def check(self, mechanism: Mechanism) -> None:
         """InputError unless the map gives every free coordinate and speed of the mechanism."""

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, get_args
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Part, Scope
+from deltac.mechanism.scope import Part, Scope, constructor, require_name
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Direction: TypeAlias = Literal["both", "rising", "falling"]
@@ -97,6 +97,7 @@ Happening: TypeAlias = JointStop | Impact | Event
 """What a mechanism's `events` are made of."""
 
 
+@constructor
 def joint_stop(
     name: str,
     joint: str,
@@ -130,6 +131,7 @@ def joint_stop(
     return JointStop(name, joint, low, high, e, allow_energy_source)
 
 
+@constructor
 def impact(
     name: str,
     first: Shape,
@@ -159,6 +161,7 @@ def impact(
     return Impact(name, first, second, e, mu, allow_energy_source)
 
 
+@constructor
 def event(
     name: str, expression: Any, *, direction: Direction = "both", terminal: bool = False
 ) -> Event:
@@ -179,6 +182,7 @@ def event(
 
 
 def _check_coordinate(scope: Scope, name: str, where: str) -> None:
+    require_name(name, "joint", where)
     names = scope.coordinates.names
     if name not in names:
         several = names[scope.coordinates.of(name)]

@@ -22,7 +22,7 @@ from deltac.mechanism.quantities import (
     positive,
     vector,
 )
-from deltac.mechanism.scope import Part, Scope, require_count
+from deltac.mechanism.scope import Part, Scope, constructor, require_count
 
 
 @dataclass(frozen=True)
@@ -276,6 +276,7 @@ Element: TypeAlias = (
 )
 
 
+@constructor
 def joint_spring(
     name: str,
     joint: str,
@@ -304,6 +305,7 @@ def joint_spring(
     return JointSpring(name, joint, potential=as_law(potential, f"potential of {where}"))
 
 
+@constructor
 def joint_damper(
     name: str, joint: str, damping: Any, *, allow_energy_source: bool = False
 ) -> JointDamper:
@@ -312,12 +314,14 @@ def joint_damper(
     return JointDamper(name, joint, _each(damping, f"damping of {where}"), allow_energy_source)
 
 
+@constructor
 def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
     """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
     where = JointTorque.called(name)
     return JointTorque(name, joint, None if torque is None else _each(torque, f"law of {where}"))
 
 
+@constructor
 def point_force(
     name: str,
     body: str,
@@ -341,6 +345,7 @@ def point_force(
     )
 
 
+@constructor
 def spring_damper(
     name: str,
     body1: str,
@@ -368,6 +373,7 @@ def spring_damper(
     )
 
 
+@constructor
 def tendon(
     name: str,
     path: Sequence[tuple[str, Sequence[Any]]] = (),
@@ -426,6 +432,7 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
     )
 
 
+@constructor
 def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
     """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
     where = GravityCompensation.called(name)

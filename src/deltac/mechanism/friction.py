@@ -21,7 +21,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, require_count
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor, require_count
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
@@ -133,6 +133,7 @@ class PointFriction(Part):
         self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
 
 
+@constructor
 def friction_law(
     coulomb: Any,
     *,
@@ -166,6 +167,7 @@ def as_friction(value: Any, where: str) -> FrictionLaw:
     return value if isinstance(value, FrictionLaw) else friction_law(as_law(value, where))
 
 
+@constructor
 def joint_friction(
     name: str,
     joint: str,
@@ -197,6 +199,7 @@ def joint_friction(
     return JointFriction(name, joint, laws, allow_energy_source)
 
 
+@constructor
 def point_friction(
     name: str,
     body: str,

@@ -7,6 +7,7 @@ import difflib
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
@@ -93,7 +94,9 @@ class _Reader:
         if "#" in bare:
             self.fail(bare.index("#"), "a law has no comments")
         try:
-            return ast.parse(self.text, mode="eval").body
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SyntaxWarning)  # what it warns of is no law either
+                return ast.parse(self.text, mode="eval").body
         except SyntaxError as error:
             at = min(max((error.offset or 1) - 1, 0), len(self.text))
             self.fail(at, f"this is not an expression ({error.msg})")
@@ -218,6 +221,12 @@ class _Reader:
         import sympy
 
         if not isinstance(node.func, ast.Name):
+            if re.match(r"np\.\w+\(", self.text[self.index(node.col_offset) :]):
+                self.fail(
+                    node,
+                    "this is how NumPy 2 shows a number; where the text is made, write float(x): "
+                    "f'{float(x)}*t'",
+                )
             self.fail(node, "only the functions of the grammar can be called")
         name, arguments = node.func.id, node.args
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in arguments):

@@ -9,8 +9,8 @@ but spherical and free the speeds are the rates of the coordinates.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict, Unpack
 
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
@@ -25,7 +25,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Constructor, Part, Scope, constructor, require_name
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,6 @@ def _joint(
     rotation: Any = None,
     child_position: Sequence[Any] = ZERO,
     child_rotation: Any = None,
-    pitch: Any = 0.0,
     stiffness: Any = None,
     rest: Any = None,
     damping: Any = None,
@@ -150,6 +149,8 @@ def _joint(
     motion: Any = None,
 ) -> Joint:
     where = f"of {Joint.called(name)}"
+    for end in (parent, child):
+        require_name(end, "body", f"joint {name!r}")
     if parent == child:
         raise ModelError(f"joint {name!r} connects body {child!r} with itself")
     if child == GROUND:
@@ -183,7 +184,6 @@ def _joint(
         rotation=as_rotation(rotation, f"rotation {where}"),
         child_position=vector(child_position, f"child position {where}"),
         child_rotation=as_rotation(child_rotation, f"child rotation {where}"),
-        pitch=as_law(pitch, f"pitch {where}"),
         stiffness=stiff,
         rest=_laws(0.0 if rest is None else rest, springs, f"rest {where}") if stiff else (),
         damping=_laws(damping, len(shape.speeds), f"damping {where}"),
@@ -193,6 +193,24 @@ def _joint(
         ),
         motion=_laws(motion, len(shape.coordinates), f"motion {where}"),
     )
+
+
+class JointOptions(TypedDict, total=False):
+    """What every joint takes by keyword; see `revolute`."""
+
+    position: Any
+    rotation: Any
+    child_position: Any
+    child_rotation: Any
+    stiffness: Any
+    rest: Any
+    damping: Any
+    armature: Any
+    motion: Any
+
+
+def _joint_constructor(made: Constructor) -> Constructor:
+    return constructor(made, options=_joint)
 
 
 def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
@@ -208,13 +226,19 @@ def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
     return (as_law(value, where),) * count
 
 
-def fixed(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def fixed(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """A rigid connection; `options` are the placements of `revolute`."""
     return _joint("fixed", name, parent, child, **options)
 
 
+@_joint_constructor
 def revolute(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "z", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "z",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A hinge: the child turns by the angle q (rad, right-handed) about `axis` of the joint frame.
 
@@ -226,13 +250,19 @@ def revolute(
     return _joint("revolute", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def prismatic(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "x", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "x",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A slide: the child moves by q (m) along `axis` of the joint frame."""
     return _joint("prismatic", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def screw(
     name: str,
     parent: str,
@@ -240,26 +270,33 @@ def screw(
     axis: str | Sequence[float] = "z",
     *,
     pitch: Any,
-    **options: Any,
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """A screw: turns by q (rad) about `axis` and advances by `pitch` q/(2π); `pitch` in m per turn."""
-    return _joint("screw", name, parent, child, axis, pitch=pitch, **options)
+    made = _joint("screw", name, parent, child, axis, **options)
+    return replace(made, pitch=as_law(pitch, f"pitch of {made.where}"))
 
 
+@_joint_constructor
 def cylindrical(
-    name: str, parent: str, child: str, axis: str | Sequence[float] = "z", **options: Any
+    name: str,
+    parent: str,
+    child: str,
+    axis: str | Sequence[float] = "z",
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.angle` (rad) about `axis` and slides by `.slide` (m) along it."""
     return _joint("cylindrical", name, parent, child, axis, **options)
 
 
+@_joint_constructor
 def universal(
     name: str,
     parent: str,
     child: str,
     first: str | Sequence[float] = "x",
     second: str | Sequence[float] = "y",
-    **options: Any,
+    **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.first` about the axis `first`, then by `.second` about the turned axis `second`."""
     made = _joint("universal", name, parent, child, first, second, **options)
@@ -270,19 +307,22 @@ def universal(
     return made
 
 
-def planar(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def planar(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """Moves by `.x`, `.y` (m) in the x–y plane of the joint frame and turns by `.angle` about its z."""
     return _joint("planar", name, parent, child, **options)
 
 
-def spherical(name: str, parent: str, child: str, **options: Any) -> Joint:
+@_joint_constructor
+def spherical(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """A ball joint: a unit quaternion (scalar first); speeds: angular velocity, body components."""
     made = _joint("spherical", name, parent, child, **options)
     _require_unturned_child(made)
     return made
 
 
-def free(name: str, child: str, parent: str = GROUND, **options: Any) -> Joint:
+@_joint_constructor
+def free(name: str, child: str, parent: str = GROUND, **options: Unpack[JointOptions]) -> Joint:
     """Six degrees of freedom: position of the body frame's origin, then its orientation.
 
     Speeds: velocity of the origin in components of the parent's joint frame (the world's, for the

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.caching import FrozenDict
+from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -18,7 +19,7 @@ from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorq
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scope import GROUND, Part, Scope
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
+@constructor
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """Bodies, the tree of joints that connects them to the ground, forces and constraints.
@@ -71,7 +73,7 @@ class Mechanism:
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
         store("joints", _tree_order(self.bodies, self.joints))
         store("gravity", vector(self.gravity, "gravity"))
-        store("parameters", _parameters(self.parameters))
+        store("parameters", FrozenDict(_parameters(self.parameters)))
         _distinct((e for e in self.events if isinstance(e, Event)), "events")
         _check_names_of_coordinates(self)
         self.scope.laws(self.gravity, self.scope.constants, "gravity")
@@ -206,19 +208,6 @@ class Mechanism:
         )
 
 
-def require_mechanism(given: object) -> None:
-    """InputError unless it is a mechanism; tells where the one that was meant is."""
-    if isinstance(given, Mechanism):
-        return
-    remedy = ""
-    if isinstance(getattr(given, "mechanism", None), Mechanism):
-        remedy = "; use problem.mechanism"
-    elif isinstance(given, str):
-        remedy = "; of a problem by its name, use deltac.problems.load(name).mechanism"
-    found = repr(given) if isinstance(given, str) else type(given).__name__
-    raise ModelError(f"mechanism: expected a Mechanism, found {found}{remedy}")
-
-
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
     made: list[Entry] = []
     for joint in joints:
@@ -240,19 +229,26 @@ def _of_kind(given: Any, what: str, kind: Any, example: str) -> tuple[Any, ...]:
     """The parts as a tuple; InputError unless each is of its kind."""
     if not isinstance(given, Iterable) or isinstance(given, str):
         raise ModelError(
-            f"{what} of the mechanism: found {given!r}, expected a sequence of what {example} returns"
+            f"{what} of the mechanism: found {_described(given)}, expected a sequence of what {example} "
+            "returns"
         )
     parts = tuple(given)
     for part in parts:
         if not isinstance(part, kind):
             raise ModelError(
-                f"{what} of the mechanism: found {part!r}, expected what {example} returns"
+                f"{what} of the mechanism: found {_described(part)}, expected what {example} returns"
             )
     return parts
 
 
+def _described(value: object) -> str:
+    return value.where if isinstance(value, Part) else shown(value)
+
+
 def _parameters(given: Mapping[str, float]) -> dict[str, float]:
     """The parameters as floats; their names must be usable in laws."""
+    if not isinstance(given, Mapping):
+        raise ModelError(f"parameters: found {shown(given)}, expected values by name: {{'k': 2.0}}")
     values: dict[str, float] = {}
     for name, value in given.items():
         if not isinstance(name, str) or not name.isidentifier() or name in ("t", "q", "u", "pi"):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from functools import cached_property, wraps
+from typing import Any, ClassVar, TypeVar
 
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
 from deltac.mechanism.quantities import Quantity, part_name, require_positive
@@ -66,12 +67,14 @@ class Scope:
 
     def body(self, name: str, where: str, *, ground: bool = True) -> None:
         """There is such a body; the ground counts if it may."""
+        require_name(name, "body", where)
         known = (GROUND, *self.bodies) if ground else self.bodies
         if name not in known:
             raise UnknownName(f"{where}: unknown body {name!r}{closest(name, known)}")
 
     def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
         """There is such a joint and it moves: its coordinates and speeds."""
+        require_name(name, "joint", where)
         if name not in self.joints:
             raise UnknownName(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
         speeds = self.speeds[self.speeds.of(name)]
@@ -96,6 +99,68 @@ class Scope:
                 f"{where} is {value:g}: below zero it would create energy. If that is meant, say "
                 "allow_energy_source=True; what it gives is then booked in its channel"
             )
+
+
+Constructor = TypeVar("Constructor", bound=Callable[..., Any])
+
+
+def constructor(made: Constructor, options: Callable[..., Any] | None = None) -> Constructor:
+    """A function or class that makes a part: wrong arguments are an InputError that names the closest one.
+
+    The keyword arguments of `options` take the place of ``**options`` in its signature, which `help`,
+    `inspect` and editors show.
+    """
+    signature = inspect.signature(made)
+    if options is not None:
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        offered = inspect.signature(options).parameters.values()
+        more = [p for p in offered if p.kind is p.KEYWORD_ONLY]
+        signature = signature.replace(parameters=[*own, *more])
+    if isinstance(made, type):
+        made.__init__ = _checked(made.__init__, made.__name__, signature, skip=1)  # type: ignore[misc]
+        return made
+    checked = _checked(made, made.__name__, signature)
+    checked.__signature__ = signature  # type: ignore[attr-defined]
+    return checked
+
+
+def _checked(
+    made: Constructor, name: str, signature: inspect.Signature, skip: int = 0
+) -> Constructor:
+    """The function with its arguments checked, but for the first `skip` ones."""
+
+    @wraps(made)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        for given in kwargs:
+            if given not in signature.parameters:
+                hint = closest(given, signature.parameters)
+                raise UnknownName(f"{name}: unknown argument {given!r}{hint}")
+        try:
+            signature.bind(*args[skip:], **kwargs)
+        except TypeError as error:
+            raise WrongType(f"{name}: {error}; write {name}{_short(signature)}") from None
+        return made(*args, **kwargs)
+
+    return checked  # type: ignore[return-value]
+
+
+def _short(signature: inspect.Signature) -> str:
+    """A signature without annotations: ``(name, mass, length, along='x', …)``."""
+    told = []
+    for p in signature.parameters.values():
+        if p.kind is p.KEYWORD_ONLY:
+            told.append("…")
+            break
+        told.append(p.name if p.default is p.empty else f"{p.name}={p.default!r}")
+    return f"({', '.join(told)})"
+
+
+def require_name(name: object, what: str, where: str) -> None:
+    """InputError unless a body or joint is told by its name; a part itself is not."""
+    if isinstance(name, str):
+        return
+    remedy = f"; write {name.name!r}" if isinstance(name, Part) else ""
+    raise WrongType(f"{where}: found {shown(name)}, expected the name of a {what}{remedy}")
 
 
 class Part:

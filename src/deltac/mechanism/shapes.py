@@ -23,7 +23,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Scope
+from deltac.mechanism.scope import GROUND, Scope, constructor
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,14 @@ class HalfSpace:
 Shape: TypeAlias = Sphere | Capsule | Box | HalfSpace
 
 
+@constructor
 def point(body: str, position: Sequence[Any] = ZERO) -> Sphere:
     """A point of a body (or of the ground), as a sphere of radius 0."""
     where = f"point shape of body {part_name(body, 'the body of a shape')!r}"
     return Sphere(body, vector(position, f"position of {where}"), 0.0)
 
 
+@constructor
 def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
     """A sphere of `radius` (m) about `position` in the body's frame."""
     where = f"sphere shape of body {part_name(body, 'the body of a shape')!r}"
@@ -102,6 +104,7 @@ def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
     )
 
 
+@constructor
 def capsule(
     body: str,
     radius: Any,
@@ -123,6 +126,7 @@ def capsule(
     )
 
 
+@constructor
 def box(
     body: str, size: Sequence[Any], position: Sequence[Any] = ZERO, rotation: Any = None
 ) -> Box:
@@ -140,6 +144,7 @@ def box(
     )
 
 
+@constructor
 def half_space(
     body: str = "ground", normal: str | Sequence[float] = "z", position: Sequence[Any] = ZERO
 ) -> HalfSpace:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltac.errors import StateError, UnknownName, closest
-from deltac.mechanism.coordinates import Entries
+from deltac.errors import StateError, SuspicionWarning, UnknownName, closest
+from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate, rate
 from deltac.mechanism.scope import Scope
@@ -82,6 +83,7 @@ def _fill(
         if name in entries.names:
             values[entries[name].index] = _scalar(value, name, what)
             named.add(name)
+            _suspect_degrees(entries[name], values[entries[name].index])
         elif name in joints:
             place = entries.of(name)
             array = _array(value, f"{what}s of joint {name!r}")
@@ -96,6 +98,17 @@ def _fill(
             options = list(dict.fromkeys([*entries.names, *sorted(joints)]))
             raise UnknownName(f"unknown {what} {name!r} of the state{closest(name, options)}")
     return _checked_finite(values, entries, what), named
+
+
+def _suspect_degrees(entry: Entry, value: float) -> None:
+    """Warn of an angle beyond a turn that is a round number: 60 rad is seldom meant, 60° often."""
+    if entry.unit == "rad" and abs(value) > 2 * math.pi and value % 5 == 0:
+        warnings.warn(
+            f"coordinate {entry.name!r} of the state is {value:g} rad, {value / (2 * math.pi):.3g} turns; if "
+            f"degrees were meant, write math.radians({value:g})",
+            SuspicionWarning,
+            stacklevel=5,
+        )
 
 
 def _array(value: Any, where: str) -> NDArray[np.float64]:

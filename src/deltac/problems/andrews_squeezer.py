@@ -154,7 +154,6 @@ def problem() -> Problem:
         solver="ode8",
         source="W. Schiehlen (ed.), Multibody Systems Handbook, 1990; F. Mazzia, C. Magherini, Test "
         "Set for Initial Value Problem Solvers, release 2.4, University of Bari, 2008",
-        classification="holonomic, scleronomic (closed loops)",
         freedom=1,
         invariants={"energy less the work of the torque": balance},
         reference=tuple(reference),

@@ -71,7 +71,6 @@ def problem(exponent: float = 1.0) -> Problem:
         tolerance=1e-11,
         source="closed form: in contact x = (g/ω²)(1 − cos ω t) + (v/ω) sin ω t, ω² = k/m, for "
         "(2/ω)(π − arctan(ω v/g)); of any exponent: k xⁿ⁺¹/(n + 1) = m g (h + x) at the deepest x",
-        classification="holonomic, scleronomic, with unilateral contact",
         invariants={"energy": energy},
         reference=(deepest, *heights),
         notes="Nothing is lost: the elastic energy is the potential 'spring floor'.",

@@ -72,16 +72,6 @@ def make(told: Told, *, rising: bool) -> Problem:
         "ball.wx": -(VELOCITY[1] - TURN * START[0]) / RADIUS,
         "ball.wy": (VELOCITY[0] + TURN * START[1]) / RADIUS,
     }
-    if rising:
-        kind = "nonholonomic and holonomic, rheonomic, acatastatic"
-        detail = "b ≠ 0 and f_t ≠ 0" if told == "laws" else "prescribed motion"
-    else:
-        kind = (
-            "nonholonomic, rheonomic, acatastatic"
-            if told == "body"
-            else "nonholonomic, acatastatic"
-        )
-        detail = "b ≠ 0" if told == "laws" else "prescribed motion"
     return Problem(
         name="ball-on-rising-table" if rising else "ball-on-table",
         title="Ball on a table that turns and rises" if rising else "Ball on a turning table",
@@ -96,7 +86,6 @@ def make(told: Told, *, rising: bool) -> Problem:
         source="K. Weltner, Stable circular orbits of freely moving balls on rotating discs, Am. J. "
         "Phys. 47 (1979) 984-986"
         + ("; the table that also rises: Ju. I. Neimark, N. A. Fufaev 1972" if rising else ""),
-        classification=f"{kind} ({detail})",
         freedom=3,
         invariants={"ω about the vertical": _drilling, **_circular()},
         reference=tuple(reference),

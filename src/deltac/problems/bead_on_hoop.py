@@ -52,7 +52,6 @@ def problem() -> Problem:
         solver="ode8",
         source="H. Goldstein, Classical Mechanics, chapter 2 (an energy function that is not the "
         "energy)",
-        classification="holonomic, rheonomic (prescribed motion)",
         invariants={"Jacobi integral": _jacobi_integral},
         reference=tuple(reference),
         notes="K + V is not constant: the motor works. K + V − Q is, and so is K2 − K0 + V.",

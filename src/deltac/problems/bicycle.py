@@ -103,7 +103,6 @@ def problem(speed: float = SPEED, nudge: float = NUDGE) -> Problem:
         source="J. P. Meijaard, J. M. Papadopoulos, A. Ruina, A. L. Schwab, Linearized dynamics "
         "equations for the balance and steer of a bicycle: a benchmark and review, Proc. R. Soc. A 463 "
         "(2007) 1955-1982",
-        classification="nonholonomic, scleronomic, catastatic (rolling, and a closed loop)",
         freedom=3,
         invariants={"energy": energy(mechanism)},
         reference=tuple(reference),

@@ -62,7 +62,6 @@ def problem(width: float = 5e-3) -> Problem:
         solver="ode5",
         source="closed form: heat μ m g cos α s; with tanh friction the time to the speed v is "
         "w [a y + b ln(a cosh y − b sinh y)]/(a² − b²), y = v/w, a = g sin α, b = μ g cos α",
-        classification="holonomic, scleronomic, with friction",
         reference=(
             instant("s", early, coordinate("s"), distance, "m", "exact", 1e-14),
             instant(

@@ -69,7 +69,6 @@ def problem(restitution: float = RESTITUTION) -> Problem:
         step=step,
         solver="ode5",
         source="Newton's law of restitution; a textbook example of accumulating events (Zeno)",
-        classification="holonomic, scleronomic, with impacts",
         invariants={"energy and losses": _energy_and_losses},
         reference=tuple(reference),
         notes="Each impact takes 1 − e² of the energy; heights are e^(2k) h0, and all bounces together "

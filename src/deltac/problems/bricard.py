@@ -80,7 +80,6 @@ def problem() -> Problem:
         solver="ode8",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A04 Bricard mechanism",
-        classification="holonomic, scleronomic (a closed loop, one redundant constraint)",
         freedom=1,
         invariants={"energy": _energy},
         reference=tuple(reference),

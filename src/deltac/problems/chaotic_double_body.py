@@ -60,7 +60,6 @@ def problem() -> Problem:
         solver="ode8",
         source="T. R. Kane, P. C. Mitiguy, The swinging babyboot (the motivating example of Autolev "
         "and MotionGenesis)",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         equations=Equations(_rhs, name="the published equations of the babyboot"),

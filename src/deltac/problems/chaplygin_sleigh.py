@@ -52,7 +52,6 @@ def problem() -> Problem:
         solver="ode8",
         source="S. A. Chaplygin, On the theory of motion of nonholonomic systems, Math. Sb. 28 "
         "(1911); A. M. Bloch, Nonholonomic Mechanics and Control, §1.7",
-        classification="nonholonomic, scleronomic, catastatic",
         freedom=2,
         invariants={"energy": _energy, "lateral velocity of the blade": _lateral},
         reference=tuple(reference),

@@ -50,7 +50,6 @@ def problem() -> Problem:
         solver="ode5",
         source="momentum and energy of two discs; of tanh friction: d/dt ln sinh(r/w) = −T/(I w), r the "
         "slip speed, I the reduced moment of inertia",
-        classification="holonomic, scleronomic, with friction",
         invariants={
             "angular momentum": lambda run: (
                 (DRIVING + DRIVEN) * run.speed("shaft") + DRIVEN * run.speed("slip")

@@ -73,7 +73,6 @@ def problem(lean: float = LEAN) -> Problem:
         solver="ode8",
         source="Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, chapter III (the disc); "
         "the plane's motion is added",
-        classification="nonholonomic, acatastatic (b ≠ 0)",
         freedom=3,
         invariants={"lowest point": _lowest},
         reference=tuple(reference),

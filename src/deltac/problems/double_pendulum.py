@@ -47,7 +47,6 @@ def problem() -> Problem:
         step=1e-3,
         solver="ode8",
         source="L. D. Landau, E. M. Lifshitz, Mechanics, §5, problem 1",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         notes="θ are absolute angles from the downward vertical. The motion is chaotic: errors grow "

@@ -34,7 +34,6 @@ def problem() -> Problem:
         step=1e-3,
         solver="ode8",
         source="A. Stephenson, On induced stability, Phil. Mag. 15 (1908); P. L. Kapitza 1951",
-        classification="holonomic, rheonomic (prescribed motion)",
         reference=tuple(
             instant("angle", t, coordinate("pivot"), angle, "rad", "calculated", 1e-11)
             for t, angle in ANGLES.items()

@@ -49,7 +49,6 @@ def problem() -> Problem:
         solver="ode8",
         source="A. Vitt, G. Gorelik, Oscillations of an elastic pendulum as an example of the "
         "oscillations of two parametrically coupled linear systems, J. Tech. Phys. 3 (1933)",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
     )

@@ -43,7 +43,6 @@ def problem() -> Problem:
         solver="ode4",
         source="T. R. Kane, D. A. Levinson, J. Appl. Mech. 55 (1988) 711-715 and 57 (1990) 248-249 "
         "(the smallest case in which they differ)",
-        classification="holonomic, scleronomic, in acatastatic generalized speeds",
         invariants={
             "energy": _energy,
             "linear momentum x": lambda run: MASS * run.speed("x"),

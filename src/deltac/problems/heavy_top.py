@@ -51,7 +51,6 @@ def problem() -> Problem:
         solver="ode8",
         source="O. Brüls, A. Cardona, On the use of Lie group time integrators in multibody "
         "dynamics, J. Comput. Nonlinear Dyn. 5 (2010) 031002",
-        classification="holonomic, scleronomic",
         invariants={
             "energy": _energy,
             "angular momentum z": _vertical_momentum,

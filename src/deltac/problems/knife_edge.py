@@ -47,7 +47,6 @@ def problem() -> Problem:
         solver="ode8",
         source="Ju. I. Neimark, N. A. Fufaev, Dynamics of Nonholonomic Systems, chapter III; A. M. "
         "Bloch, Nonholonomic Mechanics and Control, §1.6",
-        classification="nonholonomic, scleronomic, catastatic",
         freedom=2,
         invariants={"energy": _energy, "ω": lambda run: run.speed("slope.angle")},
         reference=tuple(reference),

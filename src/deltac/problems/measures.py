@@ -160,4 +160,4 @@ def _ledger(
 ) -> Ledger:
     from deltac.energy import balance
 
-    return balance(mechanism, run, work="samples", speeds=coordinates)
+    return balance(mechanism, run, work="samples", coordinates=coordinates)

@@ -85,7 +85,6 @@ def problem(n: int = 2) -> Problem:
         solver="ode4",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A02 N-four-bar mechanism",
-        classification="holonomic, scleronomic (closed loops)",
         freedom=1,
         invariants={"energy": _energy(n)},
         reference=tuple(reference),

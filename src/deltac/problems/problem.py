@@ -65,7 +65,6 @@ class Problem:
                     adaptive solver is the spacing of its samples
     tolerance       relative, of an adaptive solver
     source          who published it
-    classification  of its constraints: "holonomic, scleronomic", …
     freedom         degrees of freedom: independent speeds (without constraints, those that are free)
     invariants      name -> the constant quantity (T,) along a trajectory, written out by hand;
                     "energy" is always K + V, with V measured from the ground's origin
@@ -86,7 +85,6 @@ class Problem:
     step: float
     solver: str
     source: str
-    classification: str
     freedom: int | None = None
     invariants: Mapping[str, Signal] = field(default_factory=dict)
     reference: tuple[Reference, ...] = ()

@@ -79,7 +79,6 @@ def problem() -> Problem:
         solver="ode8",
         source="C. Le Saux, R. I. Leine, C. Glocker, Dynamics of a rolling disk in the presence of "
         "dry friction, J. Nonlinear Sci. 15 (2005) 27-61",
-        classification="nonholonomic, scleronomic, catastatic (rolling)",
         freedom=3,
         invariants={
             "energy": _energy,

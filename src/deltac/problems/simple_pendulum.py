@@ -57,7 +57,6 @@ def problem() -> Problem:
         solver="ode8",
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A01 Simple Pendulum",
-        classification="holonomic, scleronomic",
         invariants={"energy": _energy},
         reference=tuple(reference),
         notes="The community's threshold is an energy error below 5e-5 J. At the start only the "

@@ -49,7 +49,6 @@ def problem() -> Problem:
         step=2e-3,
         solver="ode8",
         source="E. T. Whittaker, Analytical Dynamics of Particles and Rigid Bodies, §55",
-        classification="holonomic, scleronomic (a rod)",
         freedom=2,
         invariants={"energy": _energy, "angular momentum z": _vertical_momentum},
         reference=tuple(reference),

@@ -73,7 +73,6 @@ def problem(stribeck: float = STRIBECK, width: float = WIDTH) -> Problem:
         solver="ode5",
         source="the classic block on a belt; two-level friction: period 2 D/V + (2/ω)(π − arctan(D ω/V)), "
         "D = (μ_s − μ_k) m g/k, V the belt's speed",
-        classification="holonomic, rheonomic (the belt), with friction",
         reference=tuple(reference),
         notes="While it slips fast against the Stribeck speed, friction is constant and the motion is an arc "
         "of a circle in (x, ẋ/ω). The period tends to that of two-level friction (0.66936 s) as the "

@@ -89,7 +89,6 @@ def problem() -> Problem:
         source="M. González, F. González, A. Luaces, J. Cuadrado, A collaborative benchmarking framework "
         "for multibody system dynamics, Eng. Comput. 26 (2010) 1-9; IFToMM Library of Computational "
         "Benchmark Problems, A05 Stiff fly-ball governor",
-        classification="holonomic, scleronomic; stiff",
         invariants={"angular momentum": _angular_momentum},
         reference=tuple(reference),
         notes="Published are the dimensions of the bars and the slider (3000 kg/m³), the balls of 5 kg, "

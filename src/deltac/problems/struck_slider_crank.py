@@ -86,7 +86,6 @@ def problem() -> Problem:
         solver="ode8",
         source="One degree of freedom: between impacts √A(θ) θ̇ is constant, and each impact multiplies it "
         "by −e; the times are quadratures of √A (by mpmath, 30 digits)",
-        classification="holonomic, scleronomic (closed loop), with impacts",
         freedom=1,
         invariants={"energy and losses": _energy_and_losses},
         reference=tuple(reference),

@@ -60,7 +60,6 @@ def problem() -> Problem:
         solver="ode8",
         source="L. D. Landau, E. M. Lifshitz, Mechanics, §37 (the asymmetrical top, in Jacobi's "
         "elliptic functions)",
-        classification="holonomic, scleronomic",
         invariants={
             "energy": _energy,
             "horizontal momentum x": lambda run: MASS * run.speed("flight.vx"),

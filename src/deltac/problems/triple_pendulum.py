@@ -97,11 +97,6 @@ def problem(
         source="K. Gugaratshan, Investigative study on an energy theorem for developing testing "
         "functions for numerical simulations of multibody dynamic systems, M.S.E. thesis, Western "
         "Michigan University, 2008, chapters 3 and 4",
-        classification="holonomic, rheonomic (prescribed motion)"
-        if drive == "motion"
-        else "acatastatic (motion constraint)"
-        if drive == "constraint"
-        else "holonomic, scleronomic",
         invariants={"energy": _energy(right)} if conservative else {},
         reference=_reference(mechanism, right, drive, (theta, omega, loads, dampers)),
         equations=_equations(hand, drive),

@@ -72,7 +72,6 @@ def problem() -> Problem:
         tolerance=1e-11,
         source="Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, at eight corners, with friction; "
         "at rest: weight on four springs",
-        classification="holonomic, scleronomic, with unilateral contact and friction",
         reference=(
             instant(
                 "height",

@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, UnknownName, WrongType, closest
+from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
@@ -176,8 +178,8 @@ class MujocoRecorder:
     def trajectory(self, message: str = "") -> Trajectory:
         """The samples, and as the last row the present state with the inputs that are set now.
 
-        A `message` says why the run ended before its time; then the last row is left out, and no
-        samples at all are an InputError.
+        A `message` says why the run ended before its time; then the last row is left out. A run that broke
+        off in its first step is the row of its start.
         """
         rows = list(self._rows)
         if not message:
@@ -185,10 +187,14 @@ class MujocoRecorder:
             self._mujoco.mj_copyData(present, self._model, self._before)
             self._set_inputs(present)
             rows.append(self._replay(present))
-        if not rows:
-            raise InputError(f"nothing was recorded: {message}")
-        implicit = any(row.corrected for row in rows)
         builder = TrajectoryBuilder(coordinate_names(self._model), speed_names(self._model))
+        if not rows:  # it broke off in its first step: there is the start, and why
+            start = self._before
+            if not np.isfinite([*start.qpos, *start.qvel]).all():
+                raise InputError(f"nothing was recorded: {message}")
+            builder.add(float(start.time), np.array(start.qpos), np.array(start.qvel))
+            return builder.trajectory(self._provenance(False, (), message))
+        implicit = any(row.corrected for row in rows)
         for row in rows:
             forces = {**row.forces, IMPLICIT: row.correction} if implicit else row.forces
             builder.add(
@@ -315,16 +321,18 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
+@renamed_keywords(control="controller")
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
     *,
     data: Data | None = None,
-    control: Control | None = None,
+    controller: Control | None = None,
     step: float | None = None,
     integrator: str | None = None,
     channels: str = "all",
     progress: Callable[[float], None] | None = None,
+    base: str = "fixed",
 ) -> Trajectory:
     """Run MuJoCo and record every step.
 
@@ -332,11 +340,12 @@ def run_mujoco(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
         duration: s; a whole number of steps.
         data: the initial state and inputs; the model's own initial state by default. Not changed.
-        control: called as control(model, data) before each step, to set data.ctrl or applied forces.
+        controller: called as controller(model, data) before each step, to set data.ctrl or applied forces.
         step: time step, s; by default the model's own.
         integrator: one of `integrator_names`; by default the model's own.
         channels: as in `record_mujoco`.
         progress: called with the fraction done.
+        base: "fixed" or "free", for the root link of a URDF file, as in `read_mechanism`.
 
     Returns:
         The trajectory: one row for each step and one for the end. A run that blows up stops there; its
@@ -346,7 +355,7 @@ def run_mujoco(
         InputError: MuJoCo is missing, an argument is unusable, or the forces do not add up.
     """
     mujoco = simulator("mujoco", "mujoco")
-    own = copy.copy(compiled_model(model))
+    own = copy.copy(compiled_model(model, base))
     if step is not None:
         own.opt.timestep = _positive("step", step)
     if integrator is not None:
@@ -370,8 +379,8 @@ def run_mujoco(
         mujoco.mj_copyData(moving, own, data)
     with record_mujoco(own, moving, channels) as recorder:
         for k in range(steps):
-            if control is not None:
-                control(own, moving)
+            if controller is not None:
+                controller(own, moving)
             mujoco.mj_step(own, moving)
             trouble = recorder.trouble()
             if trouble:
@@ -379,13 +388,13 @@ def run_mujoco(
             recorder.sample()
             if progress is not None:
                 progress((k + 1) / steps)
-        if control is not None:
-            control(own, moving)
+        if controller is not None:
+            controller(own, moving)
     return recorder.trajectory()
 
 
-def compiled_model(model: Model | str | Path) -> Model:
-    """The mjModel that a model, a spec or a file means; InputError for none."""
+def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
+    """The mjModel that a model, a spec or a file means; InputError for none. `base` is a URDF's root link."""
     mujoco = simulator("mujoco", "mujoco")
     if isinstance(model, mujoco.MjModel):
         return model
@@ -393,7 +402,7 @@ def compiled_model(model: Model | str | Path) -> Model:
         if isinstance(model, mujoco.MjSpec):
             return model.compile()
         if isinstance(model, str | Path):
-            return mujoco.MjModel.from_xml_path(str(model))
+            return simulated_model(model, base)
     except ValueError as error:
         raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
     raise WrongType(
@@ -423,7 +432,7 @@ class MujocoSimulator:
     model: Any
     duration: float
     integrator: str
-    control: Callable[[Any, Any], object] | None
+    controller: Callable[[Any, Any], object] | None
     data: Any
 
     @property
@@ -442,18 +451,19 @@ class MujocoSimulator:
             self.model,
             self.duration,
             data=self.data,
-            control=self.control,
+            controller=self.controller,
             step=step,
             integrator=self.integrator,
         )
 
 
+@renamed_keywords(control="controller")
 def mujoco_simulator(
     model: Any,
     duration: float,
     *,
     integrator: str = "rk4",
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Callable[[Any, Any], object] | None = None,
     state: State | Any = None,
 ) -> MujocoSimulator:
     """A MuJoCo model as the `simulator` of a study.
@@ -462,7 +472,7 @@ def mujoco_simulator(
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
         duration: s; each step must divide it.
         integrator: "euler", "rk4", "implicit", "implicitfast", or another of the installed MuJoCo.
-        control: called as control(model, data) before each step. It is held over the step, so a motion
+        controller: called as controller(model, data) before each step. It is held over the step, so a motion
             that depends on it is of first order in the step, whatever the integrator.
         state: where it starts: an mjData, or a state of the imported mechanism; by default the model's own
             initial state.
@@ -481,7 +491,7 @@ def mujoco_simulator(
         _set_state(own, data, state)
     elif state is not None:
         mujoco.mj_copyData(data, own, state)
-    return MujocoSimulator(own, duration, name, control, data)
+    return MujocoSimulator(own, duration, name, controller, data)
 
 
 def _set_state(model: Any, data: Any, state: State) -> None:

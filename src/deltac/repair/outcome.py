@@ -12,7 +12,7 @@ from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
-from deltac.results import Record, Report, Section, Verbatim
+from deltac.results import Finding, Record, Report, Section, Verbatim
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Fix(Record, omit=("text",)):
     text      the whole file as it should be
     others    other ways to write the same in the same statements
     ran       whether Python itself, run on the edited function, gave the model's accelerations; None where
-              the function cannot be run by itself (a method, a closure)
+              it could not be run, `not_run` saying why
     """
 
     file: str
@@ -39,6 +39,7 @@ class Fix(Record, omit=("text",)):
     text: str = field(repr=False)
     others: tuple[str, ...] = ()
     ran: bool | None = None
+    not_run: str = ""
 
     def __str__(self) -> str:
         return "; ".join(
@@ -63,6 +64,7 @@ class Repair(Report, also=("right",)):
     seconds          it took
     terms            without fixes: what the residual of an equation consists of, if that could be told
     undefined        which expression is not a number, and in which state; empty if all are numbers
+    contradicted     edits that are right as the source was read, but not as Python runs it
     """
 
     file: str
@@ -77,6 +79,7 @@ class Repair(Report, also=("right",)):
     seconds: float
     terms: tuple[str, ...] = ()
     undefined: str = ""
+    contradicted: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
@@ -87,6 +90,22 @@ class Repair(Report, also=("right",)):
     def exit_code(self) -> int:
         """Exit code: 0 right, 1 wrong (repaired or not)."""
         return 0 if self.right else 1
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Each fix as a cause; its element is the first line that it changes, "file:line"."""
+        evidence = f"residual {self.residual:.2g} of the equation's terms"
+        return tuple(
+            Finding(
+                "wrong-expression",
+                "; ".join(fix.words),
+                evidence,
+                "Apply the edit",
+                "cause",
+                f"{fix.file}:{fix.lines[0]}",
+            )
+            for fix in self.fixes
+        )
 
     def summary(self) -> str:
         """Whether the function is right, and the first fix."""
@@ -122,6 +141,13 @@ class Repair(Report, also=("right",)):
             )
         else:
             yield "No edit was found, and no expression can be the only one that is wrong."
+        for fix in self.contradicted:
+            yield (
+                f"Not offered: {fix}. By the source it is right, run by Python it is not: is there something "
+                "in the module that changes what is read?"
+            )
+        for reason in dict.fromkeys(fix.not_run for fix in self.fixes if fix.not_run):
+            yield f"Read, but not run by Python: {reason}."
         if not self.complete:
             yield "The search ran out of time: there may be other edits."
         if self.fixes:
@@ -148,6 +174,26 @@ class Repair(Report, also=("right",)):
         return lines
 
 
+@dataclass(frozen=True)
+class NoRepair(Report):
+    """Why no edit was sought: the function cannot be read; file and line are named."""
+
+    refused: str
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code: 0, for the check has its own."""
+        return 0
+
+    def summary(self) -> str:
+        """Why."""
+        return f"no repair was sought: {self.refused}"
+
+    def sections(self) -> Iterator[Section]:
+        """Why."""
+        yield f"No repair was sought. {self.refused}."
+
+
 def suspects(source: Source, places: Iterable[int]) -> list[str]:
     """The lines of some nodes, in order, each with the widest of their expressions."""
     widest: dict[int, str] = {}
@@ -162,8 +208,8 @@ def suspects(source: Source, places: Iterable[int]) -> list[str]:
 def terms(program: Program, target: Target) -> tuple[str, ...]:
     """What each wrong equation's residual consists of, at the model's own parameters."""
     test = target.test()
-    udot = program.run()[:, program.samples.group == 0]
-    if not np.isfinite(udot).all():
+    udot = program.run()[: len(test.speeds), program.samples.group == 0]
+    if udot.shape != test.acceleration.shape or not np.isfinite(udot).all():
         return ()
     found = []
     residual = test.residual(udot)
@@ -178,7 +224,7 @@ def terms(program: Program, target: Target) -> tuple[str, ...]:
 def undefined(program: Program, target: Target) -> str:
     """The first expression that is not a finite number in some state, with that state; else empty."""
     trace, tape, samples = program.trace, program.tape, program.samples
-    for k in sorted(tape.before(trace.outputs)):
+    for k in sorted(tape.before(program.outputs)):
         finite = np.isfinite(tape.values[k])
         if finite.ndim > 1:  # the solution of linear equations
             finite = finite.all(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -13,19 +14,24 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import chosen_map
-from deltac.diagnosis.inputs.models import load_model
+from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, load_model
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
-from deltac.repair.tracing.interpreter import trace
+from deltac.repair.tracing.interpreter import Endless, branches
 from deltac.repair.tracing.library import flatten
-from deltac.repair.tracing.program import Program, named_parameters, read
+from deltac.repair.tracing.program import Program, Reading, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
-from deltac.repair.tracing.source import Source, read_source
-from deltac.repair.tracing.tape import ELEMENTARY, Slot
+from deltac.repair.tracing.source import Source, innermost, read_source
+from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
+from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
+
+Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
 TIME_LIMIT = 60.0
 """Time for a search (s)."""
@@ -45,12 +51,21 @@ DEARER = 1.6
 AGREE = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
 
+BRANCHES = 12
+"""Edits of one branch that are combined with those of another."""
+
+DIGITS = 6
+"""A number of more digits than these is none that anybody writes."""
+
+NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
 
+@interruptible()
 def repair_equations(
-    model: Any,
+    model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
@@ -86,43 +101,99 @@ def repair_equations(
     return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
 
 
+def repair_loaded(
+    model: Any,
+    text: str,
+    function: Callable[..., Any] | Equations,
+    *,
+    coordinates: CoordinateMap | str | None = None,
+    seed: int = 0,
+    time_limit: float = TIME_LIMIT,
+) -> Repair:
+    """`repair_equations` of ``FILE.py:NAME``, which has been loaded: `function` is what it gave.
+
+    The text is read; live values stand in only for what the text does not say.
+    """
+    found = load_model(model)
+    plain = function.rhs if isinstance(function, Equations) else function
+    if coordinates is None and isinstance(function, Equations):
+        chosen = function.coordinates
+    else:
+        chosen = chosen_map(found, coordinates)
+    target = Target(found.mechanism, chosen, seed)
+    python = innermost(plain)
+    try:
+        source = read_source(text)
+        if python is not None:
+            source = replace(source, outside=dict(python.__globals__))
+        return repair_source(source, target, time_limit)
+    except Refused as refused:
+        if isinstance(refused, Endless) or python is None:
+            raise
+        try:
+            return repair_source(read_source(plain), target, time_limit)
+        except InputError:
+            raise refused from None
+
+
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
     """`repair_equations` for a source and a target at hand."""
     start = time.monotonic()
     deadline = start + time_limit
-    program = read(source, target)
-    if program.wrong < RIGHT:
-        return _report(program, target, [], start, deadline)
-    found, suspected = _search(program, target, deadline)
+    reading = read(source, target)
+    if reading.wrong < RIGHT:
+        return _report(reading, target, [], start, deadline)
+    found, suspected = _search(reading, target, deadline)
     coincidence = False
-    if not found and program.samples.parameters:
+    if not found and reading.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
         plain = read(source, target, vary=False)
         found, more = _search(plain, target, deadline)
         if found or not suspected:
-            program, suspected, coincidence = plain, more, True
-    return _report(program, target, found, start, deadline, suspected, coincidence)
+            reading, suspected, coincidence = plain, more, True
+    return _report(reading, target, found, start, deadline, suspected, coincidence)
 
 
-def _search(
-    program: Program, target: Target, deadline: float
-) -> tuple[list[tuple[tuple[Candidate, ...], Source]], list[str]]:
-    """Edits with the sources they make, confirmed, cheapest first; and the suspects."""
-    search = Search(program, deadline)
-    search.require()
-    found = _confirm(program, target, ((c,) for c in search.single()), deadline)
-    if not found:
-        found = _confirm(program, target, pairs(search, target), deadline)
-    return found, suspects(program.source, [r.place for r in search.whole])
+def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, list[str]]:
+    """Edits with the sources they make, confirmed, cheapest first; and the suspects.
+
+    Where the function branches on the state, each wrong branch is searched; where none of their edits
+    makes all branches right, one of each branch is combined.
+    """
+    suspected: list[str] = []
+    alone: list[list[Candidate]] = []
+    searches = []
+    for program in reading.faulty:
+        search = Search(program, target, deadline)
+        search.require()
+        singles = search.single()
+        found = _confirm(reading, target, ((c,) for c in singles), deadline)
+        suspected += suspects(program.source, [r.place for r in search.whole])
+        if found:
+            return found, list(dict.fromkeys(suspected))
+        searches.append(search)
+        alone.append(singles[:BRANCHES])
+    if len(alone) == 2:
+        both = sorted(
+            ((a, b) for a in alone[0] for b in alone[1] if a.place != b.place),
+            key=lambda pair: pair[0].cost + pair[1].cost,
+        )
+        found = _confirm(reading, target, both, deadline)
+        if found:
+            return found, list(dict.fromkeys(suspected))
+    for search in searches:
+        found = _confirm(reading, target, pairs(search, target), deadline)
+        if found:
+            return found, list(dict.fromkeys(suspected))
+    return [], list(dict.fromkeys(suspected))
 
 
 def _confirm(
-    program: Program,
+    reading: Reading,
     target: Target,
     candidates: Iterable[tuple[Candidate, ...]],
     deadline: float,
-) -> list[tuple[tuple[Candidate, ...], Source]]:
-    varied = tuple(program.samples.parameters)
+) -> Found:
     found: list[tuple[tuple[Candidate, ...], Source]] = []
     seen: set[str] = set()
     places: dict[tuple[int, ...], int] = {}
@@ -131,10 +202,10 @@ def _confirm(
         cost = sum(e.cost for e in edits)
         if tried >= TRIED or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
-        where = tuple(program.source.statement(e.place).lineno for e in edits)
+        where = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places.get(where, 0) >= ALIKE:
             continue
-        changed = confirmed(program.source, target, edits, varied)
+        changed = confirmed(reading.source, target, edits, reading.varied)
         if changed is not None and changed.text not in seen:
             seen.add(changed.text)
             places[where] = places.get(where, 0) + 1
@@ -144,53 +215,69 @@ def _confirm(
 
 
 def _report(
-    program: Program,
+    reading: Reading,
     target: Target,
-    found: Sequence[tuple[tuple[Candidate, ...], Source]],
+    found: Found,
     start: float,
     deadline: float,
     suspected: Sequence[str] = (),
     coincidence: bool = False,
 ) -> Repair:
-    source = program.source
-    names = program.samples.speeds
-    wrong = ~(np.abs(program.samples.residual(program.run())).max(axis=1) < RIGHT)
-    formulas, varied = _formulas(program, target, [changed for _, changed in found])
-    fixes = _fixes(program, _groups(program, found, formulas))
+    source, program = reading.source, reading.worst
+    names = (
+        *program.samples.speeds,
+        *(f"q̇ of {name}" for name in target.test().states.coordinates),
+    )
+    wrong = np.zeros(len(names), dtype=bool)
+    for piece in reading.pieces:
+        off = ~(np.abs(piece.samples.residual(piece.run())).max(axis=1) < RIGHT)
+        wrong[: len(off)] |= off
+    formulas, varied = _formulas(target, [changed for _, changed in found])
+    fixes, contradicted = _fixes(source, target, _groups(source, found, formulas))
     return Repair(
         file=source.name,
         function=source.qualified,
-        residual=program.wrong,
+        residual=reading.wrong,
         equations=tuple(name for name, off in zip(names, wrong) if off),
         fixes=fixes,
         certain=bool(fixes)
+        and not contradicted
         and len(set(formulas)) == 1
         and not coincidence
-        and (varied or _about_the_state(program, found)),
-        varied=tuple(program.samples.parameters),
+        and (varied or _about_the_state(program, found))
+        and not _odd_number(found[0][0]),
+        varied=reading.varied,
         suspects=tuple(suspected),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
         terms=() if fixes else terms(program, target),
         undefined=undefined(program, target),
+        contradicted=contradicted,
     )
 
 
-Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+def _odd_number(edits: Sequence[Candidate]) -> bool:
+    """Whether an edit puts in a decimal of many digits: a number that fits is none that was meant."""
+    return any(
+        len(m.group().replace(".", "").strip("0")) > DIGITS
+        for e in edits
+        for m in NUMBER.finditer(e.text)
+    )
 
 
-def _groups(program: Program, found: Found, formulas: Sequence[int]) -> Sequence[Found]:
+def _groups(source: Source, found: Found, formulas: Sequence[int]) -> Sequence[Found]:
     """Edits of the same statements that come to the same formula, together."""
     groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
     for (edits, changed), formula in zip(found, formulas):
-        lines = tuple(program.source.statement(e.place).lineno for e in edits)
+        lines = tuple(source.statement(e.place).lineno for e in edits)
         groups.setdefault((formula, *lines), []).append((edits, changed))
     return list(groups.values())[:GROUPS]
 
 
-def _fixes(program: Program, groups: Sequence[Found]) -> tuple[Fix, ...]:
-    """One fix for each group, with what else could be written there."""
-    source = program.source
+def _fixes(
+    source: Source, target: Target, groups: Sequence[Found]
+) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
+    """One fix for each group, with what else could be written there; and edits that Python contradicts."""
     fixes = []
     for members in groups:
         edits, changed = members[0]
@@ -206,27 +293,33 @@ def _fixes(program: Program, groups: Sequence[Found]) -> tuple[Fix, ...]:
                 others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
             )
         )
-    return _tried(program, fixes, [members[0][1] for members in groups])
+    return _tried(source, target, fixes, [members[0][1] for members in groups])
 
 
-def _tried(program: Program, fixes: Sequence[Fix], sources: Sequence[Source]) -> tuple[Fix, ...]:
-    """The fixes after Python has run them; those that give something else then are left out."""
-    samples = program.samples
-    at = samples.at(samples.group == 0)
+def _tried(
+    source: Source, target: Target, fixes: Sequence[Fix], sources: Sequence[Source]
+) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
+    """The fixes after Python has run them; and, in words, those left out that give something else then."""
+    samples = target.samples()
     kept = list(fixes)
-    modules, places = [], []
-    for k, changed in enumerate(sources[: len(fixes)]):
-        module = sandbox.extract(changed, program.trace.statements)
-        if module is not None and _nothing_new(program.source, changed):
-            modules.append(module)
+    tasks, places = [], []
+    for k, changed in enumerate(sources):
+        one = sandbox.task(changed)
+        if one is None:
+            kept[k] = replace(kept[k], not_run="only the running session has it")
+        elif not _nothing_new(source, changed):
+            kept[k] = replace(kept[k], not_run="the edit calls what the function did not call")
+        else:
+            tasks.append(one)
             places.append(k)
-    if not modules:
-        return tuple(kept)
-    answers = sandbox.run(modules, at, limit=10.0)
+    answers = sandbox.run(tasks, samples, limit=10.0) if tasks else []
     for k, answer in zip(places, answers):
-        right = not isinstance(answer, str) and answer.shape == at.acceleration.shape
-        kept[k] = replace(kept[k], ran=bool(right and at.wrong(np.asarray(answer)) < RIGHT))
-    return tuple(fix for fix in kept if fix.ran is not False)
+        if isinstance(answer, str):
+            kept[k] = replace(kept[k], not_run=answer)
+        else:
+            kept[k] = replace(kept[k], ran=samples.wrong(answer) < RIGHT)
+    contradicted = tuple(str(fix) for fix in kept if fix.ran is False)
+    return tuple(fix for fix in kept if fix.ran is not False), contradicted
 
 
 def _nothing_new(source: Source, changed: Source) -> bool:
@@ -262,37 +355,58 @@ def _about_the_state(program: Program, found: Found) -> bool:
     return all(e.kind in STATE_KINDS and varies(e.place) for e in edits)
 
 
-def _formulas(
-    program: Program, target: Target, sources: Sequence[Source]
-) -> tuple[list[int], bool]:
+def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], bool]:
     """Which repaired functions are one formula, and whether all their constants are the model's.
 
     Functions are one formula if they stay equal when their named constants are moved.
     """
     if not sources:
         return [], False
-    at = program.samples.at(program.samples.group == 0)
-    traces = [trace(source, at.t, at.q, at.u) for source in sources]
+    at = target.samples()
+    readings = [branches(source, at.t, at.q, at.u) for source in sources]
+    traces = [parts[0][1] for parts in readings]
     names = set.intersection(*(set(found.parameters) for found in traces))
     rng = np.random.default_rng(0)
     factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
     varied = True
-    for found in traces:
-        moved = {
-            slot: found.tape.values[slot] * factors[name]
-            for name, slot in found.parameters.items()
-            if name in factors
-        }
-        result = found.tape.run(found.outputs, values=moved)
+    for parts in readings:
+        result = np.full((len(at.u) + len(at.q), len(at.t)), 0.0)
+        for which, found in parts:
+            moved = {
+                slot: found.tape.values[slot] * factors[name]
+                for name, slot in found.parameters.items()
+                if name in factors
+            }
+            outputs = (*found.outputs, *found.rates)
+            result[: len(outputs), which] = found.tape.run(outputs, values=moved)
         size = np.abs(result).max() + 1e-300
         same = (k for k, other in enumerate(kinds) if np.abs(other - result).max() <= AGREE * size)
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):
             kinds.append(result)
-        matters = found.tape.before(found.outputs)
-        used = {name for name, slot in found.parameters.items() if slot in matters}
-        # Of the model's names and values, those that were not varied are what the edit sets right.
-        varied = varied and used <= set(named_parameters(found, target))
+        for _, found in parts:
+            links = named_parameters(found, target)
+            linked = {slot for name, slot in found.parameters.items() if name in links}
+            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
+            varied = varied and not any(
+                slot not in linked and _own_number(found.tape, slot)
+                for slot in found.tape.before((*found.outputs, *found.rates))
+            )
     return formulas, varied
+
+
+def _own_number(tape: Tape, slot: int) -> bool:
+    """Whether a slot is a constant whose value is the user's: no small whole number, simple fraction or π."""
+    value = tape.exact[slot]
+    if (
+        tape.operations[slot] is not None
+        or tape.varying[slot]
+        or not isinstance(value, int | float)
+    ):
+        return False
+    return (
+        not any(float(value * k).is_integer() and abs(value) <= 12 for k in (1, 2, 3))
+        and value != np.pi
+    )

@@ -1,7 +1,7 @@
 """Run functions in a process of their own, with limits of time and memory.
 
-Only what the reader has understood is run: the function, and the constants and functions of its module
-that it uses. The process is `sandbox_worker.py`: JSON in, JSON out.
+Only what the function needs of its module is run: the statements that set the names that it uses, and those
+that these use, imports included. The process is `sandbox_worker.py`: JSON in, JSON out.
 """
 
 from __future__ import annotations
@@ -12,45 +12,77 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.residuals.state_form import PLAIN
+from deltac.repair.tracing.modules import bound
 from deltac.repair.tracing.samples import Samples
 from deltac.repair.tracing.source import Source
 
-CHILD = Path(__file__).with_name("sandbox_worker.py")
+WORKER = Path(__file__).with_name("sandbox_worker.py")
 
 
-def extract(source: Source, statements: frozenset[int]) -> tuple[str, str] | None:
-    """A module with what the function needs (the module's statements on these lines), and its name.
+@dataclass(frozen=True)
+class Task:
+    """A function to run: the text that it needs, its name there, how it takes the state, its folder."""
 
-    None for methods and closures, which cannot be had without their surroundings.
-    """
-    if "." in source.qualified:
+    text: str
+    name: str
+    arguments: tuple[str, ...]
+    order: tuple[int, ...]
+    controls: int
+    folder: str
+
+
+def task(source: Source) -> Task | None:
+    """What is needed to run a source's function; None for one that only a running session has."""
+    if source.root is not None and ("<locals>" in source.qualified or "." in source.qualified):
         return None
-    own = source.function
-    body = [s for s in source.module.body if s is own or s.lineno in statements or _future(s)]
-    return ast.unparse(ast.Module(body=body, type_ignores=[])), own.name
+    form = source.form or PLAIN
+    folder = "" if source.path is None else str(source.path.resolve().parent)
+    body = needed(source.module, source.qualified.partition(".")[0])
+    text = ast.unparse(ast.Module(body=body, type_ignores=[]))
+    return Task(text, source.qualified, form.arguments, form.order, form.controls, folder)
 
 
-def _future(statement: ast.stmt) -> bool:
-    return isinstance(statement, ast.ImportFrom) and statement.module == "__future__"
+def needed(module: ast.Module, name: str) -> list[ast.stmt]:
+    """The statements of a module that a name depends on, in order."""
+    names, chosen = {name}, set()
+    waiting = True
+    while waiting:
+        waiting = False
+        for k, statement in enumerate(module.body):
+            if k not in chosen and (_always(statement) or bound(statement) & names):
+                chosen.add(k)
+                names |= {n.id for n in ast.walk(statement) if isinstance(n, ast.Name)}
+                waiting = True
+    return [module.body[k] for k in sorted(chosen)]
 
 
-def run(modules: Sequence[tuple[str, str]], samples: Samples, limit: float) -> list[Array | str]:
-    """Accelerations (n, B) that functions return, or what went wrong, in a process of their own.
+def _always(statement: ast.stmt) -> bool:
+    """Whether a statement may set any name: a star import, or one of the future."""
+    if not isinstance(statement, ast.ImportFrom):
+        return False
+    return statement.module == "__future__" or any(a.name == "*" for a in statement.names)
 
-    `limit` is the time (s) for all of them.
+
+def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | str]:
+    """What functions return (n, B), q̇ after u̇ where they return it; or what went wrong, in words.
+
+    They run in a process of their own; `limit` is the time (s) for all of them.
     """
     states = {"t": samples.t.tolist(), "q": samples.q.T.tolist(), "u": samples.u.T.tolist()}
-    task = json.dumps({"modules": list(modules), "limit": limit, **states})
+    order = json.dumps({"tasks": [vars(one) for one in tasks], "limit": limit, **states})
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
-            [sys.executable, "-I", str(CHILD)],
-            input=task,
+            [sys.executable, "-I", str(WORKER)],
+            input=order,
             capture_output=True,
             text=True,
             timeout=limit + 5.0,
@@ -58,11 +90,11 @@ def run(modules: Sequence[tuple[str, str]], samples: Samples, limit: float) -> l
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return [f"did not end within {limit:g} s"] * len(modules)
+        return [f"did not end within {limit:g} s"] * len(tasks)
     answers: list[Array | str] = []
     for line in done.stdout.splitlines():
-        answer = json.loads(line)
+        answer: Any = json.loads(line)
         answers.append(answer if isinstance(answer, str) else np.array(answer, dtype=float).T)
-    while len(answers) < len(modules):
+    while len(answers) < len(tasks):
         answers.append(f"ended with status {done.returncode}: {done.stderr.strip()[-200:]}")
     return answers

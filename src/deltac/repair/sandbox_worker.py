@@ -6,13 +6,15 @@ It imports nothing but NumPy, so that it starts quickly, and bounds its own time
 from __future__ import annotations
 
 import contextlib
+import inspect
 import json
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-MEMORY = 2 * 1024**3
+MEMORY = 4 * 1024**3
 """Bytes of address space that the process may take."""
 
 
@@ -28,29 +30,75 @@ def _limits(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
 
 
-def _answer(module: tuple[str, str], task: dict[str, Any]) -> list[list[float]] | str:
-    text, name = module
+def _function(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
+    """What a name with dots means; a class stands for an object, what needs no argument is asked."""
+    parts = [part for part in name.split(".") if part != "<locals>"]
+    value = namespace[parts[0]]
+    for part in parts[1:]:
+        if isinstance(value, type) and inspect.isfunction(
+            inspect.getattr_static(value, part, None)
+        ):
+            value = value()
+        value = getattr(value, part)
+    if isinstance(value, type):
+        value = value()
+    with contextlib.suppress(TypeError, ValueError):
+        parameters = inspect.signature(value).parameters.values()
+        if all(p.default is not p.empty for p in parameters):
+            made = value()
+            value = made if callable(made) else value
+    return getattr(value, "rhs", value)
+
+
+def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -> list[Any]:
+    entries = [*q, *u]
+    known = {
+        "t": t,
+        "q": np.array(q),
+        "u": np.array(u),
+        "state": np.array([entries[k] for k in task["order"]]),
+        "control": np.zeros(task["controls"]) if task["controls"] else 0.0,
+    }
+    return [known[what] for what in task["arguments"]]
+
+
+def _sorted(value: Any, task: dict[str, Any], nq: int, nu: int) -> list[float]:
+    """u̇, then q̇ where it is returned."""
+    parts = value if isinstance(value, tuple | list) else [value]
+    found = np.concatenate([np.asarray(p, dtype=float).ravel() for p in parts])
+    if len(found) != nq + nu:
+        return [float(x) for x in found]
+    back = np.empty(nq + nu)
+    back[task["order"] or np.arange(nq + nu)] = found
+    return [float(x) for x in (*back[nq:], *back[:nq])]
+
+
+def _answer(task: dict[str, Any], states: dict[str, Any]) -> list[list[float]] | str:
     namespace: dict[str, Any] = {"__name__": "equations"}
+    if task["folder"]:
+        sys.path.insert(0, task["folder"])
     try:
         with np.errstate(all="ignore"):
-            exec(compile(text, "equations", "exec"), namespace)
-            function = namespace[name]
-            rows = []
-            for t, q, u in zip(task["t"], task["q"], task["u"]):
-                value = function(t, np.array(q), np.array(u))
-                rows.append(np.asarray(value, dtype=float).ravel().tolist())
-            return rows
-    except Exception as error:  # whatever a function raises is its answer
+            exec(compile(task["text"], "equations", "exec"), namespace)
+            function = _function(namespace, task["name"])
+            return [
+                _sorted(function(*_arguments(task, t, q, u)), task, len(q), len(u))
+                for t, q, u in zip(states["t"], states["q"], states["u"])
+            ]
+    except BaseException as error:  # whatever a function raises, exits included, is its answer
         return f"{type(error).__name__}: {error}"
+    finally:
+        if task["folder"]:
+            sys.path.remove(task["folder"])
 
 
 def main() -> None:
     """Read a task, answer line by line."""
-    task = json.load(sys.stdin)
-    _limits(task["limit"])
+    order = json.load(sys.stdin)
+    _limits(order["limit"])
     out, sys.stdout = sys.stdout, sys.stderr
-    for module in task["modules"]:
-        print(json.dumps(_answer(tuple(module), task)), file=out, flush=True)
+    for task in order["tasks"]:
+        print(json.dumps(_answer(task, order)), file=out, flush=True)
 
 
 if __name__ == "__main__":

@@ -66,14 +66,14 @@ class Curve:
     t          (T,) times (s)
     angles     name -> (T,) degrees
     delta_c    testing function -> (T,) ΔC (J)
-    turnover   energy turned over (J): its rounding is the floor of |ΔC|
+    energy_exchanged   (J): its rounding is the floor of |ΔC|
     """
 
     label: str
     t: Array
     angles: Mapping[str, Array]
     delta_c: Mapping[str, Array] = field(default_factory=dict)
-    turnover: float = 0.0
+    energy_exchanged: float = 0.0
 
 
 def styled() -> AbstractContextManager[None]:
@@ -112,7 +112,7 @@ def testing_figure(
             for curve, colour, width in shown[-1:] if last_angles else shown:
                 _angle(strip, curve, name, color=colour, linewidth=width)
             strip.set_ylabel(f"{name} (deg)")
-        floor = EPS * max(curve.turnover for curve in curves)
+        floor = EPS * max(curve.energy_exchanged for curve in curves)
         for panel, (function, name) in zip(tests, NAMES.items(), strict=True):
             _delta_c(panel, curves, function, floor)
             panel.set_title(f"|ΔC| of {name}'s function")
@@ -244,7 +244,7 @@ def _delta_c(panel: Axes, curves: Sequence[Curve], function: str, floor: float) 
         panel.semilogy(curve.t, size, color=colour, linewidth=width)
     panel.axhline(floor, color="#888888", linewidth=0.8, linestyle=(0, (4, 3)))
     panel.annotate(
-        f"rounding of the energy turned over, {floor:.0e} J: what is smaller is drawn here",
+        f"rounding of the energy exchanged, {floor:.0e} J: what is smaller is drawn here",
         (0.995, floor),
         xycoords=panel.get_yaxis_transform(),
         xytext=(0, -2),
@@ -291,9 +291,9 @@ MOST_CHANNELS = 5
 
 
 def audit_figure(
-    title: str, ledger: Ledger, left_over: Array, function: str, allowed: float
+    title: str, ledger: Ledger, energy_error: Array, function: str, allowed: float
 ) -> Figure:
-    """K, V and the works of the largest channels (J); below, `left_over` with its error bar.
+    """K, V and the works of the largest channels (J); below, `energy_error` with its error bar.
 
     `function` names the testing function that the bar belongs to; `allowed` (J) is drawn as a band.
     """
@@ -302,7 +302,7 @@ def audit_figure(
         flows, left = _stacked(figure, [2.2, 1.0], [0.2])
         stride = max(1, len(ledger.t) // POINTS)
         _flows(flows, ledger, stride)
-        _left_over(left, ledger, left_over, function, allowed, stride)
+        _left_over(left, ledger, energy_error, function, allowed, stride)
         left.set_xlabel("time t (s)")
         for panel in (flows, left):
             panel.yaxis.set_label_coords(-0.52 / 6.74, 0.5)
@@ -336,9 +336,9 @@ def _flows(panel: Axes, ledger: Ledger, stride: int) -> None:
 
 
 def _left_over(
-    panel: Axes, ledger: Ledger, left_over: Array, function: str, allowed: float, stride: int
+    panel: Axes, ledger: Ledger, energy_error: Array, function: str, allowed: float, stride: int
 ) -> None:
-    t, left = ledger.t[::stride], left_over[::stride]
+    t, left = ledger.t[::stride], energy_error[::stride]
     bar = ledger.error_bar[function][::stride]
     panel.axhspan(-allowed, allowed, color="#009e73", alpha=0.10, linewidth=0, label="accepted")
     panel.fill_between(t, left - bar, left + bar, color="#0072b2", alpha=0.25, linewidth=0)
@@ -454,12 +454,12 @@ def _line(panel: Axes, h: np.ndarray, sizes: np.ndarray, found: Convergence, col
 def _over_time(panel: Axes, study: Study) -> None:
     runs = [r for r in study.runs if r.step in study.measures.steps and r.run is not None]
     m = study.measures
-    floor = max(EPS * m.turnover, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
+    floor = max(EPS * m.energy_exchanged, DECADES * m.left[-1], float(np.finfo(np.float64).tiny))
     palette = (*COLOURS[:2], *COLOURS[3:], COLOURS[2])
     for k, (entry, colour) in enumerate(zip(runs, (palette[i % 5] for i in range(len(runs))))):
-        assert entry.run is not None and entry.left_over is not None
+        assert entry.run is not None and entry.energy_error is not None
         stride = max(1, len(entry.run) // POINTS)
-        size = np.maximum(np.abs(entry.left_over[study.function]), floor)
+        size = np.maximum(np.abs(entry.energy_error[study.function]), floor)
         name = "h" if study.measures.unit else "tolerance"
         panel.semilogy(
             entry.run.t[::stride],
@@ -499,7 +499,7 @@ def recommendation_figure(title: str, advice: Recommendation) -> Figure:
         energy, motion = _stacked(figure, [1.0, 1.0], [0.3])
         _scatter(energy, advice, "energy", advice.tolerance)
         _scatter(motion, advice, "motion", advice.motion_tolerance)
-        energy.set_title("largest |ΔC|, share of the energy turned over")
+        energy.set_title("largest |ΔC|, share of the energy exchanged")
         motion.set_title("error of q and u, share of their ranges (where the energy is kept)")
         motion.set_xlabel("time of a run (s)")
         energy.legend(loc="upper right", fontsize=7.5, ncols=2)

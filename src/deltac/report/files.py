@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all: written under another name, then renamed."""
+"""Figures, JSON and texts as files, which appear whole or not at all (see `deltac.files.appearing`)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deltac.errors import FileError
+from deltac.files import appearing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,36 +39,26 @@ def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
     from deltac.report.figures import styled
 
-    with _replacing(path) as temporary, styled():
-        figure.savefig(temporary, format="png")
+    with _written(path) as file, styled():
+        figure.savefig(file, format="png")
 
 
 def write_json(value: Any, path: Path) -> None:
     """Write a value as JSON, readable by people too."""
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=2)
-    with _replacing(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_text(json.dumps(value, ensure_ascii=False, allow_nan=False, indent=2) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a text as UTF-8."""
+    with _written(path) as file:
+        file.write(text.encode())
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write to; renamed to it at the end, removed if something fails."""
+def _written(path: Path) -> Iterator[BinaryIO]:
+    """`appearing`, for which a disk that refuses is an error of input."""
     try:
-        with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            temporary = Path(file.name)
+        with appearing(path) as file:
+            yield file
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror}") from error
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())  # temporary files are private
-        temporary.replace(path)
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

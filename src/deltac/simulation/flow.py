@@ -1,40 +1,97 @@
-"""What a solver integrates: ẋ = f(t, x) with x = (q, u, ∫P), in symbols.
+"""What a solver integrates: ẋ = f(t, x) with x = (q, u, works, ∫P), in symbols.
 
 q and u are the free coordinates and speeds, or the user's own ones where equations are written by
-hand; behind them stands one integral of the power P for each testing function, so that solver and step
-treat P as they treat the motion (theory: the integral "in the loop").
+hand; behind them stand the work of each channel and the integral of the power P of each testing function,
+so that solver and step treat powers as they treat the motion (theory: the integral "in the loop").
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.caching import Once
-from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
     Constrained,
     Reactions,
+    Terms,
+    channel_powers,
     forward,
+    reaction_powers,
     reactions_from,
     terms,
 )
 from deltac.dynamics.testing_functions import testing_functions
+from deltac.errors import InputError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
-Stabilisation: TypeAlias = str | tuple[float, float]
-"""How a run stays on its constraints: "projection", "none", or Baumgarte's (α, β) in 1/s."""
+
+@dataclass(frozen=True)
+class Projection:
+    """After each step q and u are brought onto the constraints, by the least change in the mass metric.
+
+    With `energy` the state is then brought back to ΔC = 0 of Wang's function likewise. What that does to the
+    energy is booked as `correction energy`, so ΔC still shows what the solver lost; what the corrected motion
+    is worth, it does not show.
+    """
+
+    energy: bool = False
+
+
+@dataclass(frozen=True)
+class Baumgarte:
+    """Constraints on the level of accelerations, ψ̇ + 2α ψ + β² φ = 0; α and β in 1/s (Baumgarte 1972)."""
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+                raise InputError(
+                    f"Baumgarte: {name} is {value!r}; expected a finite number of 1/s, 0 or more, such as "
+                    "10.0"
+                )
+
+
+PROJECTION = Projection()
+
+Keeping: TypeAlias = Projection | Baumgarte | None
+"""How a run stays on its constraints; None: on the level of accelerations alone."""
+
+
+def stabilised(old: object) -> Any:
+    """What the argument `constraints` is for one of the old name, `stabilisation`: "none", (α, β)."""
+    if isinstance(old, tuple) and len(old) == 2:
+        return Baumgarte(*old)
+    return None if old == "none" else old
+
+
+def keeping(constraints: str | Keeping) -> Keeping:
+    """What the argument `constraints` says, "projection" written out; InputError for anything else."""
+    if constraints == "projection":
+        return Projection()
+    if constraints is None or isinstance(constraints, Projection | Baumgarte):
+        return constraints
+    raise InputError(
+        f"constraints is {constraints!r}; expected 'projection', deltac.Projection(energy=True), "
+        "deltac.Baumgarte(alpha, beta) in 1/s, or None"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +100,8 @@ class Flow(Once):
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
     accelerations of a hand-written function that could not be traced (else empty). `q_size`, `u_size`
-    divide x; `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the `driving`
-    forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
+    divide x; `works`, then `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the
+    `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
     constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
     `split` are the generalized speeds of the testing functions, where they are not the mechanism's;
     `damping` is Baumgarte's (α, β).
@@ -52,6 +109,7 @@ class Flow(Once):
 
     system: System
     testing: tuple[str, ...]
+    works: tuple[ChannelName, ...]
     integrals: tuple[str, ...]
     equations: Equations | None
     own: OwnCoordinates | None
@@ -72,7 +130,7 @@ class Flow(Once):
     u_all: SX
     udot_all: SX
     driving: SX
-    reactions: Mapping[str, SX]
+    reactions: Mapping[ChannelName, SX]
     energies: SX
 
     @property
@@ -82,9 +140,33 @@ class Flow(Once):
 
     @property
     def parts(self) -> tuple[slice, slice, slice]:
-        """Where q, u and the integrals lie in x."""
+        """Where q, u and what is integrated (`works` and `integrals`) lie in x."""
         n = self.q_size + self.u_size
         return slice(0, self.q_size), slice(self.q_size, n), slice(n, self.x.shape[0])
+
+    @property
+    def powered(self) -> int:
+        """How many of the integrals, the first, are of powers; the others are booked."""
+        return len(self.works) + len(self.testing)
+
+    def powers(
+        self,
+        known: Terms,
+        parts: tuple[Channel, ...],
+        reactions: Reactions,
+        bound: Constrained | None,
+    ) -> SX:
+        """What the first `powered` integrals are of (W), for accelerations whoever made them."""
+        by_channel = _powers(self.system, parts, reactions, bound)
+        functions = testing_functions(self.testing)
+        return ca.vertcat(
+            ca.SX(0, 1), *(by_channel[n] for n in self.works), *(f.P(known) for f in functions)
+        )
+
+    def booked(self, changes: SX) -> SX:
+        """What integrals take of `changes` of the testing functions' energies and of what follows them."""
+        rest = len(self.integrals) - changes.shape[0]
+        return ca.vertcat(ca.SX.zeros(len(self.works)), changes, ca.SX.zeros(rest))
 
     def normalised(self, x: SX) -> SX:
         """The state with its quaternions brought back to unit length."""
@@ -106,7 +188,7 @@ class Flow(Once):
             values = ca.Function("own", inputs, [own_q, own_u])
             found = values(state.t, q, u, p)
             q, u = (np.array(part).ravel() for part in found)
-        x = np.concatenate([q, u, np.zeros(len(self.integrals))])
+        x = np.concatenate([q, u, np.zeros(len(self.works) + len(self.integrals))])
         if self.correcting:  # the energy as it should be starts at K + V
             energies = ca.Function("E", [self.t, self.x, self.p], [self.energies[-2:]])
             x[-1] = float(np.array(energies(state.t, x, p)).sum())
@@ -133,25 +215,29 @@ def build_flow(
     split: CoordinateMap | None = None,
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
-    stabilisation: Stabilisation = "projection",
+    constraints: Keeping = PROJECTION,
     *,
-    correcting: bool = False,
+    works: bool = True,
 ) -> Flow:
     """Write out ẋ for a mechanism.
 
     `written` are equations by hand in place of the mechanism's own, traced on `trace(mechanism, vary)`;
     `split` chooses the generalized speeds of the testing functions, `rows` the independent rows of the
-    constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β); `correcting` tells that
-    each step ends with a correction of the energy.
+    constraints, and `constraints` how the run stays on them; `works` tells that works of channels are
+    integrated beside the testing functions, if there are any: of all that can do work but those with a
+    potential, whose work is known without.
     """
     mechanics = equations_of_motion(mechanism, vary)
     system = mechanics.system
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
     parts = mechanics.channels
-    split_own = trace_map(system, split) if split is not None else None
+    split_own = trace_split(system, split)
     bound = mechanics.constrained(rows)
     own: OwnCoordinates | None = None
-    damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
+    correcting = isinstance(constraints, Projection) and constraints.energy
+    damping = (0.0, 0.0)
+    if isinstance(constraints, Baumgarte):
+        damping = (constraints.alpha, constraints.beta)
     given = ca.SX(0, 1)
     if written is None:
         motion = forward(system, parts, bound, damping)
@@ -166,15 +252,19 @@ def build_flow(
         reactions = reactions_from(system, udot_all, parts, bound)
 
     known = terms(system, udot_all, parts, split_own, bound, reactions)
+    by_channel = _powers(system, parts, reactions, bound) if works and functions else {}
+    potential = {part.name for part in parts if part.potential is not None}
+    working = {n: p for n, p in by_channel.items() if n not in potential and ca.sparsify(p).nnz()}
+    tied = constraint_forces(bound, reactions.multipliers)
     outputs = {
         "q": ca.SX(system.q_all),
         "u": ca.SX(system.u_all),
         "udot": udot_all,
         "driving": reactions.driving,
-        "P": ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions)),
+        "P": ca.vertcat(ca.SX(0, 1), *working.values(), *(f.P(known) for f in functions)),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
         "Q": known.nonpotential_power + known.prescribed_power,
-        **constraint_forces(bound, reactions.multipliers),
+        **{str(name): force for name, force in tied.items()},
     }
     if written is not None:
         # The mechanism's symbols give way to what the hand-written equations say of them.
@@ -182,16 +272,17 @@ def build_flow(
         outputs = _substituted(outputs, [system.udot], [free_udot])
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
-    projecting = bound is not None and own is None and stabilisation == "projection"
+    projecting = bound is not None and own is None and isinstance(constraints, Projection)
     booked: tuple[str, ...] = CORRECTIONS if projecting or correcting else ()
     booked = (*booked, ENERGY_CORRECTION) if correcting else booked
     due = (ENERGY_DUE,) if correcting else ()
     integrals = (*(f.name for f in functions), *booked, *due)
-    x = ca.vertcat(q, u, ca.SX.sym("z", len(integrals)))
+    x = ca.vertcat(q, u, ca.SX.sym("z", len(working) + len(integrals)))
     still = ca.SX.zeros(len(booked))
     return Flow(
         system=system,
         testing=tuple(function.name for function in functions),
+        works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
         own=own,
@@ -212,18 +303,28 @@ def build_flow(
         u_all=outputs["u"],
         udot_all=outputs["udot"],
         driving=outputs["driving"],
-        reactions={n: f for n, f in outputs.items() if n.startswith("constraint ")},
+        reactions={n: outputs[n] for n in tied},
         energies=outputs["E"],
     )
 
 
-def constraint_forces(bound: Constrained | None, multipliers: SX) -> dict[str, SX]:
+def _powers(
+    system: System,
+    parts: tuple[Channel, ...],
+    reactions: Reactions,
+    bound: Constrained | None,
+) -> dict[ChannelName, SX]:
+    """Power of every channel (W)."""
+    return channel_powers(system, parts) | reaction_powers(system, reactions, bound)
+
+
+def constraint_forces(bound: Constrained | None, multipliers: SX) -> dict[ChannelName, SX]:
     """Generalized force Gᵀλ (nu,) of every constraint, by channel."""
     if bound is None:
         return {}
     rows = bound.rows
     return {
-        f"constraint {name}": ca.mtimes(
+        ChannelName("constraint", name): ca.mtimes(
             rows.G_all[rows.places(name), :].T, multipliers[rows.places(name)]
         )
         for name in dict.fromkeys(rows.names)

@@ -10,6 +10,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.errors import DeltacError
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.simulation.constraints.singular import SingularMotion
@@ -35,7 +36,7 @@ def observer(flow: Flow) -> Kernel:
             "u": flow.u_all,
             "udot": flow.udot_all,
             "driving": flow.driving,
-            **flow.reactions,
+            **{str(name): force for name, force in flow.reactions.items()},
             **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
         },
         flow.p,
@@ -52,7 +53,7 @@ def recorded(
     provenance: Provenance,
 ) -> Trajectory:
     """The samples of a motion as a trajectory of the mechanism."""
-    q_part, u_part, integrals = flow.parts
+    q_part, u_part, summed = flow.parts
     arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
@@ -82,38 +83,39 @@ def recorded(
     }
     if note:
         provenance = replace(provenance, notes={**provenance.notes, "singular": note})
-    table = motion.x[:rows, integrals] - motion.x[0, integrals]
+    table = (motion.x[:rows, summed] - motion.x[0, summed]).T
     return Trajectory(
         t=motion.t[:rows],
         q=q[:rows],
         u=u[:rows],
         udot=udot[:rows],
         forces=forces,
-        integrals={name: table[:, k] for k, name in enumerate(flow.integrals)},
+        works=dict(zip(flow.works, table)),
+        integrals=dict(zip(flow.integrals, table[len(flow.works) :])),
         coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names,
         provenance=provenance,
     )
 
 
-def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[str, Array]:
+def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[ChannelName, Array]:
     """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
     mechanism = flow.system.mechanism
     rows, nu = len(inputs), len(mechanism.speeds)
-    forces: dict[str, Array] = {}
+    forces: dict[ChannelName, Array] = {}
     driving = seen["driving"].reshape(rows, -1)
     for joint in mechanism.joints:
         if joint.prescribed:
             place = mechanism.speeds.of(joint.name)
             force = np.zeros((rows, nu))
             force[:, place] = driving[:, place]
-            forces[f"prescribed {joint.name}"] = force
+            forces[ChannelName("prescribed", joint.name)] = force
     forces.update({name: seen[name].reshape(rows, -1) for name in flow.reactions})
     for name, place_in in flow.system.input_places.items():
         element = next(e for e in mechanism.motors if e.name == name)
         force = np.zeros((rows, nu))
         force[:, mechanism.speeds.of(element.joint)] = inputs[:, place_in]
-        forces[f"actuator {name}"] = force
+        forces[ChannelName("actuator", name)] = force
     return forces
 
 

@@ -1,13 +1,23 @@
-"""Energy balances as assertions, for the test-suites of robots and simulators."""
+"""Energy balances as assertions, for the test suites of robots and simulators.
+
+Each assertion hands back its report, so that a test may ask for more. The first line of a failure is the
+report's summary, for the short summary of a test run; the whole report follows.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
+    from deltac.diagnosis.check.check import EquationCheck
+    from deltac.diagnosis.study.study import Study
+    from deltac.results import Report
 
-__all__ = ["assert_balanced"]
+__all__ = ["assert_balanced", "assert_converges", "assert_equations"]
+
+Found = TypeVar("Found", bound="Report")
 
 
 def assert_balanced(
@@ -23,21 +33,85 @@ def assert_balanced(
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file; see `deltac.audit`.
         run: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: how works are taken, as for `deltac.balance`.
         mapping: path of a mapping file, where the log's columns have other names or units.
 
     Raises:
-        AssertionError: it does not hold, or the log does not tell; the message has the verdict, the
+        AssertionError: it does not hold, or the log does not decide; the message has the verdict, the
             table and what to change.
         InputError: model or run cannot be read.
     """
     __tracebackhide__ = True  # pytest shows the caller's line
     from deltac.diagnosis.audit.audit import audit
 
-    found = audit(model, run, tolerance=tolerance, work=work, mapping=mapping)
+    return _passing(audit(model, run, tolerance=tolerance, work=work, mapping=mapping))
+
+
+def assert_equations(
+    model: Any, rhs: Callable[..., Any] | Any, tolerance: float | None = None, **options: Any
+) -> EquationCheck:
+    """Assert that equations of motion written by hand are the model's, and hand back the check.
+
+    Nothing is integrated: the equations are tested at random states.
+
+    Args:
+        model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
+        rhs: a function of (t, q, u) that returns u̇, or `deltac.Equations`.
+        tolerance: accepted residual as a fraction of each equation's terms; by default that of
+            `deltac.check_equations`.
+        options: further arguments of `deltac.check_equations`: coordinates, states, count, seed.
+
+    Raises:
+        AssertionError: they are not, or that cannot be told; the message says which equation, and by which
+            term.
+        InputError: the function raises, or returns no u̇.
+    """
+    __tracebackhide__ = True
+    from deltac.diagnosis.check.check import check_equations
+
+    if tolerance is not None:
+        options["tolerance"] = tolerance
+    return _passing(check_equations(model, rhs, **options))
+
+
+def assert_converges(
+    model: Any,
+    steps: Sequence[float] | None = None,
+    tolerance: float = 1e-6,
+    *,
+    order: float | None = None,
+    **options: Any,
+) -> Study:
+    """Assert that a motion's energy error falls within a tolerance as the step is refined.
+
+    Args:
+        model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
+        steps: three or more, each half of the one before; see `deltac.study`.
+        tolerance: accepted |ΔC| at the finest step, as a fraction of the energy exchanged.
+        order: if given, the motion must converge at this order, within its error and half an order.
+        options: further arguments of `deltac.study`: state, duration, solver, equations, logs, …
+
+    Raises:
+        AssertionError: it does not, or that cannot be told, or the order is lower.
+        InputError: the study cannot be made.
+    """
+    __tracebackhide__ = True
+    from deltac.diagnosis.study.study import study
+
+    found = _passing(study(model, steps=steps, tolerance=tolerance, **options))
+    if order is not None:
+        observed = found.observed_order["state"]
+        if observed.order is None or observed.order + (observed.order_error or 0.0) < order - 0.5:
+            raise AssertionError(
+                f"the motion converges at {observed}, expected order {order:g}\n\n{found.explain()}"
+            )
+    return found
+
+
+def _passing(found: Found) -> Found:
+    """The report, if its exit code is 0."""
+    __tracebackhide__ = True
     if found.exit_code:
-        raise AssertionError(
-            f"the energy balance does not hold: {found.verdict.explain()}\n\n{found.table()}"
-        )
+        raise AssertionError(f"{found.summary()}\n\n{found.explain()}")
     return found

@@ -89,7 +89,7 @@ def si_unit(column: str, names: MechanismNames | None) -> str | None:
     if column == "time":
         return "s"
     prefix, _, name = column.partition(".")
-    if prefix == "integral":
+    if prefix in ("work", "integral"):
         return "J"
     if prefix == "q":
         return _coordinate_unit(name, names)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import LogError, UnknownName, closest, listed, shown
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ByChannel, ChannelName
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
@@ -46,9 +46,9 @@ class Occurrence:
     u_after: FloatArray
     udot_before: FloatArray | None = None
     udot_after: FloatArray | None = None
-    forces_before: Mapping[str, FloatArray] = field(default_factory=dict)
-    forces_after: Mapping[str, FloatArray] = field(default_factory=dict)
-    impulses: Mapping[str, FloatArray] = field(default_factory=dict)
+    forces_before: ByChannel = field(default_factory=dict)
+    forces_after: ByChannel = field(default_factory=dict)
+    impulses: ByChannel = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if isinstance(self.names, str) or not isinstance(self.names, Iterable):
@@ -63,7 +63,8 @@ class Occurrence:
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "t", float(self.t))
         object.__setattr__(self, "q", _array(self.q, None, f"q of {where}"))
-        nu = np.size(self.u_before)
+        object.__setattr__(self, "u_before", _array(self.u_before, None, f"u_before of {where}"))
+        nu = len(self.u_before)
         for name in ("u_before", "u_after", "udot_before", "udot_after"):
             value = getattr(self, name)
             if value is not None or name.startswith("u_"):
@@ -75,12 +76,13 @@ class Occurrence:
             for channel, value in values.items():
                 if not isinstance(channel, str):
                     raise LogError(f"{where}: {name} has the channel {shown(channel)}, no text")
-                split(channel)
-                found[channel] = _array(value, nu, f"{name} of {channel!r} of {where}")
+                found[ChannelName.parse(channel)] = _array(
+                    value, nu, f"{name} of {channel!r} of {where}"
+                )
             object.__setattr__(self, name, MappingProxyType(found))
 
     @property
-    def work(self) -> dict[str, float]:
+    def work(self) -> dict[ChannelName, float]:
         """Work of each impulse on the system (J): its product with the mean of both speeds."""
         mean = 0.5 * (self.u_before + self.u_after)
         return {channel: float(impulse @ mean) for channel, impulse in self.impulses.items()}
@@ -88,7 +90,7 @@ class Occurrence:
     @property
     def energy_lost(self) -> float:
         """Kinetic energy that the impacts took out (J); negative where they put some in."""
-        return -sum(w for channel, w in self.work.items() if channel.startswith("impact "))
+        return -sum(w for channel, w in self.work.items() if channel.kind == "impact")
 
     def reordered(self, places_q: npt.ArrayLike, places_u: npt.ArrayLike) -> Occurrence:
         """With coordinates and speeds in another order: those at these places now."""

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import InputError, LogError, UnknownName, WrongType, closest, shown
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
@@ -87,6 +87,8 @@ class Trajectory:
     udot        (T, nu) time derivatives of the speeds, or None when not known
     forces      channel -> (T, nu) generalized force (N, N·m); its power, the product with u, is
                 positive when it adds energy to the system
+    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver,
+                from the first row on; that of impulses is told by `events`
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -103,7 +105,8 @@ class Trajectory:
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     udot: FloatArray | None = None
-    forces: Mapping[str, FloatArray] = field(default_factory=dict)
+    forces: ByChannel = field(default_factory=dict)
+    works: ByChannel = field(default_factory=dict)
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
@@ -111,8 +114,10 @@ class Trajectory:
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))
         _set(self, "speeds", _names("speeds", self.speeds))
-        for channel in _names("forces", self.forces):
-            split(channel)
+        for name in ("forces", "works"):
+            given = getattr(self, name)
+            _names(name, given)
+            _set(self, name, {ChannelName.parse(channel): given[channel] for channel in given})
         _names("integrals", self.integrals)
         if not isinstance(self.provenance, Provenance):
             raise _unfit("provenance", self.provenance, "a Provenance")
@@ -127,11 +132,12 @@ class Trajectory:
             for channel, values in self.forces.items()
         }
         _set(self, "forces", MappingProxyType(forces))
-        integrals = {
-            name: self._samples(f"integral.{name}", values, None)
-            for name, values in self.integrals.items()
-        }
-        _set(self, "integrals", MappingProxyType(integrals))
+        for name, prefix in (("works", "work"), ("integrals", "integral")):
+            sums = {
+                key: self._samples(f"{prefix}.{key}", values, None)
+                for key, values in getattr(self, name).items()
+            }
+            _set(self, name, MappingProxyType(sums))
         _set(self, "events", tuple(self.events))
         self._check_events()
 
@@ -197,7 +203,8 @@ class Trajectory:
         return f"Trajectory({'; '.join(what)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild(self, forces=dict(self.forces), integrals=dict(self.integrals))
+        mappings = ("forces", "works", "integrals")
+        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
 
     @property
     def duration(self) -> float:
@@ -213,7 +220,7 @@ class Trajectory:
         return _pick(self.u, "speed", name, self.speeds)
 
     def every(self, n: int) -> Trajectory:
-        """The rows 0, n, 2n, …; integrals keep their values, for the solver took them in between.
+        """The rows 0, n, 2n, …; works and integrals keep their values, for the solver took them in between.
 
         The last row stays only when n divides `len(run) - 1`.
         """
@@ -226,7 +233,7 @@ class Trajectory:
         return self._rows(slice(None, None, stride))
 
     def between(self, t0: float, t1: float) -> Trajectory:
-        """The rows with t0 <= t <= t1 (s); integrals start anew, from zero at the first of them.
+        """The rows with t0 <= t <= t1 (s); works and integrals start anew, from zero at the first of them.
 
         Raises InputError when no row lies there.
         """
@@ -239,8 +246,9 @@ class Trajectory:
                 f"the rows go from {self.t[0]} to {self.t[-1]} s"
             )
         part = self._rows(rows)
-        restarted = {name: values - values[0] for name, values in part.integrals.items()}
-        return replace(part, integrals=restarted)
+        works = {name: values - values[0] for name, values in part.works.items()}
+        integrals = {name: values - values[0] for name, values in part.integrals.items()}
+        return replace(part, works=works, integrals=integrals)
 
     def _rows(self, rows: slice) -> Trajectory:
         t = self.t[rows]
@@ -252,6 +260,7 @@ class Trajectory:
             u=self.u[rows],
             udot=None if self.udot is None else self.udot[rows],
             forces={channel: values[rows] for channel, values in self.forces.items()},
+            works={channel: values[rows] for channel, values in self.works.items()},
             integrals={name: values[rows] for name, values in self.integrals.items()},
         )
 

@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
-from deltac.diagnosis.inputs.models import load_model
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -30,29 +32,32 @@ if TYPE_CHECKING:
 
 
 TOLERANCE = 1e-3
-"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the audit's table: energy (J) at the end of the run, its share of the turnover, origin.
+    """A line of the audit's table: energy (J) at the end of the run, its share of that exchanged, origin.
 
-    `energy` is a work for channels, a change for energies; positive into the system.
+    `energy` is a work for channels, a change for energies; positive into the system. `error`: how far it may
+    be off, J; `resolved`: whether that leaves a digit of it.
     """
 
     name: str
     energy: float
     share: float
     basis: str
+    error: float = 0.0
+    resolved: bool = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "left_over", "step"),
+    omit=("ledger", "run", "mechanism", "import_report", "energy_error", "step"),
     also=(
         "relative",
-        "turnover",
+        "energy_exchanged",
         "method",
         "delta_c",
         "error_bar",
@@ -72,8 +77,8 @@ class Audit(
         mechanism: the model it was judged against.
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
-        left_over: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |left_over| as a fraction of the energy turned over, or of the energy that the
+        energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
+        tolerance: accepted |energy_error| as a fraction of the energy exchanged, or of the energy that the
             system has, where that is less.
         step: the one-step test of the rows, where it was made.
         strict: whether a mistake within the tolerance sets the exit code.
@@ -85,10 +90,13 @@ class Audit(
     mechanism: Mechanism
     import_report: ImportReport | None
     function: str
-    left_over: Array
+    energy_error: Array
     tolerance: float
     step: OneStep | None = None
     strict: bool = False
+
+    left_over = RenamedAttribute("energy_error")
+    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def one_step(self) -> dict[str, Any] | None:
@@ -97,13 +105,13 @@ class Audit(
 
     @property
     def relative(self) -> float:
-        """Largest |left_over| as a fraction of the energy turned over, or that the system has, if less."""
-        return float(np.abs(self.left_over).max()) / self.beside if self.beside > 0.0 else 0.0
+        """Largest |energy_error| as a fraction of the energy exchanged, or that the system has, if less."""
+        return float(np.abs(self.energy_error).max()) / self.beside if self.beside > 0.0 else 0.0
 
     @property
     def beside(self) -> float:
-        """The energy that the error is judged beside: turned over, or that the system has, if less; J."""
-        return min(self.ledger.turnover, _held_energy(self.ledger))
+        """The energy that the error is judged beside: exchanged, or that the system has, if less; J."""
+        return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
 
     @property
     def exit_code(self) -> int:
@@ -116,7 +124,7 @@ class Audit(
         if self.verdict.kind == "unresolved":
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
-        small = self.ledger.turnover > 0.0 and self.relative <= self.tolerance
+        small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
         kept = self.verdict.kind == "consistent" or small
         if self.strict and any(f.kind == "small-but-real" for f in self.findings):
             return 1
@@ -125,31 +133,40 @@ class Audit(
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
         ledger = self.ledger
-        unit = ledger.turnover if ledger.turnover > 0.0 else 1.0
+        unit = ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else 1.0
 
-        def row(name: str, energy: float, basis: str) -> Row:
-            return Row(name, energy, energy / unit, basis)
+        def row(name: str, energy: float, basis: str, error: float = 0.0) -> Row:
+            return Row(name, energy, energy / unit, basis, error)
 
-        channels = sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
-        rows = [row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")) for n, w in channels]
+        unknown = ledger.unresolved
+        rows = [
+            replace(
+                row(n, float(w[-1] - w[0]), ledger.basis.get(n, "computed")),
+                error=float(ledger.work_error[n].max()),
+                resolved=n not in unknown,
+            )
+            for n, w in sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
+        ]
         rows += [row(n, 0.0, b) for n, b in ledger.basis.items() if b == "assumed zero"]
         K, V = ledger.kinetic, ledger.potential_energy
         delta_c = ledger.delta_c[self.function]
+        bar = float(ledger.error_bar[self.function].max())
         change = float(K[-1] - K[0] + V[-1] - V[0])
         rows += [
             row("ΔK", float(K[-1] - K[0]), "computed"),
             row("ΔV", float(V[-1] - V[0]), "computed"),
             row("Q", change - float(delta_c[-1]), "the works, without those of V"),
-            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), self._bar()),
+            row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
-        if not np.array_equal(self.left_over, delta_c):
-            rows.append(row("ΔC with corrections", float(self.left_over[-1]), self._bar()))
+        if not np.array_equal(self.energy_error, delta_c):
+            left = float(self.energy_error[-1])
+            rows.append(row("ΔC with corrections", left, ledger.method, bar))
         return tuple(rows)
 
     @property
-    def turnover(self) -> float:
-        """The energy turned over, J."""
-        return self.ledger.turnover
+    def energy_exchanged(self) -> float:
+        """The energy exchanged, J."""
+        return self.ledger.energy_exchanged
 
     @property
     def method(self) -> str:
@@ -183,9 +200,10 @@ class Audit(
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
         sign = ">" if self.relative > self.tolerance else "≤"
+        what = "exchanged" if self.beside == self.energy_exchanged else "that the system has"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.beside:.4g} J {'turned over' if self.beside == self.turnover else 'that the system has'} "
+            f"{self.beside:.4g} J {what} "
             f"(confidence {self.verdict.confidence})"
         )
 
@@ -195,14 +213,14 @@ class Audit(
         for row in self.rows():
             if row.name == "ΔK":
                 rows.append(())
-            rows.append((row.name, number(row.energy), f"{100 * row.share:.3g} %", row.basis))
-        yield Table(("channel", "energy (J)", "share", "basis"), tuple(rows))
+            energy, share = number(row.energy), f"{100 * row.share:.3g} %"
+            told = (energy, share) if row.resolved else ("unresolved", "")
+            error = number(row.error, digits=2) if row.error else ""
+            rows.append((row.name, told[0], error, told[1], row.basis))
+        yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
-
-    def _bar(self) -> str:
-        return f"± {float(self.ledger.error_bar[self.function].max()):.2g} J"
 
 
 _BEYOND_TOLERANCE = (
@@ -216,8 +234,9 @@ _BEYOND_TOLERANCE = (
 )
 
 
+@interruptible()
 def audit(
-    model: Any,
+    model: ModelLike,
     log: Any,
     *,
     tolerance: float = TOLERANCE,
@@ -231,7 +250,7 @@ def audit(
         model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
         log: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
@@ -261,22 +280,24 @@ def audit(
     run, ledger = log_read.run, log_read.ledger
     findings += evidence.findings
     function = _function(ledger)
-    left_over = ledger.uncorrected(function)
+    energy_error = ledger.uncorrected(function)
     missing = checks.assumed_zero(run, import_report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
     basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
     ledger = replace(ledger, basis=basis)
     findings += checks.assumed_zero_finding(missing)
+    findings += checks.unresolved_works(ledger)
     findings += motors.differing_gears(run, ledger, tolerance, import_report)
     works = foreign_channels(mechanism, log_read.consecutive, import_report)
-    findings += foreign_notes(works, ledger.turnover)
+    findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
     measures = Measures(
-        turnover=ledger.turnover,
+        energy_exchanged=ledger.energy_exchanged,
         held_energy=_held_energy(ledger),
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
-        left=float(np.abs(left_over).max()),
+        left=float(np.abs(energy_error).max()),
         bar=float(ledger.error_bar[function].max()) + held,
         held=held,
         tolerance=tolerance,
@@ -296,7 +317,7 @@ def audit(
         mechanism=mechanism,
         import_report=import_report,
         function=function,
-        left_over=left_over,
+        energy_error=energy_error,
         tolerance=tolerance,
         step=evidence.step,
         strict=strict,

@@ -54,18 +54,17 @@ def differing_channels(
             continue  # the importer said that it left this to the log
         difference = logged - (own if own is not None else 0.0)
         energy = _moved(terms, difference)
-        if energy <= tolerance * ledger.turnover:
+        if energy <= tolerance * ledger.energy_exchanged:
             continue
-        found.append(_difference(name, own, logged, energy, ledger.turnover))
+        found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
     return found
 
 
 def _difference(
-    name: str, own: Array | None, logged: Array, energy: float, turnover: float
+    name: str, own: Array | None, logged: Array, energy: float, energy_exchanged: float
 ) -> Finding:
-    moved = (
-        f"{energy:.3g} J went through the difference, {percent(energy / turnover)} of the turnover"
-    )
+    share = percent(energy / energy_exchanged)
+    moved = f"{energy:.3g} J went through the difference, {share} of the energy exchanged"
     if own is None or not own.any():
         return Finding(
             "channel-not-in-model",
@@ -371,6 +370,29 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
             ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
             "If one of them acted, log it",
             "note",
+        )
+    ]
+
+
+def unresolved_works(ledger: Ledger) -> list[Finding]:
+    """One finding for all channels whose work is hardly known, with the error of the largest."""
+    unknown = ledger.unresolved
+    if not unknown:
+        return []
+    errors = {name: float(ledger.work_error[name].max()) for name in unknown}
+    worst = max(unknown, key=lambda name: errors[name])
+    number = "1 channel is" if len(unknown) == 1 else f"{len(unknown)} channels are"
+    return [
+        Finding(
+            "work-unresolved",
+            f"the work of {number} not resolved by the samples",
+            ", ".join(f"{name!r} ± {errors[name]:.2g} J" for name in unknown[:6])
+            + (", …" if len(unknown) > 6 else ""),
+            "Log more samples; runs of deltac integrate the works in the loop where testing functions are "
+            "(simulate(..., record=...))",
+            "note",
+            element=worst,
+            error=errors[worst],
         )
     ]
 

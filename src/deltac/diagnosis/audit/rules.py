@@ -15,7 +15,7 @@ from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 
 NOTHING = 1e-12
-"""Energy turned over below this share of the energies themselves is their rounding."""
+"""Energy exchanged below this share of the energies themselves is their rounding."""
 
 DOMINATES = 4.0
 """What is left counts from this many error bars on, once the bar is above the tolerance."""
@@ -27,7 +27,7 @@ BEYOND = 30.0
 """So many error bars count whatever their order."""
 
 IDLE = 2.0
-"""Energy turned over below so many times what is left is that itself: nothing was exchanged."""
+"""Energy exchanged that is less than so many times what is left is that itself: nothing was exchanged."""
 
 FAR = 3.0
 """How many tolerances a residual without a known cause must be to accuse the equations."""
@@ -43,17 +43,17 @@ HALF = 0.5
 class Measures:
     """Numbers (J, s) that a verdict on one log rests on.
 
-    turnover  energy turned over; held_energy: what of energy the system has at a time
+    energy_exchanged; held_energy: what of energy the system has at a time
     scale     all of that, and the energies themselves; kinetic: the largest K
     left      largest |ΔC|, corrections included; bar: the error bar of its quadrature, and `held`:
               what of it comes of forces held over steps that were not all logged
-    tolerance accepted share of the smaller of turnover and energy held
+    tolerance accepted share of the smaller of energy_exchanged and energy held
     spacing   of the samples; step: of the simulator, if known; method: how the work was taken
     outside_gaps  gives left and bar of the parts between gaps, if rows are missing
     bar_growth  gives how many times larger the bar is on every second sample
     """
 
-    turnover: float
+    energy_exchanged: float
     held_energy: float
     scale: float
     kinetic: float
@@ -75,17 +75,21 @@ class Measures:
     @property
     def fine(self) -> bool:
         """Whether the samples tell the energy to the tolerance; their error grows with what is exchanged."""
-        return self.bar <= self.tolerance * self.turnover
+        return self.bar <= self.tolerance * self.energy_exchanged
 
     @property
     def beside(self) -> float:
         """The energy exchanged, which grows with time, or that the system has, where that is less, J."""
-        return min(self.turnover, self.held_energy) if self.held_energy > 0.0 else self.turnover
+        return (
+            min(self.energy_exchanged, self.held_energy)
+            if self.held_energy > 0.0
+            else self.energy_exchanged
+        )
 
     @property
     def idle(self) -> bool:
-        """Whether no energy is exchanged: what is turned over is rounding, or the error itself."""
-        return self.turnover <= max(NOTHING * self.scale, IDLE * self.left)
+        """Whether no energy is exchanged: what is exchanged is rounding, or the error itself."""
+        return self.energy_exchanged <= max(NOTHING * self.scale, IDLE * self.left)
 
     @property
     def within_motion(self) -> bool:
@@ -159,11 +163,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         return verdict("unresolved", "medium", balance, *equations, _open(step))
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
-    if measures.turnover <= NOTHING * measures.scale:
+    if measures.energy_exchanged <= NOTHING * measures.scale:
         return verdict(
             "unresolved",
             "high",
-            f"Next to nothing moves: {measures.turnover:.3g} J are turned over, no more than rounding. "
+            f"Next to nothing moves: {measures.energy_exchanged:.3g} J are exchanged, no more than rounding. "
             "Take a run in which energy flows",
         )
     if measures.outside_gaps is not None and max(measures.left, measures.bar) > measures.allowed:
@@ -273,8 +277,8 @@ def _by_steps(m: Measures) -> str:
 
 def _balance(m: Measures) -> str:
     share = m.left / m.beside if m.beside > 0.0 else 0.0
-    what = f"{m.turnover:.4g} J turned over"
-    if m.beside < m.turnover:
+    what = f"{m.energy_exchanged:.4g} J exchanged"
+    if m.beside < m.energy_exchanged:
         what = f"{m.beside:.4g} J that the system has, of {what}"
     return (
         f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the {what}; accepted "
@@ -305,7 +309,7 @@ def _equations(terms: EquationTerms | None, step: OneStep | None) -> str:
 
 def _idle(m: Measures) -> str:
     return (
-        f"Energy is hardly exchanged ({m.turnover:.3g} J turned over), so the kinetic energy is the scale: "
+        f"Energy is hardly exchanged ({m.energy_exchanged:.3g} J), so the kinetic energy is the scale: "
         f"largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}) of {m.kinetic:.4g} J; accepted are "
         f"{100 * m.tolerance:g} %"
     )

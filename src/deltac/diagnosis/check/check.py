@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame
-from deltac.diagnosis.inputs.models import Model, load_model
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.state_form import PLAIN, StateForm
 from deltac.diagnosis.residuals.states import (
     Place,
     Scales,
@@ -31,7 +32,9 @@ from deltac.diagnosis.residuals.states import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
+from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations
 from deltac.trajectories import Trajectory
@@ -82,6 +85,8 @@ class EquationCheck(
         tolerance: relative residual that is accepted.
         coordinates: the map to the mechanism's coordinates, None for its own.
         name: what the equations are called; `vectorised`: whether they take batches.
+        rates: by coordinate, how far q̇ is off, relative; empty where the function does not return it.
+        form: how the function takes the state.
     """
 
     verdict: Verdict
@@ -97,6 +102,8 @@ class EquationCheck(
     coordinates: CoordinateMap | None
     name: str
     vectorised: bool
+    rates: Mapping[str, float] = field(default_factory=dict)
+    form: StateForm = PLAIN
 
     @property
     def worst(self) -> float:
@@ -176,8 +183,10 @@ BLIND = 1e-3
 """A power below this share of the residual is none."""
 
 
+@renamed_keywords(mechanism="model")
+@interruptible()
 def check_equations(
-    mechanism: Any,
+    model: ModelLike,
     rhs: Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
@@ -189,8 +198,10 @@ def check_equations(
     """Test equations of motion at random admissible states of a mechanism, without integrating them.
 
     Args:
-        mechanism: a Mechanism, a Problem or a problem's name, a model file.
-        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); or `Equations`.
+        model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
+        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function of
+            (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
+            entries are is found out, a control is zero); or `Equations`. Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
@@ -209,16 +220,16 @@ def check_equations(
     """
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
-    model = load_model(mechanism)
+    loaded = load_model(model)
     equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates
     else:
-        chosen = chosen_map(model, coordinates)
-    kane = Kane(model.mechanism, chosen)
+        chosen = chosen_map(loaded, coordinates)
+    kane = Kane(loaded.mechanism, chosen)
     if not kane.speed_names:
         raise InputError(
-            f"all joints of mechanism {model.mechanism.name!r} are prescribed or fixed: there is nothing "
+            f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
             "that equations of motion could tell"
         )
     scales = natural_scales(kane)
@@ -231,6 +242,7 @@ def check_equations(
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name)
+    caller.find_form(test, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
@@ -249,14 +261,24 @@ def check_equations(
     rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
-    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()))
+    rates = _wrong_rates(caller, test)
+    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()), rates)
     wrong = kind == "equation-error"
     found = blame(caller, test, given, limit) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
-    findings = _findings(caller, finite, drawn, [m.name for m in model.mechanism.motors])
+    findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
+    missed = max(rates.values(), default=0.0)
+    if rates:
+        seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong:
-        findings += _other_coordinates(model, equations, chosen, count=count, seed=seed)
+        findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
+    evidence = (*evidence, *_of_rates(rates, tolerance))
+    if not caller.form.plain:
+        evidence = (
+            *evidence,
+            f"called as {caller.form.describe(kane.coordinate_names, test.speeds)}",
+        )
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
         evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
@@ -266,7 +288,7 @@ def check_equations(
             confidence,
             evidence,
             findings,
-            _limits(model, where, test.states),
+            _limits(loaded, where, test.states),
             MEANINGS[kind],
         ),
         blame=found,
@@ -281,6 +303,34 @@ def check_equations(
         coordinates=chosen,
         name=equations.name,
         vectorised=bool(caller.vectorised),
+        rates=rates,
+        form=caller.form,
+    )
+
+
+def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
+    """How far q̇ is off, by coordinate, relative; empty where the function does not return it."""
+    if caller.vectorised:
+        return {}
+    found, _ = caller.whole(test.states)
+    if not len(found):
+        return {}
+    size = np.sqrt(np.mean(test.rates**2, axis=1))
+    size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
+    off = np.abs(found - test.rates).max(axis=1) / size
+    off = np.where(np.isfinite(off), off, np.inf)
+    return dict(zip(test.states.coordinates, map(float, off)))
+
+
+def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
+    if not rates:
+        return ()
+    wrong = [name for name, off in rates.items() if off > tolerance]
+    worst = max(rates.values())
+    if not wrong:
+        return (f"q̇ is that of the speeds, to {worst:.2g} of its size",)
+    return (
+        f"q̇ of {', '.join(wrong)} is not that of the speeds: it is off by up to {worst:.2g} of its size",
     )
 
 
@@ -332,12 +382,17 @@ def _name_of(rhs: Any) -> str:
 
 
 def _judged(
-    residuals: Residuals, limit: Array, tolerance: float, finite: bool
+    residuals: Residuals,
+    limit: Array,
+    tolerance: float,
+    finite: bool,
+    rates: Mapping[str, float],
 ) -> tuple[Kind, Confidence]:
     worst = np.array(finite_worst(residuals))
     violated = float(residuals.relative_violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
-    excess = max(float((worst / limit).max(initial=0.0)), violated / most)
+    missed = max(rates.values(), default=0.0)
+    excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
     if excess > 1.0:
         return "equation-error", "high" if excess > 100.0 else "medium"
     if max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
@@ -487,7 +542,9 @@ def _other_coordinates(
             scales = natural_scales(kane)
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
-            relative = test.relative(Caller(equations.rhs, equations.name)(states))
+            caller = Caller(equations.rhs, equations.name)
+            caller.find_form(test, len(model.mechanism.motors))
+            relative = test.relative(caller(states))
         except InputError:
             continue
         if float(relative.max(initial=0.0)) < TOLERANCE:

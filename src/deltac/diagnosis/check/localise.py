@@ -9,17 +9,19 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.terms import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import percent
-from deltac.dynamics.equations_of_motion import evaluate
+from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
 
@@ -123,15 +125,17 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
             yield f"Power that the model does not supply, at most: {told}."
 
 
+@renamed_keywords(mechanism="model")
+@interruptible()
 def localise(
-    mechanism: Mechanism, run: Trajectory, *, coordinates: CoordinateMap | None = None
+    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
     Nothing is integrated. The run needs accelerations. Forces that it holds take the place of the model's.
 
     Args:
-        mechanism: the model.
+        model: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion, at least two samples with u̇.
         coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
             known. By default the mechanism's own.
@@ -139,6 +143,7 @@ def localise(
     Raises:
         InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.
     """
+    mechanism = load_model(model).mechanism
     rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None  # residuals would have refused
@@ -217,5 +222,5 @@ def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, 
         ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
         for k in range(len(s.links))
     ]
-    found = evaluate(kane.function(columns, s.udot), t[None, :], q, u, udot)
+    found = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
     return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, found)}

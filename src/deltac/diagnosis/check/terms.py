@@ -15,7 +15,7 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.coordinates import trace_map
-from deltac.dynamics.equations_of_motion import evaluate, matrices
+from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import crba, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, cross
@@ -301,7 +301,7 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
     if not bodies:
         return
     point = test.point
-    found = evaluate(kane.function(outputs), test.states.t[None, :], point.q, point.u)
+    found = evaluate_at(kane.function(outputs), test.states.t[None, :], point.q, point.u)
     Yt, n = point.Y.transpose(0, 2, 1), len(free)
     for body, weight, flat in zip(bodies, found[::2], found[1::2]):
         yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)

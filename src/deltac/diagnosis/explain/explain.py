@@ -26,6 +26,7 @@ from deltac.diagnosis.measurements.kinematics import accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -155,6 +156,7 @@ UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
 
+@interruptible()
 def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
     """Name the few changes of a model that explain what a log leaves of its equations of motion.
 
@@ -175,7 +177,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     Raises:
         InputError: model or log cannot be read, the log is not of this model, or it is too short.
     """
-    from deltac.diagnosis.inputs.models import load_model
+    from deltac.models import load_model
     from deltac.trajectories import read_trajectory
 
     loaded = load_model(model)

@@ -45,13 +45,18 @@ def foreign_channels(
     }
 
 
-def foreign_notes(works: dict[str, float], turnover: float) -> list[Finding]:
+def foreign_notes(works: dict[str, float], energy_exchanged: float) -> list[Finding]:
     """A note on each: it hides in a balance that holds, since its force is that of the log."""
+
+    def share(work: float) -> str:
+        part = percent(abs(work) / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
+        return f"{part} of the energy exchanged"
+
     return [
         Finding(
             "channel-not-in-model",
             foreign_words(name, work),
-            f"{percent(abs(work) / turnover) if turnover > 0.0 else 'nothing'} of the turnover",
+            share(work),
             "Add it to the model if the model shall move so by itself",
             "note",
             name,
@@ -88,15 +93,19 @@ def differing_gears(
         energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
             np.trapezoid(power, ledger.t)
         )
-        share = percent(energy / ledger.turnover) if ledger.turnover > 0.0 else "nothing"
+        share = (
+            percent(energy / ledger.energy_exchanged)
+            if ledger.energy_exchanged > 0.0
+            else "nothing"
+        )
         found.append(
             Finding(
                 "channel-differs",
                 str(gear),
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
-                f"{energy:.3g} J went through the difference, {share} of the turnover",
+                f"{energy:.3g} J went through the difference, {share} of the energy exchanged",
                 "Give the model the gear that the simulator used",
-                "cause" if energy > tolerance * ledger.turnover else "note",
+                "cause" if energy > tolerance * ledger.energy_exchanged else "note",
                 gear.channel,
                 gear.factor,
             )

@@ -9,19 +9,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.inputs.models import from_file
 from deltac.errors import SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import from_file
 from deltac.simulation.equations import Equations
 
 
 def load_equations(text: str) -> Equations | Callable[..., Any]:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
-    A function without parameters is asked for it. Raises InputError for anything else.
+    The name may have dots: `CartPole.rates` is a method of an object that is made without arguments. A
+    function without parameters is asked for the equations. Raises InputError for anything else.
     """
     path, name = _divided(text, "equations", "FUNCTION")
-    found = _asked(from_file(path, name, "equations"), text)
+    first, *rest = name.split(".")
+    found = _asked(_member(from_file(path, first, "equations"), rest, text), text)
     if isinstance(found, Equations):
         return replace(found, rhs=_staying(found.rhs, text))
     if not callable(found):
@@ -30,6 +32,20 @@ def load_equations(text: str) -> Equations | Callable[..., Any]:
             "dc.Equations"
         )
     return _staying(found, text)
+
+
+def _member(found: Any, names: list[str], text: str) -> Any:
+    """What names with dots mean; a class stands for an object of it."""
+    try:
+        for name in names:
+            if isinstance(found, type) and inspect.isfunction(
+                inspect.getattr_static(found, name, None)
+            ):
+                found = found()
+            found = getattr(found, name)
+        return found() if isinstance(found, type) else found
+    except Exception as error:  # whatever a constructor of the user's raises
+        raise SourceError(f"equations {text}: {type(error).__name__}: {error}") from error
 
 
 def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:

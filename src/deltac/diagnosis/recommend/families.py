@@ -14,8 +14,8 @@ from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import SOLVERS, Solver, find_solver
+from deltac.simulation.simulate import Record, simulate
+from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
 Control = Callable[[Any, Any], object]
@@ -62,31 +62,33 @@ def families(
     duration: float,
     solvers: Sequence[str] | None,
     equations: Equations | None,
-    controller: Controller | None,
-    control: Control | None,
+    controller: Controller | Control | None,
     deadline: Deadline,
 ) -> tuple[list[Family], tuple[str, ...]]:
     """The families to choose from, and notes on what was left out.
 
     A run that is under way at the `deadline` ends with `OutOfTime`.
 
-    Raises InputError for unknown solvers, and for a `control` that no MuJoCo model takes.
+    Raises InputError for unknown solvers, and for a controller that they do not take.
     """
     in_mujoco = _runs_in_mujoco(source)
+    ours = controller if isinstance(controller, Controller) else None
+    theirs = None if isinstance(controller, Controller) else controller
+    if isinstance(solvers, str):
+        solvers = solvers.split(",")
     if solvers is not None and not solvers:
         raise InputError("recommend: solvers is empty; name some, or leave it out")
-    names = (
-        _suited(mechanism, controller, in_mujoco=in_mujoco) if solvers is None else list(solvers)
-    )
+    names = _suited(mechanism, ours, in_mujoco=in_mujoco) if solvers is None else list(solvers)
     outside = [n for n in names if n.startswith(MUJOCO)]
     if outside and not in_mujoco:
         raise InputError(
             f"recommend: {outside[0]!r} needs a MuJoCo model (.xml, .urdf, MjModel), but the model is "
             f"{mechanism.name or 'a mechanism'!r}"
         )
-    if control is not None and not outside:
+    if theirs is not None and not outside:
         raise InputError(
-            "recommend: control is for MuJoCo's integrators; give our own solvers a controller="
+            "controller: found a function, which MuJoCo's integrators take; our own solvers take a "
+            "Controller(function of t, q, u)"
         )
     if equations is not None and outside:
         raise InputError("recommend: MuJoCo's integrators cannot take equations by hand")
@@ -94,7 +96,7 @@ def families(
     for name in names:
         if name in outside:
             found.append(
-                _mujoco(source, state, duration, name.removeprefix(MUJOCO), control, deadline)
+                _mujoco(source, state, duration, name.removeprefix(MUJOCO), theirs, deadline)
             )
             continue
         solver = find_solver(name)
@@ -103,7 +105,7 @@ def families(
                 f"{solver.name} chooses its step by itself and is made for references, not chosen from"
             )
         else:
-            found.append(_own(solver, mechanism, state, duration, equations, controller, deadline))
+            found.append(_own(solver, mechanism, state, duration, equations, ours, deadline))
     if not found:
         raise InputError(f"recommend: nothing to choose from; {'; '.join(notes)}")
     return found, tuple(notes)
@@ -138,12 +140,10 @@ def _own(
             state,
             span,
             step,
-            solver.name,
-            ("wang",),
+            solver_options(solver.name, tolerance),
+            Record(("wang",), every),
             equations,
             controller=controller,
-            tolerance=tolerance,
-            record_every=every,
             progress=deadline.check,
         )
 
@@ -203,7 +203,7 @@ def _mujoco(
     state: State,
     duration: float,
     integrator: str,
-    control: Control | None,
+    controller: Control | None,
     deadline: Deadline,
 ) -> Family:
     from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
@@ -213,7 +213,7 @@ def _mujoco(
             f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), ORDERS)}"
         )
     recorded = mujoco_simulator(
-        source, duration, integrator=integrator, control=control, state=state
+        source, duration, integrator=integrator, controller=controller, state=state
     )
 
     def plain(step: float, every: int = 0) -> Motion:
@@ -232,8 +232,8 @@ def _mujoco(
         for k in range(round(duration / step)):
             if k % 1024 == 0:
                 deadline.check()
-            if control is not None:
-                control(model, data)
+            if controller is not None:
+                controller(model, data)
             mujoco.mj_step(model, data)
             if every and (k + 1) % every == 0:
                 rows.append((start + (k + 1) * step, data.qpos.copy(), data.qvel.copy()))

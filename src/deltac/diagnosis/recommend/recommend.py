@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
-from deltac.diagnosis.inputs.models import load_model
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
 from deltac.diagnosis.recommend.work_precision import (
@@ -24,13 +24,14 @@ from deltac.diagnosis.recommend.work_precision import (
     Trials,
 )
 from deltac.errors import InputError
-from deltac.mechanism.state import State
+from deltac.interrupts import interruptible
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.equations import Controller, Equations
 
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 TOLERANCE = 1e-6
-"""Accepted by default: |ΔC| as a share of the energy turned over, q and u as shares of their ranges."""
+"""Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
 
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
@@ -42,17 +43,18 @@ SAFETY = 1.1
 """Margin on a step that an order predicts, so that the next trial seldom has to be repeated."""
 
 
+@renamed_keywords(control="controller")
+@interruptible()
 def recommend(
-    model: Any,
-    state: State | None = None,
+    model: ModelLike,
+    state: StateLike = None,
     duration: float | None = None,
     tolerance: float = TOLERANCE,
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
     equations: Equations | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
+    controller: Controller | Callable[[Any, Any], object] | None = None,
     time_limit: float = TIME_LIMIT,
     progress: Progress | None = None,
 ) -> Recommendation:
@@ -66,18 +68,18 @@ def recommend(
     Args:
         model: a mechanism, a problem or its name, an .xml or .urdf file, file.py:callable. A MuJoCo model
             file is run by MuJoCo's integrators, unless `solvers` names ours.
-        state: where the motion starts; by default the problem's start, or all zeros.
+        state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
-        tolerance: of the largest |ΔC| (Wang's), as a share of the energy turned over.
+        tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
         motion_tolerance: of q and u, each as a share of the range of what has its unit; by default
             `tolerance`. `math.inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names to choose from; by default all that suit the model.
         equations: in place of the mechanism's own, as in `simulate`.
-        controller: sets the motors that have no law, as in `simulate`.
-        control: MuJoCo's input signal, called as control(model, data) before each step.
+        controller: a Controller sets the motors that have no law, as in `simulate`; for MuJoCo a function,
+            called as controller(model, data) before each step.
         time_limit: of the search, s. It ends then with the best that was found, and the notes say
             which solvers were not tried to the end.
-        progress: called with the fraction done and what is being tried.
+        progress: called with the fraction done.
 
     Returns:
         The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
@@ -93,18 +95,14 @@ def recommend(
         )
     if wanted < ROUNDING:
         raise InputError(
-            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy turned over there is "
+            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy exchanged there is "
             "nothing but rounding. Ask for more than that"
         )
     motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
     loaded = load_model(model)
-    problem, mechanism = loaded.problem, loaded.mechanism
-    if state is None:
-        state = mechanism.state() if problem is None else problem.state
-    if duration is None:
-        if problem is None:
-            raise InputError("recommend: the model tells no duration; give duration= in seconds")
-        duration = problem.duration
+    mechanism = loaded.mechanism
+    state = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
+    duration = loaded.lasting(duration)
     deadline = Deadline(_positive(time_limit, "time_limit"))
     found, notes = families(
         model,
@@ -114,7 +112,6 @@ def recommend(
         solvers,
         equations,
         controller,
-        control,
         deadline,
     )
     trials = Trials(mechanism, state, motion)
@@ -240,7 +237,7 @@ class _Search:
             tolerance=self._asked[0],
             motion_tolerance=self._asked[1],
             duration=duration,
-            turnover=self._trials.turnover,
+            energy_exchanged=self._trials.energy_exchanged,
             still=self._trials.still,
             notes=(*notes, *self.refused, *self.notes),
         )
@@ -248,18 +245,17 @@ class _Search:
     def _trial(self, family: Family, setting: float, *, verifying: bool = False) -> Trial:
         key = (family.name, setting)
         if key not in self._kept:
-            self._tell(family, setting)
+            self._tell()
             self._kept[key] = self._trials.of(family, setting, self._asked[0])
         trial = self._kept[key]
         if verifying and not trial.verified and trial.passes(*self._asked):
-            self._tell(family, setting)
+            self._tell()
             self._kept[key] = self._trials.verified(family, trial)
         return self._kept[key]
 
-    def _tell(self, family: Family, setting: float) -> None:
+    def _tell(self) -> None:
         if self._progress is not None:
-            what = f"{family.name}, {family.knob} {setting:.3g}"
-            self._progress(self._done / self._count, what)
+            self._progress(self._done / self._count)
 
     def _next(self, family: Family, trial: Trial, place: int, low: int, high: int) -> int:
         """Where to look next: where the order says that the tolerance is just kept, else halfway."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.results import Report, Section, Table, number, percent
 
@@ -32,7 +33,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        turnover: energy exchanged in it, J; `still`: so little that the motion is rounding.
+        energy_exchanged: energy exchanged in it, J; `still`: so little that the motion is rounding.
         notes: why some solvers were left out.
     """
 
@@ -45,10 +46,12 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
     tolerance: float
     motion_tolerance: float
     duration: float
-    turnover: float
+    energy_exchanged: float
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
+
+    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def solver(self) -> str | None:
@@ -128,7 +131,8 @@ def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
     if advice.still:
         return [
-            f"Unresolved: {advice.turnover:.2g} J are exchanged in {advice.duration:g} s, which is rounding. "
+            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which is "
+            "rounding. "
             "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
             "in which energy flows."
         ]
@@ -144,7 +148,7 @@ def _explained(advice: Recommendation) -> list[str]:
         ]
     lines = [
         f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "
-        f"{advice.turnover:.4g} J turned over in {advice.duration:g} s"
+        f"{advice.energy_exchanged:.4g} J exchanged in {advice.duration:g} s"
         + (
             ""
             if math.isinf(asked[1])
@@ -157,7 +161,7 @@ def _explained(advice: Recommendation) -> list[str]:
         half = "half the step" if best.knob == "step" else "a tenth of the tolerance"
         found = "confirms it" if advice.verified else "does not confirm it"
         lines.append(
-            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of the turnover."
+            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of the energy exchanged."
         )
     if advice.coarser is not None:
         lines.append(
@@ -192,7 +196,7 @@ def failing(trial: Trial, tolerance: float, motion: float) -> str:
     if trial.message:
         return f"breaks down ({trial.message})"
     if trial.energy > tolerance:
-        return f"leaves |ΔC| at {_share(trial.energy)} of the turnover"
+        return f"leaves |ΔC| at {_share(trial.energy)} of the energy exchanged"
     return f"leaves q and u {_share(trial.motion)} of their ranges from the converged motion"
 
 

@@ -20,8 +20,8 @@ from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.step_size.stiffness import StiffStep
+from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -178,8 +178,8 @@ class Refused(SolverError):
 def quietly() -> Iterator[None]:
     """Without warnings of runs that stop or step too far: that is what is being found out."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SimulationStopped)
-        warnings.simplefilter("ignore", StiffStep)
+        warnings.simplefilter("ignore", SimulationStoppedWarning)
+        warnings.simplefilter("ignore", StiffStepWarning)
         yield
 
 
@@ -192,13 +192,13 @@ class Trials:
         self._inertia = _inertia_by_unit(mechanism, state)
         self._wants_motion = math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Judged | str] = {}
-        self.turnover = 0.0
+        self.energy_exchanged = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
     @property
     def still(self) -> bool:
         """Whether so little energy was exchanged that the motion is rounding."""
-        return self.turnover <= NOTHING * self._scale
+        return self.energy_exchanged <= NOTHING * self._scale
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""
@@ -209,7 +209,7 @@ class Trials:
 
         A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
         """
-        energy = ROUNDING * self.turnover
+        energy = ROUNDING * self.energy_exchanged
         speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
         lasting = float(run.t[-1] - run.t[0])
         least = [
@@ -250,14 +250,14 @@ class Trials:
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, turnover, spans = 0.0, 0.0, 0.0, None
+        energy, motion, energy_exchanged, spans = 0.0, 0.0, 0.0, None
         for piece in family.pieces(trial.setting):
             run = _made(piece.run)
             left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
             if isinstance(run, str) or isinstance(left, str):
                 return self._failed(family, trial.setting, str(left))
-            turnover = turnover or left.turnover
-            energy = max(energy, _share(left.error, turnover))
+            energy_exchanged = energy_exchanged or left.energy_exchanged
+            energy = max(energy, _share(left.error, energy_exchanged))
             if not self._wants_motion:
                 continue
             reference = _made(piece.reference)
@@ -266,7 +266,7 @@ class Trials:
             spans = spans or self._spans(reference)
             off = distance(self.mechanism, run, reference, spans)
             motion = max(motion, off * piece.gain / (piece.gain - 1.0))
-        self.turnover = turnover
+        self.energy_exchanged = energy_exchanged
         return replace(trial, energy=energy, motion=motion, verified=True)
 
     def run(self, family: Family, setting: float) -> Motion | None:
@@ -287,8 +287,8 @@ class Trials:
         left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
         if isinstance(run, str) or isinstance(left, str):
             return str(left)
-        self.turnover, self._scale = left.turnover, left.scale
-        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.turnover))
+        self.energy_exchanged, self._scale = left.energy_exchanged, left.scale
+        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.energy_exchanged))
 
     def _seconds(self, family: Family, setting: float) -> tuple[float, float]:
         """The least time of a few runs, and how far their median is above it, s.
@@ -309,7 +309,7 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What is kept of a run: its rows, and the largest |ΔC| as a share of the turnover."""
+    """What is kept of a run: its rows, and the largest |ΔC| as a share of the energy exchanged."""
 
     motion: Motion
     energy: float
@@ -336,7 +336,7 @@ class _Energies:
     """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies."""
 
     error: float
-    turnover: float
+    energy_exchanged: float
     scale: float
 
 
@@ -350,11 +350,13 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     if not np.isfinite(left).all():
         return "the energies are not finite"
     held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    return _Energies(float(np.abs(left).max()), ledger.turnover, held + ledger.turnover)
+    return _Energies(
+        float(np.abs(left).max()), ledger.energy_exchanged, held + ledger.energy_exchanged
+    )
 
 
-def _share(energy: float, turnover: float) -> float:
-    return energy / turnover if turnover else 0.0
+def _share(energy: float, energy_exchanged: float) -> float:
+    return energy / energy_exchanged if energy_exchanged else 0.0
 
 
 def distance(

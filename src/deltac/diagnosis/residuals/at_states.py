@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.kane import Kane, Point, times
 from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
-from deltac.dynamics.equations_of_motion import MotionTerms, evaluate, matrices
+from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
 from deltac.dynamics.independence import independence
 from deltac.dynamics.kkt import LeastSquares, least_squares
 from deltac.dynamics.momentum import momentum_balances
@@ -176,6 +176,11 @@ class EquationTest:
         return least_squares(self.M, self.G)
 
     @cached_property
+    def rates(self) -> Array:
+        """q̇ (nq, B) of the own coordinates."""
+        return self.kane.own_rates(self.states.t, self.states.q, self.states.u)
+
+    @cached_property
     def _projector(self) -> Array | None:
         """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
         if not len(self.gamma):
@@ -325,7 +330,7 @@ class EquationTest:
         slopes = ca.substitute([ca.gradient(x, unknown) for x in scalars], [unknown], [zero])
         G = ca.SX(0, len(s.free_u)) if bound is None else bound.rows.G
         function = self.kane.function([*at_rest, *slopes, G])
-        *values, flat = evaluate(function, self.states.t[None, :], self.point.q, self.point.u)
+        *values, flat = evaluate_at(function, self.states.t[None, :], self.point.q, self.point.u)
         n = s.udot.shape[0]
         # λ = λ0 + Λ u̇ is what constraint forces can explain of −(F + F*).
         M, force = self.terms.M, self.terms.force - self.terms.bias

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.state_form import PLAIN, StateForm, forms, likeliest, signature
 from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError, SourceError
 
@@ -36,7 +37,7 @@ ROUGH = 2e-13
 
 @dataclass(eq=False)
 class Caller:
-    """A function u̇ = rhs(t, q, u), called with care.
+    """A function u̇ = rhs(t, q, u), or of another `form`, called with care.
 
     `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
     known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
@@ -46,6 +47,33 @@ class Caller:
     name: str
     vectorised: bool | None = None
     overwrites: str = ""
+    form: StateForm = PLAIN
+
+    def find_form(self, test: EquationTest, motors: int) -> None:
+        """Find out how the function takes the state, by trying at some states."""
+        known = signature(self.rhs)
+        if known is None:
+            return
+        right = test.rates, test.acceleration
+        places = np.unique(np.linspace(0, len(test.states) - 1, SAMPLED).astype(int))
+        some = test.states.take(places)
+
+        def evaluate(form: StateForm) -> tuple[Array, Array]:
+            return self.with_form(form).whole(some)
+
+        candidates = forms(*known, len(some.q), len(some.u), motors)
+        found = likeliest(candidates, evaluate, *(x[:, places] for x in right))
+        self.form = PLAIN if found is None else found
+
+    def with_form(self, form: StateForm) -> Caller:
+        """The same function, taken to be of another form."""
+        return Caller(self.rhs, self.name, False, form=form)
+
+    def whole(self, states: States) -> tuple[Array, Array]:
+        """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
+        nq = len(states.q)
+        found = self._singly(states)
+        return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
 
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.
@@ -59,7 +87,7 @@ class Caller:
             found = self._batch(states)
             if found is not None:
                 return found
-        return self._singly(states)
+        return self.whole(states)[1]
 
     def _examine(self, states: States) -> None:
         """Find out about batches, memory and writing."""
@@ -75,7 +103,7 @@ class Caller:
                 f"{_numbers(first[:, k])}, then {_numbers(second[:, k])}; it has a memory or a random "
                 f"element. State: {_state(some, k)}"
             )
-        batch = self._batch(some)
+        batch = self._batch(some) if self.form.plain and len(first) == len(some.u) else None
         self.vectorised = batch is not None and bool(_close(first, batch).all())
 
     def _batch(self, states: States) -> Array | None:
@@ -89,14 +117,15 @@ class Caller:
         return value if value.shape == states.u.shape else None
 
     def _singly(self, states: States) -> Array:
-        """One call a state."""
+        """One call a state: u̇ (n, B), or q̇ and u̇ (nq + n, B)."""
         return np.stack([self._one(states, k) for k in range(len(states))], axis=1)
 
     def _one(self, states: States, k: int) -> Array:
         given_q, given_u = states.q[:, k].copy(), states.u[:, k].copy()
         try:
             with np.errstate(all="ignore"):
-                found = self.rhs(float(states.t[k]), given_q, given_u)
+                arguments = self.form.given(float(states.t[k]), given_q, given_u, np.array, 0.0)
+                found = self.rhs(*arguments)
         except InputError:
             raise
         except Exception as error:
@@ -115,7 +144,7 @@ class Caller:
                 f"{self.name} returned nothing; end it with a return of u̇, {n} numbers"
             )
         try:
-            value = np.asarray(found)
+            value = np.asarray(_joined(found))
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
         except (TypeError, ValueError):
             real = None
@@ -124,17 +153,25 @@ class Caller:
                 f"{self.name} returned {_short(found)}, expected {n} real numbers: u̇ of "
                 f"{', '.join(states.speeds)}. State: {_state(states, k)}"
             )
+        if real.shape == (n + len(states.q),):
+            rates, accelerations = self.form.split(real, len(states.q), n)
+            return np.array([*rates, *accelerations])
         if real.shape != (n,):
             hint = ""
-            if real.size == n + len(states.q):
-                hint = "; these look like the rates of the whole state (q̇, u̇): return u̇ alone"
-            elif real.size == n:
-                hint = "; flatten it"
+            if real.size in (n, n + len(states.q)):
+                hint = "; return [value]" if real.ndim == 0 else "; flatten it"
             raise SourceError(
                 f"{self.name} returned an array of shape {real.shape}, expected ({n},): u̇ of "
-                f"{', '.join(states.speeds)}{hint}"
+                f"{', '.join(states.speeds)}; or the rates of the whole state{hint}"
             )
         return real
+
+
+def _joined(found: Any) -> Any:
+    """(q̇, u̇) as one array; anything else as it is."""
+    if isinstance(found, tuple | list) and any(np.ndim(part) == 1 for part in found):
+        return np.concatenate([np.atleast_1d(np.asarray(part)) for part in found])
+    return found
 
 
 def _written(states: States, k: int, q: Array, u: Array) -> str:

@@ -20,7 +20,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
-    evaluate,
+    evaluate_at,
     matrices,
 )
 from deltac.dynamics.forces import Channel
@@ -97,7 +97,7 @@ class Kane:
             n, batch = own_u.shape
             eye = np.broadcast_to(np.eye(n), (batch, n, n))
             return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
-        q, u, Y, rest = evaluate(self._map, t[None, :], own_q, own_u)
+        q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u)
         return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
 
     @cached_property
@@ -112,7 +112,27 @@ class Kane:
             return q
         if self.own.inverse is None:
             return None
-        return evaluate(self._inverse, t[None, :], q)[0]
+        return evaluate_at(self._inverse, t[None, :], q)[0]
+
+    @cached_property
+    def _own_rates(self) -> Any:
+        s, own = self.system, self.own
+        if own is None:
+            return ca.Function("rates", [s.t, s.q, s.u], [ca.densify(s.qdot)])
+        given = [s.t, own.own_q, own.own_u]
+        if self.coordinates is None or not (self.coordinates.q and self.coordinates.u):
+            return ca.Function("rates", given, [ca.densify(own.own_qdot)])
+        along = ca.substitute(s.qdot, ca.vertcat(s.q, s.u), ca.vertcat(own.q, own.u))
+        columns = [along - ca.jacobian(own.q, s.t), ca.vec(ca.jacobian(own.q, own.own_q))]
+        return ca.Function("rates", given, [ca.densify(x) for x in columns])
+
+    def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
+        """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
+        found, *slopes = evaluate_at(self._own_rates, t[None, :], own_q, own_u)
+        if not slopes:
+            return found
+        # By orthogonal factors: the symbols' normal equations lose half of the digits.
+        return times(np.linalg.pinv(matrices(slopes[0], len(found), len(own_q))), found)
 
 
 def times(A: Array, x: Array) -> Array:

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.contact import rubbing_point
-from deltac.dynamics.equations_of_motion import evaluate, matrices, quaternions
+from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
@@ -25,6 +26,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
+from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WINDOW = (0.0, 10.0)
@@ -100,15 +102,16 @@ class Scales:
         return self.lever * self.rate
 
 
+@renamed_keywords(mechanism="model")
 def random_states(
-    mechanism: Mechanism,
+    model: ModelLike,
     coordinates: CoordinateMap | None = None,
     *,
     count: int = 64,
     seed: int = 0,
     window: tuple[float, float] = WINDOW,
 ) -> States:
-    """States of a mechanism, drawn so that gravity, gyroscopic and all other terms are of one size.
+    """States of a model, drawn so that gravity, gyroscopic and all other terms are of one size.
 
     Angles lie anywhere on the circle, slides within the mechanism's own length, quaternions have unit
     length; speeds are about those at which inertia forces equal the forces at rest (√(g/l) of a
@@ -117,7 +120,7 @@ def random_states(
 
     Raises InputError for a map that does not fit, or if too few states meet the constraints.
     """
-    kane = Kane(mechanism, coordinates)
+    kane = Kane(load_model(model).mechanism, coordinates)
     return draw(kane, natural_scales(kane), count=count, seed=seed, window=window)
 
 
@@ -360,7 +363,7 @@ class Place:
     def at(self, t: Array, q: Array, u: Array) -> tuple[Array, Array, Array, Array]:
         """Slip (k, B), its slope by the speeds (B, k, n), gap (B,) and its slope (B, 1, n)."""
         n = len(u)
-        slip, slope, gap, approach = evaluate(self._function, t[None, :], q, u)
+        slip, slope, gap, approach = evaluate_at(self._function, t[None, :], q, u)
         return slip, matrices(slope, len(slip), n), gap[0], matrices(approach, 1, n)
 
 

@@ -33,10 +33,12 @@ STAYS = 0.8
 """A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
 STILL = 1e-3
-"""Share of the turnover below which works that are no potential count as none."""
+"""Share of the energy exchanged below which works that are no potential count as none."""
 
 
-def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:
+def of_comparison(
+    compared: Comparison, runs: Sequence[StudyRun], knob: str = "step"
+) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
     spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
     ends = [end for _, end in spans]
@@ -45,7 +47,7 @@ def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Fi
         yield Finding(
             "other-times",
             "the runs do not cover the same time, and are compared where all of them have rows",
-            ", ".join(f"step {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
+            ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
             "Let all runs end at the same time",
         )
     if len(compared.t) < FEWEST:
@@ -59,7 +61,7 @@ def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Fi
         fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
         yield Finding(
             "horizon",
-            f"the motions at steps {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
+            f"the motions at {knob}s {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
             "converges is judged up to there",
             "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
             "chaotic motion, in which every error grows exponentially",
@@ -92,8 +94,8 @@ def of_order(
                 "super-convergence",
                 f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than it must",
                 f"at steps {_listed(found.steps)}",
-                "Nothing is to be done; where errors cancel over a period, or forces are symmetric, the "
-                "energy is better than the motion",
+                "Where errors cancel over a period, or forces are symmetric, the energy is better than the "
+                "motion",
             )
 
 
@@ -101,8 +103,8 @@ def of_growth(
     run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
 ) -> Iterator[Finding]:
     """How ΔC grows in time; a drift where a symplectic method should have none."""
-    assert run.left_over is not None
-    curve = run.left_over[function]
+    assert run.energy_error is not None
+    curve = run.energy_error[function]
     if float(np.abs(curve).max()) <= 10.0 * floor:
         return
     how = growth(ledger.t, curve)
@@ -113,7 +115,7 @@ def of_growth(
         "linear": "a run of twice the length will be twice as wrong in energy",
         "exponential": "the method is unstable at this step, or the motion is",
     }[how]
-    remedy = "Take a smaller step" if how == "exponential" else "Nothing is to be done"
+    remedy = "Take a smaller step" if how == "exponential" else ""
     yield Finding(
         f"growth-{how}",
         f"|ΔC| {'stays bounded' if how == 'bounded' else f'grows {how}ly in time'} at the finest step",
@@ -123,7 +125,7 @@ def of_growth(
     flowing = sum(
         float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
     )
-    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.turnover:
+    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.energy_exchanged:
         yield Finding(
             "symplectic-drift",
             f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
@@ -149,7 +151,8 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
     yield Finding(
         "stabilised",
         f"the run is corrected as it goes ({name}), so one way of counting ΔC is blind",
-        f"corrections did up to {done:.2g} J of work, {percent(done / ledger.turnover)} of the turnover; "
+        f"corrections did up to {done:.2g} J of work, {percent(done / ledger.energy_exchanged)} of the "
+        "energy exchanged; "
         f"|ΔC| is {ways[0]:.2g} J with it and {ways[1]:.2g} J without",
         "The larger one is taken for the error; a method that needs no corrections shows its own",
         element=name,

@@ -232,12 +232,12 @@ class StudyMeasures:
 
     steps      of the runs compared, coarsest first; `unit` is "s", or "" for tolerances
     left       largest |ΔC| of each, corrections included; bars: what else than the motion explains of it
-    turnover   of the finest; scale: that and the energies themselves; kinetic: the largest K
+    energy_exchanged   of the finest; scale: that and the energies themselves; kinetic: the largest K
     energy     how ΔC converges; state: how the motion does; momentum: of each momentum balance
     residuals  of the equations of motion at the runs' own states, if they have accelerations
     trusted    the motion was made with the model's own dynamics, which are those of the test
     nominal    order of the solver, if known
-    tolerance  accepted share of the turnover
+    tolerance  accepted share of the energy exchanged
     quadrature the error bar comes of samples, and not of rounding alone
     constrained  the model has constraints; blown_up: the finest run became unstable
     until      the time (s) up to which `energy` was judged, where motions part before the end; else None
@@ -246,7 +246,7 @@ class StudyMeasures:
     steps: tuple[float, ...]
     left: tuple[float, ...]
     bars: tuple[float, ...]
-    turnover: float
+    energy_exchanged: float
     scale: float
     kinetic: float
     energy: Convergence
@@ -266,11 +266,11 @@ class StudyMeasures:
     @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
-        return self.tolerance * self.turnover
+        return self.tolerance * self.energy_exchanged
 
     @property
     def below_rounding(self) -> bool:
-        """Whether so little energy is turned over that the tolerance asks for less than rounding."""
+        """Whether so little energy is exchanged that the tolerance asks for less than rounding."""
         return self.bars[-1] > self.allowed and not self.quadrature
 
     @property

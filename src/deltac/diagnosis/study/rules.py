@@ -17,7 +17,7 @@ ENDS_OTHERWISE = 0.3
 """An order of the end value that differs by more from that of the whole is worth a word."""
 
 LARGE_LIMIT = 1e-4
-"""Share of the turnover below which a limit of ΔC is not told from slow convergence without u̇."""
+"""Share of the energy exchanged below which a limit of ΔC is not told from slow convergence without u̇."""
 
 FIRST = 0.7
 """Least order of a motion that converges: that of the simplest method, with its scatter."""
@@ -71,8 +71,10 @@ def judge_study(m: StudyMeasures) -> Verdict:
     if m.blown_up and not _wrong_limit(m):
         return unresolved("even the finest run blows up", _advice(m))
     astray = _astray(m)
-    still = m.turnover <= NOTHING * m.scale
-    idle = still or m.turnover <= max(IDLE * left, m.tolerance * m.kinetic) or m.below_rounding
+    still = m.energy_exchanged <= NOTHING * m.scale
+    idle = (
+        still or m.energy_exchanged <= max(IDLE * left, m.tolerance * m.kinetic) or m.below_rounding
+    )
     if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic and not astray:
         return verdict("consistent", _sure(m), _small(m, idle=True))
     if still and not astray:
@@ -129,7 +131,7 @@ def _wrong_limit(m: StudyMeasures) -> bool:
     c = m.energy
     return (
         c.trend == "tends to a limit"
-        and c.limit > max(LARGE_LIMIT * m.turnover, m.allowed)
+        and c.limit > max(LARGE_LIMIT * m.energy_exchanged, m.allowed)
         and c.limit > (BEYOND if m.quadrature else DOMINATES) * max(m.bars)
         and _plausible(m)
     )
@@ -183,7 +185,7 @@ def at_step(m: StudyMeasures, k: int = -1) -> str:
 
 
 def _amount(m: StudyMeasures) -> str:
-    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.turnover:.3g} J turned over"
+    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.energy_exchanged:.3g} J exchanged"
 
 
 def _falling(m: StudyMeasures) -> str:
@@ -194,7 +196,7 @@ def _falling(m: StudyMeasures) -> str:
         order += f" up to t = {m.until:.4g} s, where the motions part"
         amount = (
             f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
-            f"{m.turnover:.3g} J turned over in the whole run"
+            f"{m.energy_exchanged:.3g} J exchanged in the whole run"
         )
     return f"The error is the integrator's; it falls{order}; {amount}.{_unresolved_motion(m)}"
 
@@ -281,11 +283,11 @@ def _wrong_momentum(names: list[str]) -> str:
 
 def _energy(m: StudyMeasures) -> str:
     sizes = ", ".join(f"{x:.2g}" for x in m.left)
-    share = m.left[-1] / m.turnover if m.turnover > 0.0 else 0.0
+    share = m.left[-1] / m.energy_exchanged if m.energy_exchanged > 0.0 else 0.0
     text = (
         f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
         f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(share)} of "
-        f"{m.turnover:.3g} J turned over, accepted are {100 * m.tolerance:g} %"
+        f"{m.energy_exchanged:.3g} J exchanged, accepted are {100 * m.tolerance:g} %"
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"

@@ -12,14 +12,15 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.step_size.stiffness import StiffStep
+from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8
@@ -45,7 +46,7 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-Progress: TypeAlias = Callable[[float, str], None]
+Progress: TypeAlias = Callable[[float], None]
 
 LEAST_ROWS = 3
 """Rows that a run needs for a ledger."""
@@ -64,7 +65,7 @@ class StudyRun:
     Attributes:
         step: the step (s), or the tolerance of an adaptive solver.
         run: the motion, in the model's order; `ledger` where its energy went.
-        left_over: ΔC of each testing function (T,), J, corrections counted so that they hide nothing.
+        energy_error: ΔC of each testing function (T,), J, corrections counted so that they hide nothing.
         bar: how far each may be off for other reasons than the motion: rounding, quadrature, the digits
             of a log, forces held between its rows (T,), J.
         momentum_bar: likewise of the departure of each momentum balance (T,).
@@ -77,13 +78,15 @@ class StudyRun:
     step: float
     run: Trajectory | None = None
     ledger: Ledger | None = None
-    left_over: dict[str, Array] | None = None
+    energy_error: dict[str, Array] | None = None
     bar: dict[str, Array] | None = None
     momentum_bar: dict[str, Array] | None = None
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
     stiff: str = ""
+
+    left_over = RenamedAttribute("energy_error")
 
     @property
     def usable(self) -> bool:
@@ -111,6 +114,11 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         (dropped if close else kept).append(number)
     if not dropped:
         return tuple(kept), []
+    if len(kept) == 1:
+        raise InputError(
+            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
+            "half of the one before"
+        )
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
@@ -133,10 +141,10 @@ def simulated(
     runs = []
     for k, step in enumerate(steps):
         if progress is not None:
-            progress(k / len(steps), f"step {step:g}")
+            progress(k / len(steps))
         runs.append(_simulated(mechanism, simulator, step, trusted=trusted))
     if progress is not None:
-        progress(1.0, "")
+        progress(1.0)
     return runs
 
 
@@ -208,9 +216,9 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
         run = simulator(step)
     stiff = ""
     for warning in caught:
-        if issubclass(warning.category, StiffStep):
+        if issubclass(warning.category, StiffStepWarning):
             stiff = stiff or str(warning.message)  # the first names the element
-        elif not issubclass(warning.category, SimulationStopped):
+        elif not issubclass(warning.category, SimulationStoppedWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )
@@ -297,7 +305,7 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
             n: without_corrections(ledger, n) if chosen.get(n, False) else x
             for n, x in ledger.delta_c.items()
         }
-        return replace(entry, left_over=left)
+        return replace(entry, energy_error=left)
 
     return tuple(taken(entry) for entry in runs)
 

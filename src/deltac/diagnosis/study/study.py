@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding
-from deltac.diagnosis.inputs.models import Model, load_model
+from deltac.deprecation import renamed_keywords, warn_renamed
+from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
@@ -32,13 +32,15 @@ from deltac.diagnosis.study.runs import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Stabilisation
+from deltac.simulation.flow import Keeping, stabilised
 from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import find_solver
+from deltac.simulation.solvers import Options, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
 
@@ -46,7 +48,7 @@ from deltac.trajectories import Trajectory
 class Study(
     Judged,
     omit=("mechanism", "runs", "comparison", "measures"),
-    also=("relative", "turnover", "horizon", "rows"),
+    also=("relative", "energy_exchanged", "horizon", "rows"),
 ):
     """What a study of a motion at several steps found.
 
@@ -63,7 +65,7 @@ class Study(
         function: the testing function that the verdict rests on.
         measures: the numbers that the verdict rests on.
         verdict: what it means.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
     """
 
     mechanism: Mechanism
@@ -85,14 +87,16 @@ class Study(
         return self.comparison.horizon
 
     @property
-    def turnover(self) -> float:
-        """The energy turned over at the finest step, J."""
-        return self.measures.turnover
+    def energy_exchanged(self) -> float:
+        """The energy exchanged at the finest step, J."""
+        return self.measures.energy_exchanged
 
     @property
     def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy turned over."""
-        return self.measures.left[-1] / self.turnover if self.turnover > 0.0 else 0.0
+        """Largest |ΔC| at the finest step, as a fraction of the energy exchanged."""
+        return (
+            self.measures.left[-1] / self.energy_exchanged if self.energy_exchanged > 0.0 else 0.0
+        )
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
@@ -100,9 +104,11 @@ class Study(
         return tuple(
             {
                 "step": entry.step,
-                "delta_c": {n: float(np.abs(c).max()) for n, c in (entry.left_over or {}).items()},
+                "delta_c": {
+                    n: float(np.abs(c).max()) for n, c in (entry.energy_error or {}).items()
+                },
                 "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
-                "turnover": entry.ledger.turnover if entry.ledger else None,
+                "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
             }
@@ -116,8 +122,8 @@ class Study(
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.turnover:.4g} J turned over at the finest of {len(self.runs)} steps of {self.solver}"
-            f"{order} (confidence {self.verdict.confidence})"
+            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {len(self.runs)} steps of "
+            f"{self.solver}{order} (confidence {self.verdict.confidence})"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -199,7 +205,7 @@ def _start(kane: Kane, state: State) -> States | None:
 
 
 NOISE = 1e-10
-"""Share of the turnover below which a ΔC that does not fall is what equations solved by iteration leave."""
+"""Share of the energy exchanged below which a ΔC that does not fall is what an iterative solution leaves."""
 
 
 def studied(
@@ -222,13 +228,17 @@ def studied(
     kept = [runs[k] for k in places]
     motions = [_run(entry) for entry in kept]
     compared = compare(mechanism, motions)
-    findings += noticed.of_comparison(compared, kept)
+    findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
-    functions = [n for n in kept[-1].left_over or {} if all(n in (e.left_over or {}) for e in kept)]
-    turnover = kept[-1].ledger.turnover if kept[-1].ledger else 0.0
-    energy = {n: _kept(_energy(kept, compared, first, steps, n), turnover) for n in functions}
+    functions = [
+        n for n in kept[-1].energy_error or {} if all(n in (e.energy_error or {}) for e in kept)
+    ]
+    energy_exchanged = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
+    energy = {
+        n: _kept(_energy(kept, compared, first, steps, n), energy_exchanged) for n in functions
+    }
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
     momentum = _momentum(mechanism, kept, compared, first, steps)
@@ -245,7 +255,7 @@ def studied(
     finest = kept[-1]
     ledger = finest.ledger
     assert ledger is not None
-    left = tuple(_largest(entry.left_over, function) for entry in kept)
+    left = tuple(_largest(entry.energy_error, function) for entry in kept)
     bars = tuple(_largest(entry.bar, function) for entry in kept)
     if residuals is not None:
         findings += residuals.findings
@@ -257,7 +267,8 @@ def studied(
         findings += noticed.of_impacts(mechanism, motions[-1])
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.turnover)
+    findings += unresolved_works(ledger)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -265,8 +276,9 @@ def studied(
         steps=tuple(map(float, steps)),
         left=left,
         bars=bars,
-        turnover=ledger.turnover,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max()) + ledger.turnover,
+        energy_exchanged=ledger.energy_exchanged,
+        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+        + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         energy=energy[function],
         state=state,
@@ -313,7 +325,7 @@ def _energy(
     kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array, name: str
 ) -> Convergence:
     """How ΔC of a function converges within the horizon; over all of the time where that is no time."""
-    curves = [(entry.left_over or {})[name] for entry in kept]
+    curves = [(entry.energy_error or {})[name] for entry in kept]
     bars = [(entry.bar or {})[name] for entry in kept]
     within = compared.within
     if _over_all(kept, compared, first):
@@ -380,7 +392,7 @@ def _largest(curves: Mapping[str, Array] | None, name: str) -> float:
 
 def _function(kept: Sequence[StudyRun]) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = kept[-1].left_over or {}
+    names = kept[-1].energy_error or {}
     return next(
         (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
     )
@@ -394,7 +406,7 @@ def _run(entry: StudyRun) -> Trajectory:
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------
 
 TOLERANCE = 1e-6
-"""Energy error that is accepted by default, as a fraction of the energy turned over."""
+"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 MUJOCO = "mujoco:"
 
@@ -402,12 +414,14 @@ SAMPLES = 200
 """Rows of a run of an adaptive solver, at the same times for every tolerance."""
 
 
+@renamed_keywords(control="controller")
+@interruptible()
 def study(
-    model: Any,
-    state: State | Any = None,
+    model: ModelLike,
+    state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
-    solver: str = "",
+    solver: str | Options = "",
     equations: Equations | Callable[..., Any] | None = None,
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
@@ -416,11 +430,11 @@ def study(
     tolerances: Sequence[float] | None = None,
     tolerance: float = TOLERANCE,
     order: int | None = None,
-    controller: Controller | None = None,
-    control: Callable[[Any, Any], object] | None = None,
-    stabilisation: Stabilisation = "projection",
+    controller: Controller | Callable[[Any, Any], object] | None = None,
+    constraints: str | Keeping = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
+    stabilisation: Any = None,
 ) -> Study:
     """Study a motion at several steps, and say whether its error is the integrator's or the equations'.
 
@@ -432,19 +446,21 @@ def study(
         duration: s; for a Problem its own by default.
         steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
             default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
-        solver: a name of `solver_names()` ("ode5" by default), or "mujoco:" and an integrator's name.
+        solver: a name of `solver_names()` ("ode5" by default) or an object of `deltac.solvers`; or "mujoco:"
+            and an integrator's name.
         equations: hand-written equations of motion in place of the mechanism's own, or their function.
         testing: testing functions that are integrated in the loop.
         simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
         logs: logs of the same motion at several steps, in place of simulating it; paths or Trajectories.
         tolerances: in place of steps, for adaptive solvers.
-        tolerance: accepted |ΔC| as a fraction of the energy turned over.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         order: the nominal order of `simulator`, if it has one.
-        controller: sets the motors that have no law; for MuJoCo give `control`.
-        control: called as control(model, data) before each step of MuJoCo.
-        stabilisation: as for `simulate`.
+        controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
+            controller(model, data) before each step.
+        constraints: how runs stay on their constraints, as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
+        stabilisation: the old name of `constraints`.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -454,6 +470,9 @@ def study(
     """
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    if stabilisation is not None:
+        warn_renamed("study(stabilisation=…)", "study(constraints=…)")
+        constraints = stabilised(stabilisation)
     loaded = load_model(model)
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)
@@ -481,32 +500,35 @@ def study(
                 )
             maker = _of_user(simulator, order)
         else:
-            state = loaded.problem.state if state is None and loaded.problem else state
-            duration = _duration(loaded, duration)
+            duration = loaded.lasting(duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
-            if solver.startswith(MUJOCO):
-                if equations is not None or controller is not None:
+            if isinstance(solver, str) and solver.startswith(MUJOCO):
+                if equations is not None or isinstance(controller, Controller):
                     raise InputError(
-                        "MuJoCo runs its own equations: leave out equations= and controller= (its inputs "
-                        "are set by control=)"
+                        "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
+                        "controller=, a function of (model, data)"
                     )
                 from deltac.recorders import mujoco_simulator
 
                 name = solver.removeprefix(MUJOCO)
                 run = mujoco_simulator(
-                    model, duration, integrator=name, control=control, state=state
+                    model,
+                    duration,
+                    integrator=name,
+                    controller=controller,
+                    state=_mujoco_start(loaded, state),
                 )
                 maker = _of_user(run, order)
             else:
                 maker = _own(
                     loaded.mechanism,
-                    loaded.mechanism.state() if state is None else state,
+                    _own_start(loaded, state),
                     duration,
                     solver,
                     testing,
                     equations,
-                    controller,
-                    stabilisation,
+                    _own_controller(controller),
+                    constraints,
                     order,
                     adaptive=adaptive,
                 )
@@ -542,30 +564,27 @@ def _own(
     mechanism: Mechanism,
     state: State,
     duration: float,
-    solver: str,
+    solver: str | Options,
     testing: Sequence[str],
     equations: Equations | None,
     controller: Controller | None,
-    stabilisation: Stabilisation,
+    constraints: str | Keeping,
     order: int | None,
     *,
     adaptive: bool,
 ) -> _Maker:
     """One of our solvers as a function of its step, or of its tolerance."""
-    if not isinstance(state, State):
-        raise InputError(
-            f"state: found {type(state).__name__}, expected a State: make it by mechanism.state(...)"
-        )
     if equations is not None:
         equations = carefully(equations, mechanism, state)
-    found = find_solver(solver)
+    options = solver_options(solver)
+    found = find_solver(options.name)
     if adaptive and found.takes_steps:
         raise InputError(
-            f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
+            f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
         )
     if not adaptive and not found.takes_steps:
         raise InputError(
-            f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
+            f"solver {found.name!r} chooses its own steps: give tolerances= in place of steps="
         )
 
     def run(step: float) -> Trajectory:
@@ -574,17 +593,16 @@ def _own(
             state,
             duration,
             duration / SAMPLES if adaptive else step,
-            solver,
+            solver_options(found.name, step) if adaptive else options,
             testing,
             equations,
             controller=controller,
-            tolerance=step if adaptive else None,
-            stabilisation=stabilisation,
+            constraints=constraints,
         )
 
     # The error of an adaptive solver follows its tolerance, not a power of a step.
     nominal = None if adaptive else found.order
-    return _Maker(run, solver, nominal if order is None else order, own=True)
+    return _Maker(run, found.name, nominal if order is None else order, own=True)
 
 
 def _of_user(simulator: Simulator, order: int | None) -> _Maker:
@@ -608,12 +626,27 @@ def _default_solver(loaded: Model) -> str:
     return loaded.problem.solver if loaded.problem is not None else "ode5"
 
 
-def _duration(loaded: Model, duration: float | None) -> float:
-    if duration is not None:
-        return float(duration)
-    if loaded.problem is None:
-        raise InputError("say how long the motion lasts: duration= in seconds")
-    return loaded.problem.duration
+def _own_start(loaded: Model, state: StateLike) -> State:
+    """The model's own start by default, else at zero and at rest."""
+    if state is None and not loaded.starts:
+        return loaded.mechanism.state()
+    return loaded.start(state)
+
+
+def _mujoco_start(loaded: Model, state: Any) -> Any:
+    """An mjData as it is; None where MuJoCo's own start is meant."""
+    if type(state).__name__ == "MjData" or (state is None and not loaded.starts):
+        return state
+    return loaded.start(state)
+
+
+def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
+    if given is None or isinstance(given, Controller):
+        return given
+    raise InputError(
+        "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
+        "function of (model, data)"
+    )
 
 
 def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:

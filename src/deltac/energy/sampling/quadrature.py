@@ -109,10 +109,9 @@ def hermite(
     known: Array,
     window: int,
     rates: Collection[str],
-    columns: slice = slice(None),
 ) -> Array:
     """∫ from the first sample on (m, T); see `hermite_parts`."""
-    total = hermite_parts(samples, powers, known, window, rates, columns)
+    total = hermite_parts(samples, powers, known, window, rates)
     return np.cumsum(total, axis=1, out=total)
 
 
@@ -122,12 +121,11 @@ def hermite_parts(
     known: Array,
     window: int,
     rates: Collection[str],
-    columns: slice = slice(None),
 ) -> Array:
     """∫ over the interval before each sample (m, T): Lobatto's rule along motions interpolated in a window.
 
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
-    need rates of; `columns` picks among the powers.
+    need rates of.
     """
     t, window = clock(samples.t), min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
@@ -144,7 +142,7 @@ def hermite_parts(
         INNER,
     )
     places = _places(sizes | rated)
-    total = np.zeros_like(known[columns])
+    total = np.zeros_like(known)
     for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
         x = np.empty((kernel.n_in, stop - start))
         z, width, y, dy, f = (x[where] for where in kernel.input_slices.values())
@@ -154,15 +152,15 @@ def hermite_parts(
         windows_of(plain, first, window, f)
         found = kernel.flat(x)
         here, after = slice(start, stop), slice(start + 1, stop + 1)
-        end = known[columns, after]
+        end = known[:, after]
         if samples.held:  # what acts at the end is still that of the start
-            end = powers(*samples.at(after, here, rates)).T[columns]
-        part = OUTER_WEIGHT * (known[columns, here] + end)
+            end = powers(*samples.at(after, here, rates)).T
+        part = OUTER_WEIGHT * (known[:, here] + end)
         for node, weight, where in zip(INNER, INNER_WEIGHTS, kernel.output_slices.values()):
             at = {name: found[where][place].T for name, place in places.items()}
             at |= {name: held[here] for name, held in samples.held.items()}
             between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
-            part += weight * powers(samples.t[here] + node * width[0], between).T[columns]
+            part += weight * powers(samples.t[here] + node * width[0], between).T
         np.multiply(part, width, out=total[:, after])
     return total
 
@@ -176,8 +174,8 @@ def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
 class Integral:
     """Cumulated integrals by a rule.
 
-    `value` (T, m); error bars `bar` (T, n) of the columns asked for; `order`: that in the spacing which
-    the errors show, over all these columns, zero where it was not observed.
+    `value` (T, m) and their error bars `bar` (T, m); `order`: that in the spacing which the errors of
+    the leading columns show together, zero where it was not observed.
     """
 
     value: Array
@@ -188,7 +186,7 @@ class Integral:
 
 @dataclass(frozen=True)
 class _Rule:
-    """Cumulated integrals from samples, the powers there and a choice of columns.
+    """Cumulated integrals (m, T) from samples and the powers there.
 
     `order` in the spacing; `window`: the samples that an interval is seen through.
     """
@@ -196,7 +194,7 @@ class _Rule:
     name: str
     order: int
     window: int
-    sums: Callable[[Samples, Array, slice], Array]
+    sums: Callable[[Samples, Array], Array]
 
 
 def integrate(
@@ -204,7 +202,7 @@ def integrate(
     powers: Powers,
     known: Array | None = None,
     rates: Collection[str] | None = None,
-    barred: slice = slice(None),
+    leading: slice = slice(None),
 ) -> Integral:
     """Cumulated integrals with error bars, by the rules whose bars are smaller.
 
@@ -222,22 +220,21 @@ def integrate(
         powers: (times, between) -> (rows, m).
         known: the powers (m, T) at the samples; evaluated if None.
         rates: names of what the powers need rates of; by default all that is smooth.
-        barred: the columns whose bars are wanted; the choice goes by them.
+        leading: the columns that decide by which rules the integrals are taken.
     """
     rated = samples.smooth.keys() if rates is None else rates
     known = at_samples(samples, powers, rated) if known is None else known
-    found = _chosen(samples, powers, known, rated, barred)
+    found = _chosen(samples, powers, known, rated, leading)
     blur = float(np.spacing(np.abs(samples.t).max()))
     if blur > 4 * np.spacing(np.ptp(samples.t)) and not equidistant(samples.t):
         # Σ P_k (δ_{k+1} − δ_k), summed by parts.
-        at = known[barred]
-        moved = np.abs(np.diff(at, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(at)
+        moved = np.abs(np.diff(known, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(known)
         return replace(found, bar=found.bar + blur * moved.T)
     return found
 
 
 def _chosen(
-    samples: Samples, powers: Powers, known: Array, rated: Collection[str], barred: slice
+    samples: Samples, powers: Powers, known: Array, rated: Collection[str], leading: slice
 ) -> Integral:
     """The integral by the rule with the smallest bars."""
     thinned = {1: (samples, known)}
@@ -251,7 +248,7 @@ def _chosen(
             f"hermite {window}",
             ORDERS[window],
             window,
-            lambda s, at, columns: hermite(s, powers, at, window, rated, columns),
+            lambda s, at: hermite(s, powers, at, window, rated),
         )
 
     first = None
@@ -260,50 +257,49 @@ def _chosen(
             "samples",
             SAMPLED,
             SAMPLED,
-            lambda s, at, columns: lagrange(s, np.ascontiguousarray(at[columns])),
+            lambda s, at: lagrange(s, np.ascontiguousarray(at)),
         )
-        first = _estimated(sampled, thinned, barred)
-        flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[barred])
-        if first.bar[-1].max() <= EPS * np.sqrt(len(samples.t)) * flow:
+        first = _estimated(sampled, thinned, leading)
+        flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[leading])
+        if first.bar[-1, leading].max() <= EPS * np.sqrt(len(samples.t)) * flow:
             return first
-    high, low = (_estimated(interpolated(window), thinned, barred) for window in (4, 2))
-    best = high if high.bar[-1].sum() <= low.bar[-1].sum() else low
+    high, low = (_estimated(interpolated(window), thinned, leading) for window in (4, 2))
+    best = high if high.bar[-1, leading].sum() <= low.bar[-1, leading].sum() else low
     if first is None or first.order < SAMPLED / 2:
         return best
-    return _by_column(first, best, barred)
+    return _by_column(first, best, leading)
 
 
-def _by_column(first: Integral, second: Integral, barred: slice) -> Integral:
-    """Each column that has a bar by the rule with the smaller one, the others by that of their sum.
+def _by_column(first: Integral, second: Integral, leading: slice) -> Integral:
+    """Each column by the rule with the smaller bar; named is that of most of the leading ones.
 
     Forces that were logged and those of the model are not interpolated equally well.
     """
     a, b = first.bar[-1], second.bar[-1]
-    best = first if a.sum() < b.sum() else second
-    value = best.value.copy(order="K")
-    value[:, barred] = np.where(a < b, first.value[:, barred], second.value[:, barred])
+    best = first if a[leading].sum() < b[leading].sum() else second
+    value = np.where(a < b, first.value, second.value)
     return Integral(value, np.where(a < b, first.bar, second.bar), best.rule, best.order)
 
 
 def _estimated(
-    rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], barred: slice
+    rule: _Rule, thinned: Mapping[int, tuple[Samples, Array]], leading: slice
 ) -> Integral:
-    fine = rule.sums(*thinned[1], slice(None))
-    count, compared = fine.shape[1], fine[barred]
-    bar = np.empty(compared.shape)
+    fine = rule.sums(*thinned[1])
+    count = fine.shape[1]
+    bar = np.empty(fine.shape)
     if count < 5:  # nothing can be left out: as much error as integral
-        np.maximum.accumulate(np.abs(compared), axis=1, out=bar)
+        np.maximum.accumulate(np.abs(fine), axis=1, out=bar)
         return Integral(fine.T, bar.T, rule.name, 0.0)
-    half = rule.sums(*thinned[2], barred)
+    half = rule.sums(*thinned[2])
     observed = count >= 9 and not thinned[1][0].derived
-    quarter = rule.sums(*thinned[4], barred) if observed else None
+    quarter = rule.sums(*thinned[4]) if observed else None
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
     seen = np.arange(count) + max(rule.window, 4) // 2
     index = np.minimum((seen + 1) // 2, half.shape[1] - 1)
-    finer, coarser = np.zeros((2, len(compared)))
+    finer, coarser = np.zeros((2, len(fine)))
 
     def estimate(k: int) -> None:
-        error = compared[k, ::2] - half[k]
+        error = fine[k, ::2] - half[k]
         even = np.maximum.accumulate(np.abs(error))
         if quarter is not None:
             # Sums over intervals: in a cumulated error contributions may cancel by chance.
@@ -313,8 +309,9 @@ def _estimated(
             even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))
         even.take(index, out=bar[k])
 
-    spread(estimate, range(len(compared)))
+    spread(estimate, range(len(fine)))
     order = 0.0
     if quarter is not None:
-        order = float(np.log2(max(coarser.sum(), TINY) / max(finer.sum(), TINY)))
+        lost, more = (float(total[leading].sum()) for total in (finer, coarser))
+        order = float(np.log2(max(more, TINY) / max(lost, TINY)))
     return Integral(fine.T, bar.T, rule.name, order)

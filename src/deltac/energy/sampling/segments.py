@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import Impulses, impulse_terms
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import System
@@ -23,6 +23,7 @@ from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.sampling.quadrature import Integral, hermite_parts, integrate
 from deltac.energy.sampling.samples import Powers, Samples
+from deltac.mechanism.channels import ByChannel
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
@@ -50,7 +51,7 @@ class Rows:
     q: Array
     u: Array
     udot: Array | None
-    forces: Mapping[str, Array]
+    forces: ByChannel
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
     provenance: Provenance
@@ -117,7 +118,7 @@ def integrate_pieces(
     powers: Powers,
     known: Array,
     rates: Sequence[str],
-    barred: slice,
+    leading: slice,
 ) -> Integral:
     """`integrate` within every smooth piece, and nothing across the events between them.
 
@@ -127,12 +128,12 @@ def integrate_pieces(
     and the bar is what this differs by from the trapezoidal rule.
     """
     if not starts:
-        return integrate(samples, powers, known, rates, barred)
+        return integrate(samples, powers, known, rates, leading)
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = hermite_parts(samples, powers, known, 2, rates)[:, 1:]
     width = np.diff(samples.t)
     plain = 0.5 * width * (known[:, 1:] + known[:, :-1])
-    bars = np.abs(parts - plain)[barred]
+    bars = np.abs(parts - plain)
     rules, orders = [], []
     for first, stop in pairwise((0, *starts, len(samples.t))):
         inner = slice(first + (first > 0), stop - (stop < len(samples.t)))
@@ -143,10 +144,10 @@ def integrate_pieces(
                 better = hermite_parts(samples.rows(piece), powers, known[:, piece], 4, rates)[
                     :, 1:
                 ]
-                bars[:, places] = np.abs(better - parts[:, places])[barred]
+                bars[:, places] = np.abs(better - parts[:, places])
                 parts[:, places] = better
         if long:
-            found = integrate(samples.rows(inner), powers, known[:, inner], rates, barred)
+            found = integrate(samples.rows(inner), powers, known[:, inner], rates, leading)
             places = slice(inner.start, inner.stop - 1)
             parts[:, places] = np.diff(found.value.T, axis=1)
             bars[:, places] = np.diff(found.bar.T, axis=1)
@@ -180,13 +181,13 @@ class Jumps:
     """What the impulses of a run's events come to, cumulated at its rows (T,): J, and kg·m/s or kg·m²/s.
 
     `work` by channel, `functions` what flows into E of each testing function, `momentum` by balance;
-    `turnover` is the sum of all |work|.
+    `exchanged` is the sum of all |work|.
     """
 
-    work: Mapping[str, Array]
+    work: ByChannel
     functions: Mapping[str, Array]
     momentum: Mapping[str, Array]
-    turnover: float
+    exchanged: float
 
 
 def jumps(
@@ -202,7 +203,7 @@ def jumps(
     if not events:
         return Jumps({}, {}, {}, 0.0)
     impulses = Impulses.symbols(len(system.mechanism.speeds))
-    own = trace_map(system, speeds) if speeds is not None else None
+    own = trace_split(system, speeds)
     known = impulse_terms(system, impulses, own, constrained)
     balances = momentum_balances(system)
     outputs = [function.P(known) for function in functions]
@@ -246,5 +247,5 @@ def jumps(
 
 def _sum_of(event: Occurrence, kind: str) -> Array:
     """The impulses of a kind of channel together (nu,)."""
-    chosen = [j for channel, j in event.impulses.items() if channel.startswith(f"{kind} ")]
+    chosen = [j for channel, j in event.impulses.items() if channel.kind == kind]
     return np.sum(chosen, axis=0) if chosen else np.zeros(len(event.u_before))

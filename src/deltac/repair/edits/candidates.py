@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Operation, Slot, identity
+from deltac.repair.tracing.values import Object
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """An edit that may be the repair.
 
@@ -56,14 +57,31 @@ def _after(after: Operation, program: Program, k: int) -> Operation:
     return lambda *inputs: after(operation(*inputs))
 
 
-def combine(program: Program, place: int, operation: Operation, other: int) -> dict[int, Change]:
-    """Put operation(value, other slot) in place of the value of a node evaluated once."""
-    (k,) = slots(program, place)
+def combine(
+    program: Program, place: int, operation: Operation, others: list[Any]
+) -> dict[int, Change]:
+    """Put operation(value, other) in place of the values of a node; `others` are one for each evaluation.
+
+    Empty where one of them is no number, or depends on the node.
+    """
+    changes: dict[int, Change] = {}
+    for instance, other in zip(program.trace.instances[place], others):
+        owned = list(flatten(instance.value))
+        paired = list(flatten(other)) if isinstance(other, np.ndarray) else [other] * len(owned)
+        for own, one in zip(owned, paired):
+            if not (isinstance(own, Slot) and isinstance(one, Slot)) or one.index >= own.index:
+                return {}
+            if program.tape.nodes[own.index] == place:
+                changes[own.index] = _combined(program, own.index, operation, one.index)
+    return changes
+
+
+def _combined(program: Program, k: int, operation: Operation, other: int) -> Change:
     old, inputs = program.tape.operations[k], program.tape.inputs[k]
     if old is None:
         value = program.tape.values[k]
-        return {k: Change(lambda y: operation(value, y), (other,))}
-    return {k: Change(lambda *xs: operation(old(*xs[:-1]), xs[-1]), (*inputs, other))}
+        return Change(lambda y: operation(value, y), (other,))
+    return Change(lambda *xs: operation(old(*xs[:-1]), xs[-1]), (*inputs, other))
 
 
 def slots(program: Program, place: int) -> list[int]:
@@ -120,6 +138,9 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
     for name, value in scope.items():
         if name.isidentifier():
             add(name, value)
+    for name, value in scope.items():
+        for attribute, held in _attributes(value):
+            add(f"{name}.{attribute}", held)
     if not numbers:
         return found
     indexed = _indexed(program.source)
@@ -129,6 +150,13 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
         if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 36:
             for k in np.ndindex(value.shape):
                 add(f"{name}[{', '.join(map(str, k))}]", value[k])
+            for counter, k in scope.items():
+                if type(k) is int and value.ndim == 1 and 0 <= k < len(value):
+                    found.setdefault(f"{name}[{counter}]", value[k])
+        elif isinstance(value, list) and all(isinstance(x, Slot) for x in value):
+            for counter, k in scope.items():
+                if type(k) is int and 0 <= k < len(value):
+                    found.setdefault(f"{name}[{counter}]", value[k])
         elif isinstance(value, dict):
             for key, entry in value.items():
                 add(f"{name}[{key!r}]".replace("'", '"'), entry)
@@ -139,6 +167,31 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
         if entry and not program.tape.varying[value.index]:
             add(program.source.segment(node), value)
     return found
+
+
+def _attributes(value: Any) -> Iterator[tuple[str, Any]]:
+    """Attributes of an object of the user's that hold numbers or arrays, by their names."""
+    if isinstance(value, Object):
+        held = dict(value.attributes)
+        cls = value.cls
+        if cls is not None:
+            held = {**cls.names, **held}
+        for name, one in held.items():
+            if isinstance(one, Slot | np.ndarray) and name.isidentifier():
+                yield name, one
+
+
+def array_names(program: Program, instance: Instance) -> dict[str, Any]:
+    """Arrays that can be named where a node stands, by the text that names them."""
+    scope = {**program.trace.scope, **instance.scope}
+    found = {name: value for name, value in scope.items() if name.isidentifier()}
+    for name, value in scope.items():
+        found.update({f"{name}.{a}": held for a, held in _attributes(value)})
+    return {
+        text: value
+        for text, value in found.items()
+        if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 64
+    }
 
 
 def _indexed(source: Source) -> set[str]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.repair.edits.candidates import (
     Candidate,
+    array_names,
     combine,
     number_cost,
     product,
@@ -28,9 +30,13 @@ from deltac.repair.edits.required import Requirement
 from deltac.repair.edits.substitutions import callables
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tape import Slot
 
 EXACT = 1e-9
 """A required value that differs by less than this (relative) from state to state is one number."""
+
+SCOPES = 3
+"""Evaluations of a node whose names are compared with those of the first."""
 
 TRIPLE = 40
 """Names and functions that are multiplied three at a time."""
@@ -42,7 +48,7 @@ MOST = 60
 """Expressions of the source that are taken as parts of what is missing."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Vocabulary:
     """Atoms at the places of a program, and their products, made once for each scope."""
 
@@ -53,15 +59,20 @@ class Vocabulary:
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
         program = self.program
-        instance = program.numbers[requirement.place]
+        instance, *more = program.trace.instances[requirement.place]
         names = {**program.trace.scope, **instance.scope}
         owner = program.owner(requirement.place)
-        later = {*program.tape.after(requirement.slot), requirement.slot}
+        later = {requirement.slot, *program.tape.after(requirement.slot)}
         variables = {
             text: slot.index
             for text, slot in vocabulary(program, instance).items()
             if slot.index not in later
         }
+        for other in more[:SCOPES]:  # one name must hold one value at all evaluations
+            there = vocabulary(program, other)
+            variables = {
+                text: k for text, k in variables.items() if text in there and there[text].index == k
+            }
         expressions = {
             text: slot
             for text, (slot, used) in self._expressions(owner).items()
@@ -224,36 +235,80 @@ def _named(source: Source, node: ast.expr) -> str:
 
 
 def additions(program: Program, place: int) -> Iterator[Candidate]:
-    """A name added, subtracted, multiplied or divided by: to be tried where a value is not unique."""
+    """A name added, subtracted, multiplied or divided by, at every evaluation of a node: to be tried."""
     source, node = program.source, program.source.nodes[place]
-    if place not in program.numbers or not isinstance(node, ast.expr):
+    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
+    instances = program.trace.instances[place]
     parent = source.nodes[source.parent[place]]
     inside = isinstance(parent, ast.BinOp) and type(parent.op) in (ast.Mult, ast.Div)
-    if (
-        isinstance(node, ast.Constant)
-        or inside
-        or not program.tape.varying[slots(program, place)[0]]
-    ):
+    own = slots(program, place)
+    if not own or not any(program.tape.varying[k] for k in own):
         return
-    own = short(source.segment(node))
-    for name, slot in vocabulary(program, program.numbers[place]).items():
-        if slot.index >= program.numbers[place].value.index:
+    scopes = [vocabulary(program, instance) for instance in instances]
+    single = isinstance(instances[0].value, Slot)
+    short_of = short(source.segment(node))
+    for name in scopes[0]:
+        if not all(name in scope for scope in scopes):
             continue
-        changes = {
-            symbol: combine(program, place, operation, slot.index)
-            for symbol, operation in zip("+-*/", (np.add, np.subtract, np.multiply, np.true_divide))
-        }
-        for symbol, subtract in (("+", False), ("-", True)):
-            said = f"{own} lacks the term {'−' if subtract else '+'} {name}"
-            text = total(source, node, name, subtract)
-            yield Candidate(place, text, said, "term", 1.75, changes[symbol])
-        for symbol, divide in (("*", False), ("/", True)):
-            said = (
-                f"{own} must be divided by {name}" if divide else f"{own} lacks the factor {name}"
+        others = [scope[name] for scope in scopes]
+        ways: list[tuple[str, Any]] = []
+        if not inside:
+            ways += [("*", np.multiply), ("/", np.true_divide)]
+        if single:
+            ways += [("+", np.add), ("-", np.subtract)]
+        for symbol, operation in ways:
+            changes = combine(program, place, operation, others)
+            if not changes:
+                break
+            if symbol in "+-":
+                said = f"{short_of} lacks the term {'−' if symbol == '-' else '+'} {name}"
+                text = total(source, node, name, symbol == "-")
+                yield Candidate(place, text, said, "term", 1.75, changes)
+            else:
+                said = f"{short_of} lacks the factor {name}"
+                if symbol == "/":
+                    said = f"{short_of} must be divided by {name}"
+                text = product(source, node, name, symbol == "/")
+                yield Candidate(place, text, said, "factor", 1.6, changes)
+
+
+def vector_terms(program: Program, place: int) -> Iterator[Candidate]:
+    """An array of the same shape added to, or subtracted from, an array."""
+    source, node = program.source, program.source.nodes[place]
+    instances = program.trace.instances[place]
+    value = instances[0].value
+    if not isinstance(node, ast.expr) or not isinstance(value, np.ndarray):
+        return
+    parent = source.nodes[source.parent[place]]
+    if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub):
+        return
+    scopes = [array_names(program, instance) for instance in instances]
+    for name, array in scopes[0].items():
+        if array.shape != value.shape or not all(name in scope for scope in scopes):
+            continue
+        for symbol, operation in (("+", np.add), ("-", np.subtract)):
+            changes = combine(program, place, operation, [scope[name] for scope in scopes])
+            if not changes:
+                break
+            said = f"{short(source.segment(node))} lacks the term {'−' if symbol == '-' else '+'} {name}"
+            yield Candidate(
+                place, total(source, node, name, symbol == "-"), said, "term", 1.5, changes
             )
-            text = product(source, node, name, divide)
-            yield Candidate(place, text, said, "factor", 1.6, changes[symbol])
+
+
+def scalings(program: Program, requirement: Requirement, words: Vocabulary) -> Iterator[Candidate]:
+    """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
+    source, place = program.source, requirement.place
+    node = source.nodes[place]
+    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
+        return
+    state, constant = words.atoms(requirement)
+    few = (state, words.table(state, 2, True)), (constant, words.table(constant, 2, True))
+    for p in products(requirement.required, program.samples.group, *few):
+        candidate = _with_factor(program, place, node, source.segment(node), p)
+        if candidate is not None:
+            yield candidate
 
 
 def _with_factor(

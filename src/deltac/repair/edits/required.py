@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.repair.edits.candidates import compose, slots
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
 
@@ -56,7 +57,7 @@ class Requirement:
     unique: bool
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Requirements:
     """The values that the nodes of a program must have, found one by one.
 
@@ -89,19 +90,33 @@ class Requirements:
             found = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
         return found if isinstance(found, Requirement) else None
 
+    def scale(self, place: int) -> Requirement | None:
+        """The factor that all values of a node must have: of an array's entries, of a loop's turns."""
+        own = slots(self.program, place)
+        if not own:
+            return None
+        common = not any(self.program.tape.varying[k] for k in own)
+        with np.errstate(all="ignore"):
+            found = self._solve(place, own[0], common, scaled=True)
+        return found if isinstance(found, Requirement) and found.whole else None
+
     def _solve(
-        self, place: int, slot: int, common: bool, only: int | None = None
+        self, place: int, slot: int, common: bool, only: int | None = None, scaled: bool = False
     ) -> Requirement | bool | None:
         """The requirement; False if there can be none, None if none was found.
 
         `common`: one value for all states of a set of parameters. `only`: for this equation alone.
+        `scaled`: not the value itself is sought, but a factor of all the node's values.
         """
         program = self.program
-        start = np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)
+        held = 1.0 if scaled else program.tape.values[slot]
+        start = np.broadcast_to(held, program.samples.t.shape).astype(float)
         group = program.samples.group
         starts = np.searchsorted(group, np.arange(group[-1] + 1))
 
         def off(x: Array) -> Array:
+            if scaled:
+                return program.residual(compose(program, place, lambda value: value * x))
             return program.residual(values={slot: x})
 
         def nearest(slope: Array, r: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,25 +14,38 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import Candidate, apply, short
-from deltac.repair.edits.insertions import Vocabulary, additions, insertions
+from deltac.repair.edits.insertions import Vocabulary, additions, insertions, scalings, vector_terms
 from deltac.repair.edits.required import Requirement, Requirements
+from deltac.repair.edits.structural import structural
 from deltac.repair.edits.substitutions import substitutions
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.tracing.interpreter import trace
-from deltac.repair.tracing.program import Program, at
+from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change
+
+STRUCTURAL_TIME = 12.0
+"""Time of the processor for edits of structure (s)."""
+
+READ_AGAIN = 1500
+"""Edits of structure for which the text is read again, at most."""
+
+ENOUGH = 6
+"""Edits of structure that are right, after which no more are looked for."""
+
+FAIR = 1.7
+"""With an edit as simple as this in hand, edits of structure are not looked for."""
 
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Search:
     """One program, and what was found out about its expressions."""
 
     program: Program
+    target: Target
     deadline: float = np.inf
 
     def __post_init__(self) -> None:
@@ -62,18 +75,53 @@ class Search:
         numbers = self.program.numbers
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
-        found += self.tried([*others, *self.requirements.undecided])
+        found += self.tried([*others, *self.requirements.undecided], substitutions)
         if not any(c.cost <= SIMPLE for c in found):
             found += self.exchanged()
+            found += self.scaled(others)
+            found += self.tried(others, vector_terms)
+        if not any(c.cost <= FAIR for c in found):
+            found += self.structural()
+        if not found:
+            found += self.tried([*others, *self.requirements.undecided], additions)
         return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
 
-    def tried(self, places: Iterable[int]) -> list[Candidate]:
-        """Substitutions at some nodes that make the function right, found by running every one."""
+    def scaled(self, places: Iterable[int]) -> list[Candidate]:
+        """Factors of arrays, and of what is evaluated more than once."""
         found: list[Candidate] = []
         for place in places:
-            for candidate in itertools.chain(
-                substitutions(self.program, place), additions(self.program, place)
-            ):
+            if time.monotonic() > self.deadline:
+                break
+            requirement = self.requirements.scale(place)
+            if requirement is not None:
+                found += scalings(self.program, requirement, self.vocabulary)
+        return found
+
+    def structural(self) -> list[Candidate]:
+        """Edits that the tape cannot show, those of the likeliest statements first."""
+        source = self.program.source
+        likely = {source.statement(r.place).lineno for r in self.requirements.found.values()}
+        candidates = sorted(
+            structural(self.program),
+            key=lambda c: (source.statement(c.place).lineno not in likely, c.cost),
+        )
+        found: list[Candidate] = []
+        end = time.process_time() + STRUCTURAL_TIME
+        for candidate in candidates[:READ_AGAIN]:
+            late = time.process_time() > end or time.monotonic() > self.deadline
+            if late or len(found) >= ENOUGH:
+                break
+            if self._right(candidate):
+                found.append(candidate)
+        return found
+
+    def tried(
+        self, places: Iterable[int], edits: Callable[[Program, int], Iterator[Candidate]]
+    ) -> list[Candidate]:
+        """Edits of some nodes that make the function right, found by running every one."""
+        found: list[Candidate] = []
+        for place in places:
+            for candidate in edits(self.program, place):
                 if time.monotonic() > self.deadline:
                     return found
                 if candidate.changes and self.program.passes(candidate.changes):
@@ -121,18 +169,18 @@ class Search:
         return found
 
     def _right(self, candidate: Candidate) -> bool:
+        """Whether a candidate that the tape cannot show is right: the text is read again."""
         changed = apply(self.program.source, [candidate])
         if changed is None:
             return False
-        samples = self.program.samples
-        nominal = samples.group == 0
+        samples = self.target.samples()
         try:
-            found = trace(changed, samples.t[nominal], samples.q[:, nominal], samples.u[:, nominal])
+            for some in (samples.at(np.arange(min(3, len(samples.t)))), samples):
+                if not reading(changed, some).wrong < RIGHT:
+                    return False
         except InputError:
             return False
-        off = found.tape.run(found.outputs) - samples.acceleration[:, nominal]
-        r = np.einsum("bij,jb->ib", samples.M[nominal], off) / samples.typical[:, nominal]
-        return bool(np.abs(r).max() < RIGHT)
+        return True
 
 
 def _exchange(
@@ -159,10 +207,10 @@ def confirmed(
     if changed is None:
         return None
     try:
-        program = at(changed, target, varied, fresh=True)
+        again = at(changed, target, varied, fresh=True)
     except InputError:
         return None
-    return changed if program.wrong < RIGHT else None
+    return changed if again.wrong < RIGHT else None
 
 
 COMBINED = 12
@@ -177,7 +225,7 @@ def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
-        ways.insert(0, Search(rows, search.deadline))
+        ways.insert(0, Search(rows, target, search.deadline))
         ways[0].require()
     for way in ways:
         yield from _in_different_equations(way)
@@ -251,30 +299,31 @@ FOLLOWED = 24
 """First edits after which a second is looked for, cheapest first."""
 
 SEQUENTIAL_TIME = 15.0
-"""Time for it (s): nearly all that can be found is found early."""
+"""Time of the processor for it (s): nearly all that can be found is found early."""
 
 
 def sequential(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
     """Pairs of edits, found by reading the function again after each first one."""
     program = search.program
     wrong = _wrong(program)
-    deadline = min(search.deadline, time.monotonic() + SEQUENTIAL_TIME)
+    deadline, end = search.deadline, time.process_time() + SEQUENTIAL_TIME
     followed = 0
     for first in _closing(search, wrong, deadline):
-        if followed == FOLLOWED or time.monotonic() > deadline:
+        late = time.monotonic() > deadline or time.process_time() > end
+        if followed == FOLLOWED or late:
             return
         changed = apply(program.source, [first])
         if changed is None:
             continue
         try:
-            again = at(changed, target, tuple(program.samples.parameters))
+            again = at(changed, target, tuple(program.samples.parameters)).worst
         except InputError:
             continue
         left = _wrong(unsolved_form(again) or again)
         if (left & ~wrong).any() or not (wrong & ~left).any():
             continue
         followed += 1
-        then = Search(again, deadline)
+        then = Search(again, target, deadline)
         then.require()
         for second in then.single():
             place = _before(program.source, first, changed, second.place)

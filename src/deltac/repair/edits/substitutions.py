@@ -76,7 +76,18 @@ def _signs(program: Program, place: int, node: ast.AST) -> Iterator[Candidate]:
         own = program.source.segment(node)
         words = f"{short(own)} enters with +, should be −"
         text = negated(program.source, node)
-        yield Candidate(place, text, words, "sign", 1.1, compose(program, place, np.negative))
+        cost = 1.1 + _odd_to_negate(program, place, node)
+        yield Candidate(place, text, words, "sign", cost, compose(program, place, np.negative))
+
+
+def _odd_to_negate(program: Program, place: int, node: ast.expr) -> float:
+    """How odd a minus is here: a factor's sign is that of its product, and a length's is not forgotten."""
+    source = program.source
+    parent = source.nodes[source.parent[place]]
+    factor = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult | ast.Div)
+    constant = not any(program.tape.varying[k] for k in slots(program, place))
+    first = factor and parent.left is node  # type: ignore[attr-defined]
+    return 0.02 * factor + 0.05 * (factor and not first) + 0.15 * constant
 
 
 def _operators(program: Program, place: int, node: ast.BinOp) -> Iterator[Candidate]:

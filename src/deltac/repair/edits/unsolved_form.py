@@ -31,7 +31,7 @@ WORST = 1e8
 """Condition of M⁻¹ beyond which its inverse says nothing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class UnsolvedForm(Program):
     """A program whose residual is that of M u̇ = f, the entries of f being the slots `forces`."""
 
@@ -42,8 +42,11 @@ class UnsolvedForm(Program):
     ) -> Array:
         """M u̇ − f (n, B) at the model's accelerations, 1 being the size of a row's terms."""
         M, f = self._terms(changes, values)
-        left = np.einsum("bij,jb->ib", M, self.samples.acceleration) - f
-        return np.asarray(left / self._rows[:, None])
+        left = (np.einsum("bij,jb->ib", M, self.samples.acceleration) - f) / self._rows[:, None]
+        if not self.trace.rates:
+            return np.asarray(left)
+        rates = self.tape.run(self.trace.rates, changes, values)
+        return np.concatenate([left, (rates - self.samples.rates) / self.samples.rate_size])
 
     def _terms(
         self, changes: Mapping[int, Change] | None, values: Mapping[int, Any] | None
@@ -92,7 +95,9 @@ def _slopes(
 ) -> Array:
     """What the results are (n, n, B) with one of the forces 1, the others 0, in turn."""
     run = [
-        program.run(changes, {**(values or {}), **{k: float(k == one) for k in forces}})
+        program.run(changes, {**(values or {}), **{k: float(k == one) for k in forces}})[
+            : len(forces)
+        ]
         for one in forces
     ]
     return np.stack(run, axis=1)
@@ -101,7 +106,7 @@ def _slopes(
 def _forces(program: Program) -> Iterator[tuple[int, ...]]:
     """Sets of slots in which the results are linear and homogeneous, the earliest first."""
     tape, n = program.tape, len(program.samples.acceleration)
-    base = program.run()
+    base = program.run()[:n]
     if not np.isfinite(base).all():
         return
     size = np.abs(base).max()
@@ -111,7 +116,7 @@ def _forces(program: Program) -> Iterator[tuple[int, ...]]:
         if not tape.varying[k] or tape.operations[k] in (None, identity):
             continue
         x = np.broadcast_to(tape.values[k], program.samples.t.shape)
-        none, twice = program.run(values={k: 0.0 * x}), program.run(values={k: 2.0 * x})
+        none, twice = (program.run(values={k: factor * x})[:n] for factor in (0.0, 2.0))
         part = base - none
         straight = np.abs(twice - base - part).max() <= LINEAR * size
         if straight and np.abs(part).max() > LINEAR * size:

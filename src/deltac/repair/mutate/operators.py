@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import copy
 import random
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from deltac.results import Record
@@ -50,7 +50,13 @@ class Mutant(Record, omit=("text",)):
     text: str
 
 
-def mutants(text: str, function: str, names: int = 2, seed: int = 0) -> list[Mutant]:
+Span = tuple[int, int, int, int]
+"""Where a node begins and ends: line, column, line, column."""
+
+
+def mutants(
+    text: str, function: str, names: int = 2, seed: int = 0, *, read: Container[Span] | None = None
+) -> list[Mutant]:
     """All single mutants of a function and of the module's constants that it uses.
 
     Args:
@@ -59,8 +65,12 @@ def mutants(text: str, function: str, names: int = 2, seed: int = 0) -> list[Mut
         names: how many other names take the place of each use of a name (drawn by `seed`; all of
             them would be thousands, most of them alike).
         seed: of that draw.
+        read: the expressions that are evaluated when the equations are: with it, mutants are made of these,
+            in whatever functions, methods and constants of the module they stand, and `function` is not used.
     """
     module = ast.parse(text)
+    if read is not None:
+        return _of_all(text, module, names, seed, read)
     target = next(s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function)
     draw = random.Random(seed)
     found: dict[str, Mutant] = {}
@@ -73,6 +83,72 @@ def mutants(text: str, function: str, names: int = 2, seed: int = 0) -> list[Mut
                 if mutant is not None:
                     found.setdefault(mutant.text, mutant)
     return list(found.values())
+
+
+def _of_all(
+    text: str, module: ast.Module, names: int, seed: int, read: Container[Span]
+) -> list[Mutant]:
+    """Mutants of all expressions that are read, wherever they stand."""
+    draw = random.Random(seed)
+    found: dict[str, Mutant] = {}
+    scopes: list[ast.stmt] = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
+    scopes += [s for s in module.body if isinstance(s, ast.Assign | ast.AnnAssign)]
+    scopes += [
+        s
+        for c in module.body
+        if isinstance(c, ast.ClassDef)
+        for s in c.body
+        if not isinstance(s, ast.FunctionDef)
+    ]
+    siblings = _siblings(module, read)
+    for scope in scopes:
+        target = scope if isinstance(scope, ast.FunctionDef) else ast.FunctionDef("", body=[scope])
+        known = _known(module, scope, target)
+        for parent, field, node in _slots(scope):
+            inside = any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
+            if not inside or (isinstance(node, ast.expr) and _span(node) not in read):
+                continue
+            changes = [
+                *_changes(parent, field, node, known, names, draw),
+                *_other_entries(node, siblings, names, draw),
+            ]
+            for kind, new in changes:
+                mutant = _write(text, kind, node, new)
+                if mutant is not None:
+                    found.setdefault(mutant.text, mutant)
+    return list(found.values())
+
+
+def _span(node: ast.AST) -> Span:
+    assert isinstance(node, ast.expr | ast.stmt)
+    return (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+
+
+def _siblings(module: ast.Module, read: Container[Span]) -> dict[str, list[ast.expr]]:
+    """Attributes and entries by strings of one object that are read, by the object's text."""
+    found: dict[str, list[ast.expr]] = {}
+    for node in ast.walk(module):
+        entry = isinstance(node, ast.Attribute) or (
+            isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
+        )
+        if entry and isinstance(node, ast.expr) and _span(node) in read:
+            known = found.setdefault(ast.unparse(node.value), [])  # type: ignore[attr-defined]
+            if ast.unparse(node) not in map(ast.unparse, known):
+                known.append(node)
+    return found
+
+
+def _other_entries(
+    node: ast.AST, siblings: dict[str, list[ast.expr]], names: int, draw: random.Random
+) -> Iterator[tuple[str, ast.AST]]:
+    """Another attribute, or another entry, of the same object."""
+    if not isinstance(node, ast.Attribute | ast.Subscript) or not isinstance(node.ctx, ast.Load):
+        return
+    others = [
+        n for n in siblings.get(ast.unparse(node.value), []) if ast.unparse(n) != ast.unparse(node)
+    ]
+    for other in draw.sample(others, min(names, len(others))):
+        yield "name" if isinstance(node, ast.Attribute) else "index", other
 
 
 # --- where ------------------------------------------------------------------------------------------

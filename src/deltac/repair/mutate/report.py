@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+import ast
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deltac.diagnosis.check.check import chosen_map
-from deltac.diagnosis.inputs.models import load_model
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
-from deltac.repair.tracing.interpreter import trace
-from deltac.repair.tracing.program import at, named_parameters, read
+from deltac.repair.mutate.suite import copied
+from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, read_source
 from deltac.results import Record, Report, Section, Table
 from deltac.simulation.equations import Equations
+
+SUITE = "your tests"
+
+EXAMPLES = 3
+"""Mutants that are told for one reason."""
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
 
@@ -76,10 +84,14 @@ class MutationReport(Report, also=("counts",)):
         return tuple(t for t in self.trials if len(t.missed) == len(t.seen))
 
     @property
+    def escaped(self) -> tuple[Trial, ...]:
+        """The mistakes that the user's own tests do not see; empty where these were not run."""
+        return tuple(t for t in self.trials if SUITE in t.seen and not t.detected(SUITE))
+
+    @property
     def exit_code(self) -> int:
-        """Exit code: 1 if a mistake escapes every test, or the function is wrong; else 0."""
-        escaped = any(t.reason == "coincidence" for t in self.trials)
-        return int(escaped or self.residual >= RIGHT)
+        """Exit code: 1 if the function is wrong, or a mistake escapes the user's own tests; else 0."""
+        return int(bool(self.escaped) or self.residual >= RIGHT)
 
     def counts(self) -> dict[str, dict[str, int]]:
         """For each kind of mutant: how many, how many are no mistakes, and how many each test sees."""
@@ -122,11 +134,9 @@ class MutationReport(Report, also=("counts",)):
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:
-                first = some[0].mutant
-                yield (
-                    f"{len(some)} {reason}: {REASONS[reason]}; such as line {first.line}, {first.before} "
-                    f"→ {first.after}."
-                )
+                yield f"{len(some)} {reason}: {REASONS[reason]}; such as {_examples(some)}."
+        if self.escaped:
+            yield f"Your tests miss {len(self.escaped)}, such as {_examples(self.escaped)}."
 
 
 HEADS = {
@@ -141,14 +151,25 @@ HEADS = {
 """Short heads of the table's columns."""
 
 
+def _examples(trials: Sequence[Trial]) -> str:
+    """Some mutants in words, of different kinds first."""
+    by_kind = {t.mutant.kind: t.mutant for t in trials}
+    some = [*by_kind.values(), *(t.mutant for t in trials)]
+    texts = [f"line {m.line}, {m.before} → {m.after or 'nothing'}" for m in some]
+    return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
+
+
+@interruptible()
 def mutate_equations(
-    model: Any,
+    model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    tests: str | None = None,
+    most: int = 40,
+    progress: Callable[[float], None] | None = None,
 ) -> MutationReport:
     """Change equations of motion in every small way, and see which tests notice.
 
@@ -162,10 +183,14 @@ def mutate_equations(
         coordinates: the function's own coordinates, as for `check_equations`.
         names: how many other names take the place of each use of a name.
         seed: of the states and of the names drawn.
-        progress: called with the fraction done and what is being done.
+        tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
+            mutants, in a copy of the project.
+        most: on how many.
+        progress: called with the fraction done.
 
     Raises:
-        InputError: no source, or one that is not understood, as for `repair_equations`.
+        InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
+            the function as it is, or do not load it.
     """
     found = load_model(model)
     if isinstance(rhs, Equations):
@@ -176,22 +201,56 @@ def mutate_equations(
     target = Target(found.mechanism, chosen, seed)
     source = read_source(rhs)
     program = read(source, target)
-    varied = tuple(program.samples.parameters)
-    if "." in source.qualified:
-        raise InputError(
-            f"{source.name}: {source.qualified} is a method or a function within another; mutants are made "
-            "of functions of the module"
-        )
-    made = mutants(source.text, source.function.name, names, seed)
+    varied = program.varied
+    source = program.source
+    made = mutants_of(program, names, seed)
     trials = []
     for k, mutant in enumerate(made):
         if progress is not None:
-            progress(k / len(made), f"mutant {k + 1} of {len(made)}")
+            progress(k / len(made))
         trials.append(_tried(source, mutant, target, varied))
-    tests = tuple(_blank(target))
-    return MutationReport(
-        source.name, source.qualified, tests, tuple(trials), program.wrong, varied
+    names_of_tests = tuple(_blank(target))
+    report = MutationReport(
+        source.name, source.qualified, names_of_tests, tuple(trials), program.wrong, varied
     )
+    return report if tests is None else _with_suite(report, source, tests, most, seed, progress)
+
+
+def mutants_of(program: Reading, names: int, seed: int) -> list[Mutant]:
+    """The mutants of what is read: of one function of a module, or of all that it uses."""
+    source = program.source
+    definition = source.definition
+    used = {piece.owner(place) for piece in program.pieces for place in piece.trace.instances}
+    alone = {node for node in used if not isinstance(node, ast.Module)} == {definition}
+    if definition is not None and "." not in source.qualified and alone:
+        return mutants(source.text, definition.name, names, seed)
+    return mutants(source.text, "", names, seed, read=spans(program))
+
+
+def _with_suite(
+    report: MutationReport,
+    source: Source,
+    command: str,
+    most: int,
+    seed: int,
+    progress: Callable[[float], None] | None,
+) -> MutationReport:
+    """The report with what the user's own tests see of some of the mistakes."""
+    if source.path is None:
+        raise InputError(f"{source.name} is no file: there is nothing that tests could load")
+    wrong = [
+        k for k, t in enumerate(report.trials) if t.reason not in ("equivalent", "coincidence")
+    ]
+    chosen = sorted(random.Random(seed).sample(wrong, min(most, len(wrong))))
+    trials = []
+    with copied(command, source.path, source.qualified) as suite:
+        for done, k in enumerate(chosen):
+            if progress is not None:
+                progress(done / len(chosen))
+            trial = report.trials[k]
+            seen = 0.0 if suite.passes(trial.mutant.text) else np.inf
+            trials.append(replace(trial, seen={**trial.seen, SUITE: seen}))
+    return replace(report, trials=tuple(trials), tests=(*report.tests, SUITE))
 
 
 def _blank(target: Target) -> dict[str, float]:
@@ -212,10 +271,11 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     samples, test = target.samples(), target.test()
     seen = _blank(target)
     try:
-        read_again = trace(changed, samples.t, samples.q, samples.u)
+        again = read(changed, target, vary=False)
     except InputError:
         return Trial(mutant, seen)  # it cannot even be evaluated
-    udot = read_again.tape.run(read_again.outputs)
+    found = again.run()
+    udot = found[: len(samples.acceleration)]
     if not np.isfinite(udot).all():
         return Trial(mutant, seen)
     residuals = test(udot)
@@ -224,9 +284,9 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
         seen[MOMENTUM] = max(float(x.max()) for x in residuals.relative_momentum.values())
     if CONSTRAINTS in seen:
         seen[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
-    seen[RESIDUAL] = samples.wrong(udot)
+    seen[RESIDUAL] = samples.wrong(found)
     return Trial(
-        mutant, seen, _reason(changed, seen, target, varied, named_parameters(read_again, target))
+        mutant, seen, _reason(changed, seen, target, varied, named_parameters(again, target))
     )
 
 
@@ -235,10 +295,10 @@ def _reason(
     seen: Mapping[str, float],
     target: Target,
     varied: tuple[str, ...],
-    named: tuple[str, ...],
+    named: Mapping[str, str],
 ) -> str:
     if seen[RESIDUAL] < RIGHT:
-        common = tuple(name for name in varied if name in named)
+        common = tuple(name for name in varied if name in named.values())
         try:
             same = set(common) == set(varied) and at(changed, target, common).wrong < RIGHT
         except InputError:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.residuals.state_form import StateForm, forms, likeliest
 from deltac.errors import InputError, SourceError
-from deltac.repair.tracing.interpreter import Instance, Trace, trace
+from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
@@ -21,7 +24,7 @@ SAME = 1e-9
 """A constant of the function that is within this (relative) of a parameter of its name is that one."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Program:
     """A function read onto a tape at samples, the model's parameters that it names varied with them."""
 
@@ -41,8 +44,16 @@ class Program:
     def run(
         self, changes: Mapping[int, Change] | None = None, values: Mapping[int, Any] | None = None
     ) -> Array:
-        """Accelerations (n, B) with some operations changed, or slots given other values."""
-        return self.tape.run(self.trace.outputs, changes, values)
+        """Accelerations (n, B) with some operations changed, or slots given other values.
+
+        Then q̇ (nq, B), where the function returns it.
+        """
+        return self.tape.run(self.outputs, changes, values)
+
+    @property
+    def outputs(self) -> tuple[int, ...]:
+        """Slots of the accelerations, then of the rates q̇."""
+        return (*self.trace.outputs, *self.trace.rates)
 
     def residual(
         self, changes: Mapping[int, Change] | None = None, values: Mapping[int, Any] | None = None
@@ -54,12 +65,15 @@ class Program:
         """
         if self._system is None:
             return self.samples.residual(self.run(changes, values))
-        entries = self.tape.run(self._system, changes, values)
+        entries = self.tape.run((*self._system, *self.trace.rates), changes, values)
         n = len(self.samples.acceleration)
-        A = entries[: n * n].reshape(n, n, -1)
+        A, b, rates = np.split(entries, (n * n, n * n + n))
+        A = A.reshape(n, n, -1)
         with np.errstate(all="ignore"):
-            left = np.einsum("ijb,jb->ib", A, self.samples.acceleration) - entries[n * n :]
-        return np.asarray(left / self._rows[:, None])
+            left = (np.einsum("ijb,jb->ib", A, self.samples.acceleration) - b) / self._rows[:, None]
+        if not len(rates):
+            return np.asarray(left)
+        return np.concatenate([left, (rates - self.samples.rates) / self.samples.rate_size])
 
     @cached_property
     def _system(self) -> tuple[int, ...] | None:
@@ -106,11 +120,15 @@ class Program:
 
     @cached_property
     def numbers(self) -> dict[int, Instance]:
-        """Nodes evaluated once, to a number of their own slot: those a single value can stand for."""
+        """Nodes of one number in one slot: those that a single value can stand for."""
         found = {}
         for place, instances in self.trace.instances.items():
             value = instances[0].value
-            if len(instances) != 1 or not isinstance(value, Slot):
+            if not isinstance(value, Slot):
+                continue
+            if any(
+                not isinstance(i.value, Slot) or i.value.index != value.index for i in instances
+            ):
                 continue
             if self.tape.nodes[value.index] == place and self.matters(value.index):
                 found[place] = instances[0]
@@ -118,7 +136,7 @@ class Program:
 
     def matters(self, slot: int) -> bool:
         """Whether the accelerations depend on a slot."""
-        return slot in self.tape.before(self.trace.outputs)
+        return slot in self.tape.before(self.outputs)
 
     def owner(self, place: int) -> ast.AST:
         """The function definition, or the module, that a node is in."""
@@ -130,62 +148,212 @@ class Program:
         return nodes[place]
 
 
-def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = False) -> Program:
-    """The program at samples of a target; with `vary`, at other parameters too where it names them.
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading:
+    """A function read at samples: a program for each way through its branches, that of most states first.
+
+    `places` are the states that take each way.
+    """
+
+    pieces: tuple[Program, ...]
+    places: tuple[NDArray[np.intp], ...]
+
+    def run(self) -> Array:
+        """What the function returns (n, B) at all states: u̇, then q̇ where every way returns it."""
+        parts = [piece.run() for piece in self.pieces]
+        found = np.empty((min(map(len, parts)), sum(len(which) for which in self.places)))
+        for which, part in zip(self.places, parts):
+            found[:, which] = part[: len(found)]
+        return found
+
+    @property
+    def source(self) -> Source:
+        """The text."""
+        return self.pieces[0].source
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """The model's parameters that were varied with the function's."""
+        return tuple(self.pieces[0].samples.parameters)
+
+    @cached_property
+    def wrong(self) -> float:
+        """How wrong the function is, wherever it is worst."""
+        return max(piece.wrong for piece in self.pieces)
+
+    @property
+    def faulty(self) -> tuple[Program, ...]:
+        """The programs that are wrong, that of most states first."""
+        return tuple(piece for piece in self.pieces if not piece.wrong < RIGHT)
+
+    @property
+    def worst(self) -> Program:
+        """The wrong program of most states; where all are right, that of most states."""
+        return (*self.faulty, *self.pieces)[0]
+
+
+def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = False) -> Reading:
+    """The function at samples of a target; with `vary`, at other parameters too where it names them.
 
     Raises:
         InputError: what `trace` refuses.
     """
+    source = formed(source, target)
     samples = target.samples((), fresh)
-    first = trace(source, samples.t, samples.q, samples.u)
+    first = reading(source, samples)
     if not vary:
-        return Program(first, samples)
-    varied = named_parameters(first, target)
-    if varied:
+        return first
+    right = first.wrong < RIGHT
+    for by_value in (True, False):
+        varied = tuple(sorted(set(named_parameters(first, target, by_value).values())))
+        if not varied:
+            return first
         try:
-            target.samples(varied, fresh)
+            found = at(source, target, varied, fresh)
         except InputError:  # the mechanism allows no other values, or no states at them
-            varied = ()
-    if not varied:
-        return Program(first, samples)
-    return at(source, target, varied, fresh)
+            continue
+        if not right or found.wrong < RIGHT or not by_value:
+            return found  # else constants of one value were not what they seemed to be
+    return first
 
 
-def named_parameters(found: Trace, target: Target) -> tuple[str, ...]:
-    """The mechanism's parameters that the function has under the same name, with the same value."""
-    known = target.mechanism.parameters
-    return tuple(
-        name
-        for name in sorted(found.parameters)
-        if name in known
-        and known[name] != 0.0
-        and abs(float(np.ravel(found.tape.values[found.parameters[name]])[0]) - known[name])
-        <= SAME * abs(known[name])
-    )
+def formed(source: Source, target: Target) -> Source:
+    """The source with the form in which it takes the state, found by trying.
+
+    Raises InputError where no form fits.
+    """
+    if source.form is not None:
+        return source
+    names, needed = form_of(source)
+    samples = target.samples()
+    some = samples.at(np.arange(min(len(samples.t), 4)))
+    nq, nu = len(some.q), len(some.u)
+    failures: list[InputError] = []
+
+    def evaluate(form: StateForm) -> tuple[Array, Array]:
+        try:
+            parts = branches(replace(source, form=form), some.t, some.q, some.u)
+        except InputError as error:
+            failures.append(error)
+            raise
+        rates, accelerations = (
+            np.full((nq, len(some.t)), np.nan),
+            np.full((nu, len(some.t)), np.nan),
+        )
+        for which, found in parts:
+            accelerations[:, which] = found.tape.run(found.outputs)
+            rates[:, which] = found.tape.run(found.rates) if found.rates else np.nan
+        return rates if parts[0][1].rates else rates[:0], accelerations
+
+    motors = len(target.mechanism.motors)
+    found = likeliest(forms(names, needed, nq, nu, motors), evaluate, some.rates, some.acceleration)
+    if found is None:
+        if failures:
+            raise failures[0]
+        raise InputError(
+            f"{source.name}: {source.qualified} takes the arguments ({', '.join(names)}); expected a "
+            "function of (t, q, u), of (t, y) or of (y, t)"
+        )
+    return replace(source, form=found)
 
 
-def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False) -> Program:
-    """The program at samples in which the parameters `varied` take other values too.
+def named_parameters(
+    found: Reading | Trace, target: Target, by_value: bool = True
+) -> dict[str, str]:
+    """The mechanism's parameters that the function has, by the function's names for them.
+
+    They have the same name (m1 is m[1] and m_1 as well) and the same value; or, `by_value`, a value that
+    only one constant of the function and one parameter of the mechanism have.
+    """
+    known = {name: value for name, value in target.mechanism.parameters.items() if value != 0.0}
+    traces = [found] if isinstance(found, Trace) else [piece.trace for piece in found.pieces]
+    own = {
+        name: float(one.tape.exact[slot])
+        for one in traces
+        for name, slot in one.parameters.items()
+        if one.tape.exact[slot] is not None
+    }
+    bare = {_bare(name): name for name in known}
+    links = {}
+    for name, value in own.items():
+        meant = name if name in known else bare.get(_bare(name))
+        if meant is not None and abs(value - known[meant]) <= SAME * abs(known[meant]):
+            links[name] = meant
+    if by_value:
+        free = {name: value for name, value in known.items() if name not in links.values()}
+        for name, value in own.items():
+            if name in links or float(2 * value).is_integer():
+                continue
+            alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
+            twins = [n for n, v in own.items() if abs(v - value) <= SAME * abs(v)]
+            if len(alike) == 1 == len(twins):
+                links[name] = alike[0]
+    return dict(sorted(links.items()))
+
+
+def _bare(name: str) -> str:
+    """A name without brackets and underscores."""
+    return re.sub(r"[\W_]", "", name)
+
+
+def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False) -> Reading:
+    """The function at samples in which the parameters `varied` take other values too.
 
     Raises InputError where the function does not have them all, with the model's values.
     """
+    source = formed(source, target)
     samples = target.samples(varied, fresh)
-    found = trace(source, samples.t, samples.q, samples.u)
-    missing = set(varied) - set(named_parameters(found, target))
+    if not varied:
+        return reading(source, samples)
+    nominal = target.samples((), fresh)
+    first = reading(source, nominal, {})
+    links = named_parameters(first, target)
+    missing = set(varied) - set(links.values())
     if missing:
         raise SourceError(f"{source.name}: no constant {min(missing)!r} with the model's value")
-    if not varied:
-        return Program(found, samples)
-    tape = found.tape
-    given = {found.parameters[name]: samples.parameters[name] for name in varied}
-    changed = set(given)
-    for k in given:
-        changed.update(tape.after(k))
-    with np.errstate(all="ignore"):
-        for k in sorted(changed):
-            operation = tape.operations[k]
-            if k in given:
-                tape.values[k] = given[k]
-            elif operation is not None:
-                tape.values[k] = operation(*(tape.values[i] for i in tape.inputs[k]))
-    return Program(found, samples)
+    origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
+    return reading(
+        source,
+        samples,
+        {
+            origins[name]: samples.parameters[meant]
+            for name, meant in links.items()
+            if meant in varied
+        },
+    )
+
+
+def spans(known: Reading) -> set[tuple[int, int, int, int]]:
+    """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
+    found = set()
+    for piece in known.pieces:
+        for place in piece.trace.instances:
+            node = piece.source.nodes[place]
+            if isinstance(node, ast.expr):
+                found.add(
+                    (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+                )
+    return found
+
+
+def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> Array:
+    """What a function returns with each of its named constants multiplied by a factor of its own."""
+    found = branches(source, samples.t, samples.q, samples.u)
+    override = {}
+    for _, part in found:
+        for name, slot in sorted(part.parameters.items()):
+            if part.tape.exact[slot] is not None:
+                value = float(part.tape.exact[slot]) * factor(name)
+                override[part.origins[name]] = np.full(len(samples.t), value)
+    return reading(source, samples, override).run()
+
+
+def reading(
+    source: Source, samples: Samples, override: Mapping[Any, Array] | None = None
+) -> Reading:
+    """The function at samples; `override` has values that constants take instead of their own."""
+    parts = branches(source, samples.t, samples.q, samples.u, override)
+    return Reading(
+        tuple(Program(found, samples.at(which)) for which, found in parts),
+        tuple(which for which, _ in parts),
+    )

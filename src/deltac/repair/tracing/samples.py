@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,51 +30,63 @@ RIGHT = 1e-8
 size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """B states of the model with its accelerations.
 
-    t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `M` (B, n, n) mass
-    matrix; `typical` (n, B) size of each equation's terms; `parameters` the values (B,) of those that are
-    varied; `group` (B,) counts the sets of values; `speeds` names the own speeds.
+    t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `rates` q̇ (nq, B), of
+    the size `rate_size` (nq, B); `M` (B, n, n) mass matrix; `typical` (n, B) size of each equation's
+    terms; `parameters` the values (B,) of those that are varied; `group` (B,) counts the sets of values
+    from 0, the mechanism's own; `speeds` names the own speeds.
     """
 
     t: Array
     q: Array
     u: Array
     acceleration: Array
+    rates: Array
+    rate_size: Array
     M: Array
     typical: Array
     parameters: Mapping[str, Array]
     group: NDArray[np.intp]
     speeds: tuple[str, ...]
 
-    def at(self, which: NDArray[np.bool_]) -> Samples:
-        """Some of the states."""
+    def at(self, which: NDArray[Any]) -> Samples:
+        """Some of the states; the sets of values among them are counted anew."""
         return Samples(
             self.t[which],
             self.q[:, which],
             self.u[:, which],
             self.acceleration[:, which],
+            self.rates[:, which],
+            self.rate_size[:, which],
             self.M[which],
             self.typical[:, which],
             {name: values[which] for name, values in self.parameters.items()},
-            self.group[which],
+            np.unique(self.group[which], return_inverse=True)[1].astype(np.intp),
             self.speeds,
         )
 
     def residual(self, udot: Array) -> Array:
-        """M (u̇ − u̇ of the model) over the typical size of the equation's terms (n, B)."""
-        off = np.einsum("bij,jb->ib", self.M, udot - self.acceleration)
-        return np.asarray(off / self.typical)
+        """M (u̇ − u̇ of the model) over the typical size of the equation's terms (n, B).
+
+        Rows after the n accelerations are q̇, and their residual q̇ − q̇ of the model over its size.
+        """
+        n = len(self.acceleration)
+        off = np.einsum("bij,jb->ib", self.M, udot[:n] - self.acceleration) / self.typical
+        if len(udot) == n:
+            return np.asarray(off)
+        return np.concatenate([off, (udot[n:] - self.rates) / self.rate_size])
 
     def wrong(self, udot: Array) -> float:
-        """The largest residual; infinite where the accelerations are not finite."""
-        worst = float(np.max(np.abs(self.residual(udot)), initial=0.0))
+        """The largest residual; infinite where the accelerations, or rates, are not finite."""
+        with np.errstate(invalid="ignore"):
+            worst = float(np.max(np.abs(self.residual(udot)), initial=0.0))
         return worst if np.isfinite(worst) else np.inf
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Target:
     """A mechanism as the source of samples, drawn once each."""
 
@@ -142,6 +155,10 @@ class Target:
             q=join([test.states.q for test in tests]),
             u=join([test.states.u for test in tests]),
             acceleration=join([test.acceleration for test in tests]),
+            rates=join([test.rates for test in tests]),
+            rate_size=join(
+                [np.repeat(_rate_size(test)[:, None], s, axis=1) for test, s in zip(tests, sizes)]
+            ),
             M=np.concatenate([test.M for test in tests]),
             typical=join(
                 [
@@ -156,6 +173,12 @@ class Target:
             group=np.repeat(np.arange(len(sizes)), sizes),
             speeds=tests[0].speeds,
         )
+
+
+def _rate_size(test: EquationTest) -> Array:
+    """Size of each q̇ (nq,), at least a thousandth of the largest."""
+    size = np.sqrt(np.mean(test.rates**2, axis=1))
+    return np.asarray(np.maximum(size, LEAST * size.max(initial=0.0)) + 1e-300)
 
 
 def _typical(test: EquationTest) -> Array:

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+import types
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+from deltac.diagnosis.residuals.state_form import StateForm
 from deltac.errors import FileError, SourceError, UnknownName, closest
+from deltac.repair.tracing.modules import UserModule, bound, parsed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Source:
     """The text of a module, and the function in it that is meant.
 
-    name     what messages call the file
-    text     the whole module
-    path     where it lies, None for a text
-    function the definition, by its qualified name
-    outside  values of names that the module's text does not give: of closures and of live modules
+    name      what messages call the file
+    text      the whole module
+    qualified the function: a name, or names with dots (`CartPole.rates`, `system.rhs`)
+    path      where it lies, None for a text
+    outside   values of names that the module's text does not give: of closures and of live modules
+    root      the function itself, of a running session; None where it is found by its name
+    form      how it takes the state; None where that has not been found out
     """
 
     name: str
@@ -29,17 +34,17 @@ class Source:
     qualified: str
     path: Path | None = None
     outside: dict[str, Any] = field(default_factory=dict)
+    root: Any = None
+    form: StateForm | None = None
 
     @cached_property
     def module(self) -> ast.Module:
         """The syntax tree. InputError for what is no Python."""
-        try:
-            return ast.parse(self.text)
-        except (SyntaxError, ValueError) as error:
-            line = getattr(error, "lineno", None)
-            where = self.name if line is None else f"{self.name}:{line}"
-            what = error.msg if isinstance(error, SyntaxError) else str(error)
-            raise SourceError(f"{where}: this is not Python: {what}") from error
+        return parsed(self.name, self.text)
+
+    def user_module(self) -> UserModule:
+        """The module, to be read."""
+        return UserModule(self.name, self.module, self.path, self.number, self.outside)
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
@@ -62,17 +67,8 @@ class Source:
         }
 
     @cached_property
-    def setters(self) -> dict[str, list[ast.stmt]]:
-        """The statements of the module that set each of its names."""
-        found: dict[str, list[ast.stmt]] = {}
-        for statement in self.module.body:
-            for name in sorted(_bound(statement)):
-                found.setdefault(name, []).append(statement)
-        return found
-
-    @cached_property
-    def function(self) -> ast.FunctionDef:
-        """The definition meant. InputError where there is none."""
+    def definition(self) -> ast.FunctionDef | None:
+        """Where the function is defined, by its name alone; None for what an expression gives."""
         body: list[ast.stmt] = self.module.body
         found: ast.AST | None = None
         for part in self.qualified.split("."):
@@ -81,18 +77,9 @@ class Source:
             known = [s for s in body if isinstance(s, ast.FunctionDef | ast.ClassDef)]
             found = next((s for s in reversed(known) if s.name == part), None)
             if found is None:
-                if line := _lambda(body, part):
-                    raise SourceError(
-                        f"{self.name}:{line}: {part} is a lambda; write the equations as a function with def"
-                    )
-                names = [s.name for s in known]
-                raise UnknownName(f"{self.name}: no function {part!r}{closest(part, names)}")
+                return None
             body = found.body
-        if not isinstance(found, ast.FunctionDef):
-            raise SourceError(
-                f"{self.name}: {self.qualified} is a class; name a function of (t, q, u)"
-            )
-        return found
+        return found if isinstance(found, ast.FunctionDef) else None
 
     @cached_property
     def _starts(self) -> tuple[tuple[int, ...], tuple[bytes, ...]]:
@@ -128,7 +115,7 @@ class Source:
 
     def replaced(self, text: str) -> Source:
         """The same function in another version of the text."""
-        return Source(self.name, text, self.qualified, self.path, self.outside)
+        return replace(self, text=text)
 
 
 def read_source(target: str | Path | Callable[..., Any]) -> Source:
@@ -151,55 +138,66 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     except UnicodeDecodeError as error:
         raise FileError(f"{file}: not a text in UTF-8: {error}") from error
     source = Source(file, content, name, path)
-    _ = source.function
+    first = name.partition(".")[0]
+    names = {n for statement in source.module.body for n in bound(statement)}
+    stars = any(
+        isinstance(s, ast.ImportFrom) and any(a.name == "*" for a in s.names)
+        for s in source.module.body
+    )
+    if first not in names and not stars:
+        raise UnknownName(f"{file}: no function {first!r}{closest(first, sorted(names))}")
     return source
 
 
 def _of_function(function: Callable[..., Any]) -> Source:
-    plain = inspect.unwrap(getattr(function, "__func__", function))
-    if not inspect.isfunction(plain):
+    plain = innermost(function)
+    if plain is None:
         raise SourceError(
             f"{function!r} has no source in Python; give a function of (t, q, u), or FILE.py:FUNCTION"
         )
+    code = plain.__code__
     try:
-        file = inspect.getsourcefile(plain)
-        inspect.getsource(plain)
+        lines, _ = inspect.findsource(plain)
     except (OSError, TypeError) as error:
         raise FileError(
             f"{plain.__qualname__}: its source cannot be read ({error}); put it into a file and give "
             "FILE.py:FUNCTION"
         ) from error
-    assert file is not None
-    path = Path(file)
-    if plain.__name__ == "<lambda>":
-        raise SourceError(f"{path.name}: a lambda; write the equations as a function with def")
+    path = Path(code.co_filename)
     outside: dict[str, Any] = dict(plain.__globals__)
-    outside.update(inspect.getclosurevars(plain).nonlocals)
-    receiver = getattr(function, "__self__", None)
-    if receiver is not None:
-        outside["<self>"] = receiver
-    return Source(path.name, path.read_text("utf-8"), plain.__qualname__, path, outside)
+    return Source(
+        path.name,
+        "".join(lines),
+        plain.__qualname__,
+        path if path.is_file() else None,
+        outside,
+        function,
+    )
 
 
-def _lambda(body: Sequence[ast.stmt], name: str) -> int:
-    """The line where a name is set to a lambda; 0 if it is not."""
-    for statement in body:
-        set_here = isinstance(statement, ast.Assign | ast.AnnAssign) and name in _bound(statement)
-        if set_here and isinstance(statement.value, ast.Lambda):  # type: ignore[attr-defined]
-            return statement.lineno
-    return 0
+def innermost(function: Any) -> types.FunctionType | None:
+    """The Python function behind methods, partial functions and compilers; None if there is none."""
+    for _ in range(20):
+        if inspect.isfunction(function):
+            wrapped = getattr(function, "__wrapped__", None)
+            if wrapped is None:
+                return function
+            function = wrapped
+        elif isinstance(function, partial):
+            function = function.func
+        elif inspect.ismethod(function):
+            function = function.__func__
+        elif callable(getattr(function, "py_func", None)):  # Numba
+            function = function.py_func
+        elif callable(getattr(function, "__wrapped__", None)):  # JAX, functools
+            function = function.__wrapped__
+        elif not isinstance(function, type) and inspect.isfunction(_call_of(function)):
+            function = _call_of(function)
+        else:
+            return None
+    return None
 
 
-def _bound(statement: ast.stmt) -> set[str]:
-    """Names that a statement of the module sets."""
-    match statement:
-        case ast.FunctionDef() | ast.ClassDef():
-            return {statement.name}
-        case ast.Import() | ast.ImportFrom():
-            return {(a.asname or a.name.partition(".")[0]) for a in statement.names}
-        case _:
-            return {
-                n.id
-                for n in ast.walk(statement)
-                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-            }
+def _call_of(value: Any) -> Any:
+    """The method by which an object is called; None if it has none."""
+    return inspect.getattr_static(type(value), "__call__", None)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 
@@ -24,6 +25,14 @@ LIMIT = 60_000
 
 class TapeError(Exception):
     """The function does something that cannot be put on a tape."""
+
+
+class Branch(Exception):
+    """A condition that holds at some states only: `holds` (B,) says at which."""
+
+    def __init__(self, holds: NDArray[np.bool_]) -> None:
+        super().__init__("a branch that depends on the state")
+        self.holds = holds
 
 
 @dataclass(frozen=True)
@@ -77,7 +86,7 @@ def identity(value: Any) -> Any:
     return value
 
 
-@dataclass
+@dataclass(repr=False)
 class Tape:
     """Operations in order. Slot k holds the value of operation k.
 
@@ -204,7 +213,7 @@ class Tape:
         return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Slot:
     """A number of the user's function: behaves like a float, and notes what is done with it."""
 
@@ -232,11 +241,13 @@ class Slot:
         return int(number)
 
     def __bool__(self) -> bool:
-        """A condition: the same at all states, or it cannot be put on a tape."""
-        answers = {bool(b) for b in np.atleast_1d(self.value)}
-        if len(answers) != 1:
-            raise TapeError("a branch that depends on the state")
-        return answers.pop()
+        """A condition: the same at all states; else `Branch` says where it holds."""
+        answers = np.atleast_1d(np.asarray(self.value, dtype=bool))
+        if answers.all():
+            return True
+        if answers.any():
+            raise Branch(answers)
+        return False
 
     def __len__(self) -> int:
         raise TypeError("a number has no length")
@@ -280,25 +291,36 @@ for _name, _operation in BINARY.items():
     setattr(Slot, f"__{_name}__", _forward)
     setattr(Slot, f"__r{_name}__", _reflected)
 
-for _name, _compare in {
-    "lt": np.less,
-    "le": np.less_equal,
-    "gt": np.greater,
-    "ge": np.greater_equal,
-    "eq": np.equal,
-    "ne": np.not_equal,
-}.items():
+COMPARISONS: dict[str, Operation] = {
+    "less": np.less,
+    "less_equal": np.less_equal,
+    "greater": np.greater,
+    "greater_equal": np.greater_equal,
+    "equal": np.equal,
+    "not_equal": np.not_equal,
+    "logical_and": np.logical_and,
+    "logical_or": np.logical_or,
+}
+for _name, _compare in zip(("lt", "le", "gt", "ge", "eq", "ne", "and", "or"), COMPARISONS.values()):
     setattr(Slot, f"__{_name}__", _binary(_compare)[0])
 Slot.__hash__ = object.__hash__  # type: ignore[method-assign]
 
-_UNARY: dict[str, Operation] = {"neg": np.negative, "pos": identity, "abs": np.abs}
+_UNARY: dict[str, Operation] = {
+    "neg": np.negative,
+    "pos": identity,
+    "abs": np.abs,
+    "invert": np.logical_not,
+}
 for _name, _operation in _UNARY.items():
     setattr(Slot, f"__{_name}__", lambda self, f=_operation: self.tape.record(f, self))
 
 ELEMENTARY: dict[str, tuple[Operation, int]] = {
     **{
         name: (getattr(np, name), 1)
-        for name in "sin cos tan arcsin arccos arctan sinh cosh tanh exp log sqrt cbrt sign".split()
+        for name in (
+            "sin cos tan arcsin arccos arctan sinh cosh tanh arcsinh arccosh arctanh exp log log2 log10 "
+            "log1p expm1 sqrt cbrt sign sinc floor ceil trunc conjugate positive"
+        ).split()
     },
     **{name: (getattr(np, name), 1) for name in "square abs fabs absolute negative".split()},
     **{name: (getattr(np, name), 1) for name in "deg2rad rad2deg radians degrees".split()},
@@ -311,6 +333,12 @@ ELEMENTARY: dict[str, tuple[Operation, int]] = {
     "atan": (np.arctan, 1),
     "atan2": (np.arctan2, 2),
     "where": (np.where, 3),
+    "copysign": (np.copysign, 2),
+    "heaviside": (np.heaviside, 2),
+    "remainder": (np.mod, 2),
+    "mod": (np.mod, 2),
+    "fmod": (np.fmod, 2),
+    "floor_divide": (np.floor_divide, 2),
 }
 """Functions of numbers by their names in NumPy and math, with the number of their arguments."""
 

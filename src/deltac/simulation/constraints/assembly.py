@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence, row_names
 from deltac.errors import InputError, closest
+from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 
 MET = 1e-9
 """Largest violation (m or rad, and per s at unit speeds) of an assembled state."""
@@ -40,13 +43,15 @@ class Assembly:
     moved: float
 
 
-def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -> Assembly:
+@renamed_keywords(mechanism="model")
+@interruptible()
+def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
     """Find coordinates and speeds near a guess that satisfy every constraint.
 
     Args:
-        mechanism: with constraints.
-        guess: an approximate state; its time is kept.
-        pinned: names of coordinates and speeds of `mechanism` that keep the values of the guess.
+        model: with constraints: a Mechanism, a Problem, or what else `load_model` takes.
+        guess: an approximate state, or values by name; its time is kept. By default the model's own start.
+        pinned: names of coordinates and speeds that keep the values of the guess.
 
     Returns:
         The assembly; its state is nearest to the guess in the sense of damped Newton steps in the mass
@@ -56,6 +61,8 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
         InputError: an unknown pinned name, or constraints that cannot be met: the message names the worst
             constraint and its residual.
     """
+    loaded = load_model(model)
+    mechanism, guess = loaded.mechanism, loaded.start(guess)
     q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
     u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
     for name in pinned:

@@ -8,20 +8,20 @@ this does is booked like that of a projection, so ΔC tells what the run would h
 
 from __future__ import annotations
 
-import warnings
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
+from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import projection
-from deltac.simulation.flow import ENERGY_DUE, Flow
+from deltac.simulation.flow import Flow
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
@@ -35,11 +35,11 @@ NOTICED = 1e-3
 """Energy that corrections leave is told of from this share of the largest kinetic energy on."""
 
 
-class EnergyLeft(UserWarning):
+class EnergyLeftWarning(UserWarning):
     """A corrected run whose energy is not what it should be."""
 
 
-@lru_cache(maxsize=64)
+@derived
 def energy_correction(flow: Flow) -> Any:
     """(t, x; p, h) -> x with K + V − Q as at the start, as a CasADi function."""
     h = ca.SX.sym("h")
@@ -53,7 +53,7 @@ def energy_correction(flow: Flow) -> Any:
     return ca.Function("correct", [*given, h], [x])
 
 
-@lru_cache(maxsize=64)
+@derived
 def _balance(flow: Flow) -> Kernel:
     """(t, x; p) -> K, and K + V less what it should be."""
     given = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
@@ -62,17 +62,16 @@ def _balance(flow: Flow) -> Kernel:
 
 
 def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
-    """Warn `EnergyLeft` if the corrections of a run could not keep up with what its steps lost."""
+    """Warn `EnergyLeftWarning` if the corrections of a run could not keep up with what its steps lost."""
     given = {"p": p} if flow.p.shape[0] else {}
     found = _balance(flow)(t=t, x=x, **given)
     left, scale = float(np.abs(found["left"]).max()), float(np.abs(found["K"]).max())
     if not left <= NOTICED * scale:
-        warnings.warn(
+        warn_user(
             f"the correction of the energy could not keep up: K + V is off by up to {left:.3g} J of "
             f"{scale:.3g} J in motion. The step is too large for the motion; take a smaller one, or a solver "
             "of higher order",
-            EnergyLeft,
-            stacklevel=3,
+            EnergyLeftWarning,
         )
 
 
@@ -81,7 +80,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     q_part, u_part, z_part = flow.parts
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
     energy = flow.energies[-2] + flow.energies[-1]
-    left = energy - z[flow.integrals.index(ENERGY_DUE)]
+    left = energy - z[-1]
     W = ca.jacobian(flow.xdot[q_part], u)
     along_q, along_u = ca.mtimes(W.T, ca.gradient(energy, q)), ca.gradient(energy, u)
     least_q, least_u = _least(flow, along_q), _least(flow, along_u)
@@ -93,7 +92,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     )
     energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
     change = energies(flow.t, moved, flow.p) - flow.energies
-    moved[z_part] = z + ca.vertcat(change, change[-2] + change[-1], 0)
+    moved[z_part] = z + flow.booked(ca.vertcat(change, change[-2] + change[-1]))
     return moved
 
 

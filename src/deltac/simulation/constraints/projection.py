@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 
+from deltac.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX
@@ -20,12 +21,8 @@ SMALLEST_PIVOT = DEPENDENT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
 
+@derived
 def projection(flow: Flow) -> Any:
-    """The projection of a flow, written out once."""
-    return flow.once("projection", lambda: _projection(flow))
-
-
-def _projection(flow: Flow) -> Any:
     """(t, x; p) -> x on the constraints, and the smallest pivot met, as a CasADi function.
 
     One Newton step on the coordinates; then, with the factorisation there, a second one and the speeds:
@@ -56,14 +53,14 @@ def _projection(flow: Flow) -> Any:
     dq, du, later = second(flow.t, near, u, flow.p)
     moved = ca.vertcat(_unit(flow, near + dq), u + du, z)
     change = energies(flow.t, moved, flow.p) - energies(flow.t, flow.x, flow.p)
-    moved[z_part] = z + ca.vertcat(change, ca.SX.zeros(len(flow.integrals) - change.shape[0]))
+    moved[z_part] = z + flow.booked(change)
     return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
 
 
+@derived
 def pivot(flow: Flow) -> Any:
     """(t, x; p) -> the smallest pivot of the constraints there, as a CasADi function."""
-    given = [flow.t, flow.x, flow.p]
-    return flow.once("pivot", lambda: ca.Function("pivot", given, [smallest_pivot(flow)]))
+    return ca.Function("pivot", [flow.t, flow.x, flow.p], [smallest_pivot(flow)])
 
 
 def smallest_pivot(flow: Flow) -> SX:

@@ -16,9 +16,7 @@ from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import least_squares
-from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.dynamics.testing_functions import testing_functions
 from deltac.simulation.flow import Flow, constraint_forces
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.runge_kutta import Parts
@@ -48,11 +46,11 @@ class SingularMotion:
         lam = ca.SX.sym("lambda", len(rows))
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
-        powers: list[SX] = [f.P(known) for f in testing_functions(flow.testing)]
+        powers = flow.powers(known, forces, Reactions(driving, lam), bound)
         due = [known.nonpotential_power + known.prescribed_power] if flow.correcting else []
-        still = ca.SX.zeros(len(flow.integrals) - len(powers) - len(due))
+        still = ca.SX.zeros(len(flow.integrals) - len(flow.testing) - len(due))
         given = [flow.t, flow.x, flow.p, system.udot, lam]
-        self._powers = ca.Function("P", given, [ca.vertcat(*powers, still, *due)])
+        self._powers = ca.Function("P", given, [ca.vertcat(powers, still, *due)])
         seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
         self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
 
@@ -77,7 +75,8 @@ class SingularMotion:
         q = onto_positions(motion, t, x[q_part], p, dependent=DEPENDENT, most=3)
         x[q_part] = q
         x[u_part] = onto_speeds(motion, t, q, x[u_part], p, dependent=DEPENDENT, passes=1)
-        x[z_part][: len(before)] += np.array(self._energies(t, x, p)).ravel() - before
+        first = z_part.start + len(self._flow.works)
+        x[first : first + len(before)] += np.array(self._energies(t, x, p)).ravel() - before
         return x
 
     def _motion(self, t: float, x: Array) -> tuple[Array, Array, Array]:

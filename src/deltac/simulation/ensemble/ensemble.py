@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from pathlib import Path
 from threading import Lock
 
 import casadi as ca
@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
+from deltac.caching import LRUCache, derived
+from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, spread
-from deltac.mechanism.mechanism import Mechanism, require_mechanism
+from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.arguments import check_request, count, positive
 from deltac.simulation.constraints.feasibility import check_members, constraint_start
 from deltac.simulation.ensemble.members import (
@@ -38,7 +41,7 @@ from deltac.simulation.ensemble.members import (
 )
 from deltac.simulation.ensemble.steps import LANES, Advance, Span
 from deltac.simulation.flow import Flow, build_flow
-from deltac.simulation.solvers import Solver
+from deltac.simulation.solvers import FixedStep, Solver
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.protocol import Progress
 from deltac.trajectories import Provenance, Trajectory
@@ -110,12 +113,14 @@ class Ensemble:
         )
 
 
+@renamed_keywords(mechanism="model")
+@interruptible()
 def simulate_ensemble(
-    mechanism: Mechanism,
-    states: States,
-    duration: float,
+    model: ModelLike,
+    states: States | StateLike,
+    duration: float | None,
     step: ArrayLike,
-    solver: str | Sequence[str] = "ode5",
+    solver: str | FixedStep | Sequence[str | FixedStep] = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
     vary: Mapping[str, ArrayLike] | None = None,
@@ -129,10 +134,10 @@ def simulate_ensemble(
     What differs between members has N entries, what they share one: states, steps, solvers, parameters.
 
     Args:
-        mechanism: what moves.
-        states: one for all members; a sequence of N, all at one time; or (Q, U) of shapes (N, nq) and
-            (N, nu), all joints, at t = 0.
-        duration: how long, s.
+        model: what moves, as for `simulate`.
+        states: one for all members (None: the model's own start); a sequence of N, all at one time; or
+            (Q, U) of shapes (N, nq) and (N, nu), all joints, at t = 0.
+        duration: how long, s; by default the problem's.
         step: of the solver, s, or (N,); it must divide the duration.
         solver: a fixed-step one, see `simulate`, or N of them.
         testing: names of the testing functions integrated in the loop.
@@ -149,7 +154,10 @@ def simulate_ensemble(
         InputError: as `simulate`, and for sizes that do not fit, naming the array; for members that start
             off a constraint or a prescribed motion, by their own parameters, naming the first.
     """
-    require_mechanism(mechanism)
+    loaded = load_model(model)
+    mechanism, duration = loaded.mechanism, loaded.lasting(duration)
+    if states is None or isinstance(states, Mapping | str | Path):
+        states = loaded.start(states)
     duration = positive(duration, "duration")
     threads = None if threads is None else count(threads, "threads")
     if mechanism.events:
@@ -169,7 +177,7 @@ def simulate_ensemble(
     first = State(t0, Q[0], U[0])
     kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
     for one, size in kinds:
-        check_request(mechanism, first, one, None, None, size, None)
+        check_request(mechanism, first, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
@@ -240,11 +248,11 @@ def _flow(
     """The traced flow, shared by ensembles that differ in values alone."""
     return _FLOWS.get(
         (mechanism.digest(vary), testing, vary, rows),
-        lambda: build_flow(mechanism, testing, vary=vary, rows=rows),
+        lambda: build_flow(mechanism, testing, vary=vary, rows=rows, works=False),
     )
 
 
-@lru_cache(maxsize=16)
+@derived
 def _observation(flow: Flow, along: int) -> Kernel:
     """(t, x; p) -> full q, u; of the testing functions ∫P, E, and their derivatives by parameters."""
     n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)

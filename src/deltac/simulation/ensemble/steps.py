@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError
 from deltac.kernels import Kernel
@@ -189,12 +190,12 @@ class Advance:
         return np.concatenate([state, np.full(len(x) - n, np.nan)]), span.first + span.count
 
 
-@lru_cache(maxsize=16)
+@derived
 def _method(flow: Flow, solver: Solver) -> FixedMethod:
     return FixedMethod(flow, solver)
 
 
-@lru_cache(maxsize=16)
+@derived
 def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] = ()) -> Kernel:
     """(x, k, worst, taken; p, t0, h) -> the same `fused` steps later, so that buffers may alternate.
 
@@ -226,7 +227,7 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
     )
 
 
-@lru_cache(maxsize=16)
+@derived
 def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
     """(x, k, p, t0, h) -> the state and its derivatives one step later, and the smallest pivot met."""
     single = _method(flow, solver).single_step
@@ -251,7 +252,7 @@ def _total(x: SX) -> SX:
     return total
 
 
-@lru_cache(maxsize=16)
+@derived
 def rate_kernel(flow: Flow) -> Kernel:
     """(t, x, p) -> ẋ."""
     inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
@@ -277,7 +278,7 @@ def _combine(stages: Array, weights: tuple[float, ...], out: Array) -> None:
     _combination(weights).flat(used, out=out.reshape(1, -1))
 
 
-@lru_cache(maxsize=16)
+@derived
 def _parts(flow: Flow) -> Any:
     masks = numeric_masks(flow)
     return Parts(*(mask[:, None] for mask in (masks.q, masks.u, masks.z)))

@@ -21,6 +21,7 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import DeltacError
+from deltac.mechanism.channels import ChannelName
 from deltac.simulation.events.stronge import REST, collide
 from deltac.simulation.flow import Flow
 
@@ -167,7 +168,7 @@ class Collider:
 
     def collide(
         self, touching: Sequence[int], t: float, x: Array, p: Array
-    ) -> tuple[Array, dict[str, Array]]:
+    ) -> tuple[Array, dict[ChannelName, Array]]:
         """The state after an impact of the points that touch, and the impulses by channel."""
         system, bound = self.flow.system, self.flow.bound
         free = system.free_u
@@ -194,13 +195,13 @@ class Collider:
                 )
             )
         found = resolve(inertia, contacts, u_all[free])
-        impulses: dict[str, Array] = {}
+        impulses: dict[ChannelName, Array] = {}
         total = np.zeros(len(u_all))
         for k, rows, impulse in zip(touching, frames, found):
             pushed = rows[: len(impulse)].T @ impulse
             total += pushed
             channel = self.points[k].channel
-            impulses[channel] = impulses.get(channel, 0.0) + pushed
+            impulses[channel] = impulses.get(channel, np.zeros(len(u_all))) + pushed
         change = np.zeros(len(u_all))
         change[free] = inertia.response(total[free])
         tied = np.zeros(len(u_all))
@@ -209,15 +210,16 @@ class Collider:
             multipliers = np.linalg.lstsq(G_all[:, free].T, needed, rcond=None)[0]
             for name in dict.fromkeys(bound.rows.names):
                 places = bound.rows.places(name)
-                impulses[f"constraint {name}"] = G_all[places].T @ multipliers[places]
-                tied += impulses[f"constraint {name}"]
+                held = G_all[places].T @ multipliers[places]
+                impulses[ChannelName("constraint", name)] = held
+                tied += held
         driving = np.zeros(len(u_all))
         driven = system.driven_u
         driving[driven] = (M @ change - total - tied)[driven]
         for joint in system.mechanism.joints:
             if joint.prescribed:
                 place = system.mechanism.speeds.of(joint.name)
-                impulses[f"prescribed {joint.name}"] = _only(driving, place)
+                impulses[ChannelName("prescribed", joint.name)] = _only(driving, place)
         after = x.copy()
         _, u_part, _ = self.flow.parts
         after[u_part] += change[free]
@@ -227,7 +229,7 @@ class Collider:
     @property
     def _integrals(self) -> slice:
         """Where the testing functions' integrals lie in x."""
-        start = self.flow.parts[2].start
+        start = self.flow.parts[2].start + len(self.flow.works)
         return slice(start, start + len(self.flow.testing))
 
     def _fed_by(

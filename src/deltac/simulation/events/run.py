@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.coordinates import trace_map
+from deltac.caching import derived
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.simulation.events.impact import Collider
@@ -45,7 +47,7 @@ class Eventful:
         return found
 
 
-@lru_cache(maxsize=32)
+@derived
 def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
     """Prepare the events of a flow."""
     system = flow.system
@@ -55,7 +57,7 @@ def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventfu
         held = switched(flow)
         flow, functions, names = held.flow, held.functions, held.names
     points = impact_points(system)
-    own = trace_map(system, split) if split is not None else None
+    own = trace_split(system, split)
     events = tuple(e for e in system.mechanism.events if isinstance(e, Event))
     watch = Witnesses(flow, points, events, functions, names)
     return Eventful(flow, watch, Collider.of(flow, points, own))
@@ -72,7 +74,7 @@ class Happened:
     p_before: Array
     p_after: Array
     inputs: Array
-    impulses: dict[str, Array]
+    impulses: dict[ChannelName, Array]
 
 
 class EventRun:
@@ -239,7 +241,8 @@ class EventRun:
             return x
         also = (*also, *self._jumped_over(t, x))
         sight = self._look(t, x)
-        hit = [c for c in dict.fromkeys(self.watch.names[k] for k in touching) if impulses[c].any()]
+        channels = dict.fromkeys(self.watch.points[k].channel for k in touching)
+        hit = [c for c in channels if impulses[c].any()]
         pushed = {name: impulse for name, impulse in impulses.items() if impulse.any()}
         self._record(t, before, x, p_before, [*hit, *also], pushed)
         for k in touching:
@@ -276,7 +279,7 @@ class EventRun:
         after: Array,
         p_before: Array,
         names: list[str],
-        impulses: dict[str, Array],
+        impulses: dict[ChannelName, Array],
     ) -> None:
         if not names:  # nothing was pushed: pairs that only touch
             return

@@ -36,7 +36,7 @@ def switched(flow: Flow) -> Switched:
         "xdot": flow.xdot,
         "udot": flow.udot_all,
         "driving": flow.driving,
-        **flow.reactions,
+        **{str(name): force for name, force in flow.reactions.items()},
     }
     inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
     locked, sides = _locked(inputs, list(outputs.values()), ca.vertcat(flow.t, flow.x))

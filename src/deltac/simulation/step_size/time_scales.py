@@ -9,7 +9,6 @@ A touch to come must be resolved by implicit steps too. What a step may be is to
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,19 +18,21 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import LRUCache
+from deltac.deprecation import renamed_keywords
 from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
-from deltac.errors import InputError
+from deltac.errors import InputError, warn_user
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.stiffness import StiffStep, longest_step, remedy
+from deltac.simulation.step_size.stiffness import StiffStepWarning, longest_step, remedy
 
 
 @dataclass(frozen=True)
@@ -55,18 +56,22 @@ class TimeScale:
         return (1j if self.kind == "oscillation" else -1.0) / self.value
 
 
-def time_scales(mechanism: Mechanism, state: State) -> tuple[TimeScale, ...]:
-    """Time scales of the mechanism's friction and contacts, the shortest first.
+@renamed_keywords(mechanism="model")
+def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
+    """Time scales of a model's friction and contacts at a state, the shortest first.
 
     Of a contact, the overlap that is taken is the largest of: the present one; the one that carries the
     weight of its effective mass; the one that stops it, at its speed of approach with what it gains by
     falling through the gap. All is an estimate from the present state, not a bound on the motion.
     """
-    return tuple(sorted(_found(mechanism, state), key=lambda scale: scale.value))
+    loaded = load_model(model)
+    return tuple(
+        sorted(_found(loaded.mechanism, loaded.start(state)), key=lambda scale: scale.value)
+    )
 
 
 def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float | None) -> None:
-    """InputError for shapes that overlap too deeply; warns `StiffStep` of a step that is far too large."""
+    """InputError for shapes that overlap too deeply; warns `StiffStepWarning` of a step too large."""
     if not any(isinstance(e, Contact | JointFriction | PointFriction) for e in mechanism.elements):
         return
     _check_overlaps(mechanism, state)
@@ -78,12 +83,11 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
     ]
     longest, worst = min(limits, key=lambda limit: limit[0], default=(math.inf, None))
     if worst is not None and step > longest:
-        warnings.warn(
+        warn_user(
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
             f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
             "longer ones",
-            StiffStep,
-            stacklevel=3,
+            StiffStepWarning,
         )
 
 

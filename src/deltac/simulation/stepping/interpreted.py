@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import derived
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
@@ -28,7 +27,7 @@ def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
     return x, ca.SX(1)
 
 
-@lru_cache(maxsize=64)
+@derived
 def settle_kernel(flow: Flow) -> Kernel | None:
     """What is done to a state after each step: unit quaternions, and back on the constraints.
 
@@ -41,7 +40,7 @@ def settle_kernel(flow: Flow) -> Kernel | None:
     return Kernel(inputs, {"x": x, "worst": worst}, name="projection")
 
 
-@lru_cache(maxsize=64)
+@derived
 def _correction_kernel(flow: Flow) -> Kernel:
     """(t, x; p, h) -> x with its energy as it should be."""
     h = ca.SX.sym("h")
@@ -89,7 +88,7 @@ class Finish:
         self._corrected_out, self._ready = np.empty(n), True
 
 
-@lru_cache(maxsize=64)
+@derived
 def _rate_kernels(flow: Flow) -> tuple[Kernel, Kernel]:
     """ẋ, and the full state that a controller sees."""
     values = {"t": flow.t, "x": flow.x}
@@ -172,7 +171,13 @@ def symbolic_masks(flow: Flow) -> Parts:
     return Parts(*masks)
 
 
+@derived
 def numeric_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as arrays."""
-    masks = symbolic_masks(flow)
-    return Parts(*(np.array(mask).ravel() for mask in (masks.q, masks.u, masks.z)))
+    """The masks of q, u and integrals as read-only arrays."""
+    masks = []
+    for place in flow.parts:
+        mask = np.zeros(flow.x.shape[0])
+        mask[place] = 1.0
+        mask.flags.writeable = False
+        masks.append(mask)
+    return Parts(*masks)

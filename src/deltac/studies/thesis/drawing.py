@@ -39,7 +39,7 @@ class Written:
 def write(
     reproduction: Reproduction,
     folder: Path,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
     *,
     thesis_axes: bool = False,
 ) -> Written:
@@ -59,7 +59,7 @@ def write(
     drawn = [e for e in reproduction.experiments if e.shows != "numbers"]
     for k, experiment in enumerate(drawn):
         if progress is not None:
-            progress(k / len(drawn), f"drawing fig. {experiment.figure}")
+            progress(k / len(drawn))
         path = folder / f"figure_{experiment.figure.replace('.', '_')}.png"
         write_figure(draw(reproduction, experiment, thesis_axes), path)
         paths.append(path)
@@ -103,5 +103,5 @@ def _curve(label: str, outcome: Outcome) -> Curve:
         outcome.trajectory.t,
         {f"θ{bar}": angle for bar, angle in enumerate(angles, 1)},
         outcome.ledger.delta_c,
-        outcome.ledger.turnover,
+        outcome.ledger.energy_exchanged,
     )

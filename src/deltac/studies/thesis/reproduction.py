@@ -19,8 +19,8 @@ from deltac.studies.thesis.experiments import (
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
-Progress: TypeAlias = Callable[[float, str], None]
-"""Told the fraction that is done, and what is being done."""
+Progress: TypeAlias = Callable[[float], None]
+"""Told the fraction that is done."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     Args:
         only: the figures to reproduce, "4.1" to "4.10", all of them without it; or "floor", which
             repeats three of them with accelerations that an iterative solver left inexact.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         InputError: an unknown figure.
@@ -140,20 +140,20 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     runs = list(dict.fromkeys(run for e in chosen for run in e.runs.values()))
     stages = len(runs) + len(chosen)
 
-    def say(done: int, what: str) -> None:
+    def say(done: int) -> None:
         if progress is not None:
-            progress(done / stages, what)
+            progress(done / stages)
 
     outcomes: dict[Run, Outcome] = {}
     for run in runs:
-        say(len(outcomes), f"{run.variant}, {run.solver}, h = {run.step:g} s")
+        say(len(outcomes))
         outcomes[run] = perform(run)
     reproduction = Reproduction(chosen, outcomes, ())
     results: list[Result] = []
     for k, experiment in enumerate(chosen):
-        say(len(runs) + k, f"results of fig. {experiment.figure}")
+        say(len(runs) + k)
         results.extend(_results(experiment, reproduction.of(experiment)))
-    say(stages, "done")
+    say(stages)
     return Reproduction(chosen, outcomes, tuple(results))
 
 

@@ -116,7 +116,7 @@ def trajectory_of(run: Run, state: State, every: int = 1) -> Trajectory:
         run.step,
         run.solver,
         equations=chosen.equations if run.by_hand else None,
-        record_every=every,
+        record=every,
         vary=() if run.by_hand else DAMPERS,
     )
 
@@ -189,7 +189,7 @@ def totals(run: Run, factor: float = 1.0) -> Tellings:
         tied.delta_c["wang"],
         driven.delta_c["wang"],
         driven.delta_c["wang-inertial"],
-        driven.turnover,
+        driven.energy_exchanged,
     )
 
 
@@ -216,7 +216,7 @@ def rates(trajectory: Trajectory) -> Tellings:
 def _told(trajectory: Trajectory, factor: float) -> dict[str, Trajectory]:
     """The motion with M1 as the log of a motor, of the constraint, and of the prescribed joint."""
     torque = factor * trajectory.forces[PRESCRIBED]
-    bare = replace(trajectory, forces={}, integrals={})
+    bare = replace(trajectory, forces={}, works={}, integrals={})
     channels = {
         "driven by a logged torque": APPLIED,
         "driven by a constraint": CONSTRAINT,

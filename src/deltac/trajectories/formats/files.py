@@ -82,6 +82,10 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
             write(run, header, file)
     except MemoryError:
         raise LimitError(f"{path}: the log is too large for this format in memory") from None
+    except (InputError, OSError):
+        raise
+    except Exception as error:  # as polars and h5py call a disk that refuses
+        raise OSError(f"{path} cannot be written: {error}") from error
 
 
 def read_trajectory(

@@ -39,7 +39,7 @@ from typing import Any
 from deltac.errors import InputError, LogError, closest, shown
 from deltac.files import read_text
 from deltac.limits import parse_toml
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
 from deltac.trajectories.formats.units import unit
 
@@ -57,7 +57,13 @@ DIMENSIONS: Mapping[str, str] = {
 }
 """Keys of the table ``[units]`` and the SI unit that each replaces."""
 
-_TABLES = {"coordinates": "q", "speeds": "u", "accelerations": "udot", "integrals": "integral"}
+_TABLES = {
+    "coordinates": "q",
+    "speeds": "u",
+    "accelerations": "udot",
+    "works": "work",
+    "integrals": "integral",
+}
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
 _SOURCE_KEYS = ("column", "constant", "unit", "sign", "offset")
 _ORDERS = ("wxyz", "xyzw")
@@ -160,7 +166,7 @@ class _Parser:
         for channel, speeds in self.table("forces").items():
             where = f"forces.{channel}"
             try:
-                split(channel)
+                ChannelName.parse(channel)
             except InputError as error:
                 raise self.error(where, str(error)) from None
             if not isinstance(speeds, dict):

@@ -160,7 +160,8 @@ class _Elements:
         if kind in _CLASSES:
             values = self.part(count, _CLASSES[kind])
             if complex_:
-                values = values + 1j * self.part(count, _CLASSES[kind])
+                values = values.astype(np.complex128)
+                values.imag = self.part(count, _CLASSES[kind])
             return values.reshape(shape, order="F")
         if kind == _CHAR:
             return self.characters(shape)
@@ -287,7 +288,7 @@ def _version_4(content: bytes, budget: Budget) -> Iterator[tuple[str, Any]]:
 
 def _triples(values: Any, budget: Budget) -> Any:
     """A sparse matrix of version 4: rows of (row, column, value), counted from one; the last its size."""
-    if values.shape[1] != 3 or not len(values) or not np.isfinite(values).all():
+    if values.shape[1] != 3 or not len(values) or not (np.abs(values[:, :2]) < 2**53).all():
         _damaged("a sparse matrix is not of rows, columns and real values")
     shape = (int(values[-1, 0]), int(values[-1, 1]))
     places = values[:-1, :2].astype(np.int64) - 1

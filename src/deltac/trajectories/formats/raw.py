@@ -141,14 +141,15 @@ class Collector:
 
 
 def to_arrays(run: Trajectory) -> dict[str, FloatArray]:
-    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), integral."""
+    """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), work, integral."""
     arrays = {"time": run.t, "q": run.q, "u": run.u}
     if run.udot is not None:
         arrays["udot"] = run.udot
     if run.forces:
         arrays["force"] = np.stack(list(run.forces.values()), axis=1)
-    if run.integrals:
-        arrays["integral"] = np.stack(list(run.integrals.values()), axis=1)
+    for name, sums in (("work", run.works), ("integral", run.integrals)):
+        if sums:
+            arrays[name] = np.stack(list(sums.values()), axis=1)
     return arrays
 
 
@@ -161,11 +162,12 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         raise _damaged("accelerations", accelerations, "true or false")
     names: dict[str, list[str]] = {}
     for key in _LISTS:
-        names[key] = header.get(key)  # type: ignore[assignment]
+        absent: Any = [] if key == "works" else None  # version 2 has no works
+        names[key] = header.get(key, absent)
         if not isinstance(names[key], list) or not all(isinstance(n, str) for n in names[key]):
             raise _damaged(key, names[key], "a list of names")
     counts = {key: len(found) for key, found in names.items()}
-    width = 1 + counts["coordinates"] + counts["integrals"]
+    width = 1 + counts["coordinates"] + counts["works"] + counts["integrals"]
     width += counts["speeds"] * (1 + accelerations + counts["channels"])
     Limits.current().check("columns", width, "the log has")
     columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
@@ -183,8 +185,9 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         for i, channel in enumerate(names["channels"]):
             for j, speed in enumerate(names["speeds"]):
                 columns[f"force.{channel}.{speed}"] = force[:, i, j]
-    if counts["integrals"]:
-        add("integral", "integrals", "integral")
+    for name in ("work", "integral"):
+        if counts[f"{name}s"]:
+            add(name, f"{name}s", name)
     return RawLog(columns, header)
 
 
@@ -194,7 +197,7 @@ def _damaged(key: str, found: Any, expected: str) -> InputError:
     )
 
 
-_LISTS = ("coordinates", "speeds", "channels", "integrals")
+_LISTS = ("coordinates", "speeds", "channels", "works", "integrals")
 
 
 def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:

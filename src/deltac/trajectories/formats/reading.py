@@ -24,7 +24,8 @@ _PURPOSES = {
     "u": "without it the kinetic energy and the powers are not known",
     "udot": "the accelerations, which the inertial forms of the test need",
     "force": "the generalized force of a channel, whose work the balance needs",
-    "integral": "the work that the solver took in the loop",
+    "work": "the work of a channel, which the solver took in the loop",
+    "integral": "the integral of a testing function's power, which the solver took in the loop",
 }
 
 
@@ -280,6 +281,7 @@ _ALLOWED = {
     "u": ("rad/s", "m/s"),
     "udot": ("rad/s^2", "m/s^2"),
     "force": ("N", "N*m"),
+    "work": ("J",),
     "integral": ("J",),
 }
 

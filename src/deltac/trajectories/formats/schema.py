@@ -5,6 +5,7 @@
     u.<speed>                   m/s, rad/s
     udot.<speed>                m/s², rad/s²
     force.<channel>.<speed>     generalized force, N or N·m
+    work.<channel>              J
     integral.<testing function> J
 
 Names may hold dots and spaces. The header lists them, so that its columns are known before any
@@ -21,15 +22,15 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
-from deltac.mechanism.channels import split
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Raised whenever a reader of the old version would misread or refuse the new one.
 
-Version 2 has the entry `events`, without which speeds that jump would be integrated across. A log
-without events is written as version 1.
+Version 2 has the entry `events`, without which speeds that jump would be integrated across. Version 3 has
+the entry `works`.
 """
 
 UNITS: Mapping[str, str] = {
@@ -42,7 +43,7 @@ UNITS: Mapping[str, str] = {
 }
 """The units of every log; a log that declares others is refused."""
 
-_PREFIXES = ("q.", "u.", "udot.", "force.", "integral.")
+_PREFIXES = ("q.", "u.", "udot.", "force.", "work.", "integral.")
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class _Layout:
     speeds: tuple[str, ...]
     accelerations: bool
     channels: tuple[str, ...]
+    works: tuple[str, ...]
     integrals: tuple[str, ...]
 
     def columns(self) -> Iterator[str]:
@@ -63,6 +65,7 @@ class _Layout:
         if self.accelerations:
             yield from (f"udot.{name}" for name in self.speeds)
         yield from (f"force.{c}.{name}" for c in self.channels for name in self.speeds)
+        yield from (f"work.{name}" for name in self.works)
         yield from (f"integral.{name}" for name in self.integrals)
 
 
@@ -85,8 +88,9 @@ def to_columns(run: Trajectory) -> dict[str, FloatArray]:
     for prefix, names, values in groups:
         for name, column in zip(names, values.T, strict=True):
             _add(columns, f"{prefix}.{name}", column)
-    for name, column in run.integrals.items():
-        _add(columns, f"integral.{name}", column)
+    for prefix, sums in (("work", run.works), ("integral", run.integrals)):
+        for name, column in sums.items():
+            _add(columns, f"{prefix}.{name}", column)
     return columns
 
 
@@ -94,7 +98,7 @@ def to_metadata(run: Trajectory) -> dict[str, Any]:
     """The JSON header of a trajectory: plain dicts, lists, numbers and text."""
     events = {"events": [event.to_dict() for event in run.events]} if run.events else {}
     return {
-        "schema_version": SCHEMA_VERSION if run.events else 1,
+        "schema_version": SCHEMA_VERSION,
         **events,
         "rows": len(run),
         "units": dict(UNITS),
@@ -102,6 +106,7 @@ def to_metadata(run: Trajectory) -> dict[str, Any]:
         "speeds": list(run.speeds),
         "accelerations": run.udot is not None,
         "channels": list(run.forces),
+        "works": list(run.works),
         "integrals": list(run.integrals),
         "provenance": _provenance_fields(run.provenance),
     }
@@ -148,7 +153,11 @@ def from_columns(
         q=table("q", layout.coordinates),
         u=table("u", layout.speeds),
         udot=table("udot", layout.speeds) if layout.accelerations else None,
-        forces={channel: table(f"force.{channel}", layout.speeds) for channel in layout.channels},
+        forces={
+            ChannelName.parse(name): table(f"force.{name}", layout.speeds)
+            for name in layout.channels
+        },
+        works={ChannelName.parse(name): arrays[f"work.{name}"] for name in layout.works},
         integrals={name: arrays[f"integral.{name}"] for name in layout.integrals},
         coordinates=layout.coordinates,
         speeds=layout.speeds,
@@ -224,7 +233,12 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
     known, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
     channels = dict.fromkeys(_channel(n, known, lengths) for n in _strip("force.", columns))
     return _Layout(
-        coordinates, speeds, bool(accelerations), tuple(channels), _strip("integral.", columns)
+        coordinates,
+        speeds,
+        bool(accelerations),
+        tuple(channels),
+        _strip("work.", columns),
+        _strip("integral.", columns),
     )
 
 
@@ -239,7 +253,7 @@ def _unknown(name: str, columns: Iterable[str]) -> InputError:
     hint = closest(name, meant)
     if "did you mean" not in hint:
         hint = "; known: time, q.<coordinate>, u.<speed>, udot.<speed>, force.<channel>.<speed>, "
-        hint += "integral.<testing function>"
+        hint += "work.<channel>, integral.<testing function>"
     return UnknownName(
         f"unknown column {name!r}{hint} (rename or remove the column, or say in a mapping what it is)"
     )
@@ -259,7 +273,7 @@ def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
     for speed in sorted(endings, key=len):
         channel = name.removesuffix(f".{speed}")
         try:
-            split(channel)
+            ChannelName.parse(channel)
         except InputError as error:
             problem = problem or error
         else:
@@ -297,6 +311,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
         _texts(metadata, "speeds"),
         _entry(metadata, "accelerations", bool),
         _texts(metadata, "channels"),
+        _texts(metadata, "works") if version > 2 else (),
         _texts(metadata, "integrals"),
     )
 

@@ -15,7 +15,6 @@ from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import InputError
 from deltac.mechanism.joints import KINDS
 from deltac.simulation.flow import Flow
@@ -59,7 +58,7 @@ class Form:
         system = flow.system
         q_part, u_part, _ = flow.parts
         self.q, self.u = flow.x[q_part], flow.x[u_part]
-        self.integrals = len(flow.testing)
+        self.integrals = flow.powered
         own = flow.equations is not None
         rows = None if own or flow.bound is None else flow.bound.rows
         self.multipliers = 0 if rows is None else len(rows)
@@ -81,7 +80,7 @@ class Form:
             reactions = Reactions(driving, lam)
             known = terms(system, system.udot_all, forces, flow.split, flow.bound, reactions)
             nonpotential = known.nonpotential_power
-            P = ca.vertcat(ca.SX(0, 1), *(f.P(known) for f in testing_functions(flow.testing)))
+            P = flow.powers(known, forces, reactions, flow.bound)
         point = [flow.t, self.q, self.u, udot, lam, flow.inputs, flow.p]
         self._dynamics = ca.Function("r", point, [r])
         self._powers = ca.Function("P", point, [P, nonpotential])
@@ -97,7 +96,7 @@ class Form:
         return self._dynamics(*_values(at, s))
 
     def powers(self, at: Point, s: Settings) -> SX:
-        """The powers P (W) of the testing functions, with the point's own u̇ and λ."""
+        """The powers (W) of channels and testing functions, with the point's own u̇ and λ."""
         return self._powers(*_values(at, s))[0]
 
     def nonpotential_power(self, at: Point, s: Settings) -> SX:

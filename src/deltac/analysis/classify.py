@@ -1,0 +1,319 @@
+"""`classify`: what kind of system a model is, and what its theory says of it before anything is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.analysis.evaluate import evaluate
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.states import random_states
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.equations_of_motion import (
+    EquationsOfMotion,
+    equations_of_motion,
+    evaluate_at,
+    matrices,
+)
+from deltac.dynamics.independence import independence, row_names
+from deltac.dynamics.kkt import least_squares
+from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.terms import Reactions, driving_forces, terms
+from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
+from deltac.errors import InputError
+from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike, load_model
+from deltac.results import Report, Section, Table, number
+
+LOOKED_AT = 8
+"""Random states at which what is said to be constant, and constraints to be integrable, are tested."""
+
+ROUNDING = 1e-9
+"""A power below this share of the powers that it is made of is zero."""
+
+
+@dataclass(frozen=True)
+class DescribedJoint:
+    """A joint of the tree: its kind, from which body to which, and whether it is prescribed."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    prescribed: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Classification(Report, also=("kind",)):
+    """The class of a mechanism, in the terms of the theory.
+
+    Attributes:
+        mechanism: its name.
+        bodies: their names.
+        joints: each with its kind and bodies.
+        freedom: degrees of freedom: independent speeds that joints and constraints leave.
+        scleronomic: no joint is prescribed and no configuration constraint depends on time.
+        catastatic: velocities may all be zero: v_t = 0.
+        holonomic: every motion constraint could be integrated to one of configuration, or there is none.
+        motion_constraints: names of the constraints on velocities that are not integrable.
+        integrable: names of constraints written on velocities that are configuration constraints in disguise.
+        redundant: rows that follow from others, in words ("" without any).
+        testing_functions: those that apply.
+        coincide: groups of them that have the same power and, but for constants, the same energy.
+        constant: what stays constant in every exact motion: "energy" K + V, "Jacobi integral" K2 − K0 + V,
+            and momenta by name.
+        nonpotential: channels whose forces have no potential.
+        events: names of impacts, stops and the like, at which what is constant in between may jump.
+        energies: K and V at the state (J).
+    """
+
+    mechanism: str
+    bodies: tuple[str, ...]
+    joints: tuple[DescribedJoint, ...]
+    freedom: int
+    scleronomic: bool
+    catastatic: bool
+    holonomic: bool
+    motion_constraints: tuple[str, ...]
+    integrable: tuple[str, ...]
+    redundant: str
+    testing_functions: tuple[str, ...]
+    coincide: tuple[tuple[str, ...], ...]
+    constant: tuple[str, ...]
+    nonpotential: tuple[str, ...]
+    events: tuple[str, ...]
+    energies: dict[str, float]
+
+    @property
+    def kind(self) -> str:
+        """In the usual words, as "holonomic, scleronomic" or "nonholonomic, scleronomic, catastatic"."""
+        words = ["holonomic" if self.holonomic else "nonholonomic"]
+        words.append("scleronomic" if self.scleronomic else "rheonomic")
+        if not self.holonomic:
+            words.append("catastatic" if self.catastatic else "acatastatic")
+        return ", ".join(words)
+
+    def summary(self) -> str:
+        """The class in one line."""
+        bodies = f"{len(self.bodies)} bodies" if len(self.bodies) != 1 else "1 body"
+        freedom = f"{self.freedom} degree{'s' if self.freedom != 1 else ''} of freedom"
+        return f"{self.mechanism}: {bodies}, {freedom}; {self.kind}"
+
+    def sections(self) -> Iterator[Section]:
+        """What it is made of, what kind it is, what stays constant."""
+        yield self.summary()
+        rows = tuple(
+            (j.name, f"{j.kind}, prescribed" if j.prescribed else j.kind, j.parent, j.child)
+            for j in self.joints
+        )
+        yield Table(("joint", "kind", "from", "to"), rows)
+        if self.motion_constraints:
+            yield f"not integrable: {', '.join(self.motion_constraints)}"
+        if self.integrable:
+            yield f"integrable, though written on velocities: {', '.join(self.integrable)}"
+        if self.redundant:
+            yield f"redundant rows: {self.redundant}"
+        yield f"testing functions: {', '.join(self.testing_functions)}"
+        for group in self.coincide:
+            yield f"the same function here: {', '.join(group)}"
+        yield f"constant: {', '.join(self.constant) or 'neither energy nor a momentum of a ground joint'}"
+        if self.nonpotential:
+            yield f"forces without a potential: {', '.join(self.nonpotential)}"
+        if self.events:
+            yield f"constant only between events: {', '.join(self.events)}"
+        energies = ", ".join(f"{n} = {number(x, 'J', 6)}" for n, x in self.energies.items())
+        yield f"at the state: {energies}"
+
+
+def classify(model: ModelLike, state: StateLike = None) -> Classification:
+    """Scleronomic or rheonomic, catastatic or not, holonomic or not; what is redundant, and what is constant.
+
+    What is constant, and which constraints are integrable, is found from the equations at random admissible
+    states. A quantity that is constant only of some motions (an angular momentum that is zero at the start,
+    say) is not listed; nor is energy where a force without a potential does no work.
+
+    Args:
+        model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
+        state: where constraints are counted and energies are told; by default the model's own start, else
+            all coordinates and speeds zero, assembled.
+
+    Raises:
+        InputError: there is no such model, or its constraints cannot be met.
+    """
+    found = load_model(model)
+    mechanism = found.mechanism
+    motion = equations_of_motion(mechanism)
+    state = _start(motion) if state is None and not found.starts else found.start(state)
+    free, rows = mechanism.free, motion.rows
+    counted = independence(motion, state.t, state.q[free.q])
+    drifting = _depends(ca.vertcat(rows.b, *_driven_rates(motion)))
+    timed = any(joint.prescribed for joint in mechanism.joints) or any(
+        rows.holonomic[k] and _depends(rows.b[k]) for k in range(len(rows))
+    )
+    t, q, u = _states(motion, state)
+    integrable = _integrable(motion, t, q)
+    velocity = [k for k in range(len(rows)) if not rows.holonomic[k]]
+    names = tuple(dict.fromkeys(rows.names[k] for k in velocity))
+    left = tuple(
+        n for n in names if any(rows.names[k] == n and k not in integrable for k in velocity)
+    )
+    functions = applicable(constrained=bool(mechanism.constraints))
+    nonpotential = tuple(
+        part.name
+        for part in motion.channels
+        if part.logged or (part.potential is None and _depends(part.force))
+    )
+    constant = _constant(motion, t, q, u, bool(nonpotential), drifting)
+    at = evaluate(mechanism, state)
+    with_potential = [n for n in functions if n != "liu-huston"]
+    return Classification(
+        mechanism=mechanism.name,
+        bodies=tuple(body.name for body in mechanism.bodies),
+        joints=tuple(
+            DescribedJoint(j.name, j.kind, j.parent, j.child, j.prescribed)
+            for j in mechanism.joints
+        ),
+        freedom=counted.freedom,
+        scleronomic=not timed,
+        catastatic=not drifting,
+        holonomic=not left,
+        motion_constraints=left,
+        integrable=tuple(n for n in names if n not in left),
+        redundant=row_names(rows, counted.redundant),
+        testing_functions=functions,
+        coincide=() if drifting or len(with_potential) < 2 else (tuple(with_potential),),
+        constant=constant,
+        nonpotential=nonpotential,
+        events=tuple(event.name for event in mechanism.events),
+        energies={"K": at.kinetic, "V": float(sum(at.potential.values()))},
+    )
+
+
+def _depends(expression: Any) -> bool:
+    """Whether an expression is anything but zero."""
+    return bool(ca.sparsify(ca.simplify(ca.densify(expression))).nnz())
+
+
+def _driven_rates(motion: EquationsOfMotion) -> list[Any]:
+    return [motion.system.u_all[place] for place in motion.system.driven_u]
+
+
+def _start(motion: EquationsOfMotion) -> State:
+    """All zero, and on the constraints."""
+    mechanism = motion.system.mechanism
+    state = mechanism.state()
+    free = mechanism.free
+    q = onto_positions(motion, state.t, state.q[free.q])
+    u = onto_speeds(motion, state.t, q, state.u[free.u])
+    phi, psi = motion.violation(state.t, q, u)
+    if not float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)) < 1e-9:
+        raise InputError(
+            f"the constraints of {mechanism.name!r} cannot be met near coordinates of zero; give a state, or "
+            "let deltac.assemble find one from a guess"
+        )
+    full_q, full_u = state.q.copy(), state.u.copy()
+    full_q[free.q], full_u[free.u] = q, u
+    return mechanism.state(full_q, full_u, state.t)
+
+
+def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Array]:
+    """Admissible states t (B,), q (nq, B), u (p, B): random ones, or the state itself where none is found."""
+    mechanism = motion.system.mechanism
+    free = mechanism.free
+    try:
+        found = random_states(mechanism, count=LOOKED_AT)
+    except InputError:
+        return np.array([state.t]), state.q[free.q][:, None], state.u[free.u][:, None]
+    return found.t, found.q, found.u
+
+
+def _integrable(motion: EquationsOfMotion, t: Array, q: Array) -> set[int]:
+    """Velocity rows whose dω vanishes on all motions that the constraints allow (Frobenius).
+
+    The forms are ω = G W⁺ dq + b dt on the space of (q, t); an allowed motion is (W k, τ) with
+    G k + b τ = 0.
+    """
+    s, rows = motion.system, motion.rows
+    velocity = [k for k in range(len(rows)) if not rows.holonomic[k]]
+    if not velocity:
+        return set()
+    W = motion.W
+    plus = ca.solve(ca.mtimes(W.T, W), W.T)
+    still = ca.SX.zeros(s.u.shape[0])
+    moving = ca.substitute(rows.psi, s.u, still)  # ψ without free speeds, driven joints moving
+    forms = ca.horzcat(ca.mtimes(rows.G[velocity, :], plus), moving[velocity])
+    at = ca.vertcat(s.q, s.t)
+    curls = [
+        ca.jacobian(forms[k, :].T, at) - ca.jacobian(forms[k, :].T, at).T
+        for k in range(len(velocity))
+    ]
+    columns = [rows.G, moving, W, *curls]
+    dense = [ca.densify(ca.vec(x)) for x in columns]
+    f = ca.Function("curls", [s.t, s.q], dense, {"cse": True})
+    G, b, W_, *curl = evaluate_at(f, t[None, :], q)
+    p, n, nc = s.u.shape[0], q.shape[0], len(rows)
+    G, W_ = matrices(G, nc, p), matrices(W_, n, p)
+    whole = set(velocity)
+    for i in range(q.shape[1]):
+        extended = np.hstack([G[i], b[:, i : i + 1]])
+        _, sizes, V = np.linalg.svd(extended)
+        allowed = V[int((sizes > 1e-9 * max(1.0, sizes.max(initial=0.0))).sum()) :].T
+        moves = np.vstack([W_[i] @ allowed[:p], allowed[p:]])
+        for k, flat in zip(velocity, curl):
+            bent = matrices(flat[:, i], n + 1, n + 1)
+            size = np.abs(moves).T @ np.abs(bent) @ np.abs(moves)
+            if np.abs(moves.T @ bent @ moves).max(initial=0.0) > 1e-8 * max(
+                1.0, size.max(initial=0.0)
+            ):
+                whole.discard(k)
+    return whole
+
+
+def _constant(
+    motion: EquationsOfMotion, t: Array, q: Array, u: Array, lossy: bool, drifting: bool
+) -> tuple[str, ...]:
+    """Energy, Jacobi's integral and momenta that no force and no constraint changes, at the states."""
+    s, rows = motion.system, motion.rows
+    terms_at = motion.terms(t, q, u)
+    tied = least_squares(terms_at.M, terms_at.G)
+    force = (terms_at.force - terms_at.bias).T
+    lam_values = tied.multipliers(force, terms_at.gamma.T)
+    pull = np.einsum("bcp,bc->bp", terms_at.G, lam_values)
+    udot = tied.free_response(force + pull)
+    lam = ca.SX.sym("lambda", len(rows))
+    places = independence(motion, float(t[0]), q[:, 0]).independent
+    bound = motion.constrained(places)
+    # Rounding is measured by all that is added up, whether or not it cancels.
+    pulls = [part.force for part in motion.channels]
+    pulls += [rows.G_all[k, :].T * lam[k] for k in range(len(rows))]
+    total = sum((ca.norm_2(ca.densify(pull)) for pull in pulls), start=ca.SX(1e-12))
+    powers: dict[str, Any] = {}
+    sizes: dict[str, Any] = {}
+    for balance in momentum_balances(s):
+        powers[balance.name] = sum((ca.dot(balance.alpha, x) for x in pulls), start=ca.SX(0))
+        sizes[balance.name] = ca.norm_2(ca.densify(balance.alpha)) * total
+    if not lossy:
+        chosen = lam[list(places)]
+        driving = driving_forces(s, s.udot_all, motion.channels, bound, chosen)
+        known = terms(s, s.udot_all, motion.channels, None, bound, Reactions(driving, chosen))
+        flow = total * ca.norm_2(ca.densify(s.u_all)) + ca.fabs(known.inertia_transport)
+        powers["energy"], sizes["energy"] = TESTING_FUNCTIONS["wang"].P(known), flow
+        if drifting:
+            powers["Jacobi integral"] = TESTING_FUNCTIONS["kane-levinson-1990"].P(known)
+            sizes["Jacobi integral"] = flow + ca.fabs(known.rate_1990)
+    names = list(powers)
+    columns: Any = [ca.vertcat(*(made[n] for n in names)) for made in (powers, sizes)]
+    held = ca.SX.zeros(s.inputs.shape[0])
+    columns = ca.substitute(
+        [ca.densify(ca.vertcat(ca.SX(0, 1), x)) for x in columns], [s.inputs], [held]
+    )
+    f = ca.Function("powers", [s.t, s.q, s.u, s.udot, lam], columns, {"cse": True})
+    power, size = evaluate_at(f, t[None, :], q, u, udot.T, lam_values.T)
+    still = np.asarray((np.abs(power) <= ROUNDING * size).all(axis=1)).tolist()
+    order = {"energy": 0, "Jacobi integral": 1}
+    kept = [name for name, constant in zip(names, still) if constant]
+    return tuple(sorted(kept, key=lambda name: order.get(name, 2)))

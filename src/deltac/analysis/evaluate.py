@@ -1,0 +1,162 @@
+"""`evaluate`: the equations of motion and the energies of a model at a state, or along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.analysis.model import Instants, instants
+from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import (
+    EquationsOfMotion,
+    equations_of_motion,
+    evaluate_at,
+    matrices,
+)
+from deltac.dynamics.kkt import least_squares
+from deltac.dynamics.recursions import rnea
+from deltac.errors import InputError
+from deltac.models import ModelLike, StateLike
+from deltac.results import Record
+from deltac.trajectories import Trajectory
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evaluation(Record):
+    """M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 at an instant; along a run every array has the samples in front.
+
+    p free speeds, nu of all joints, c rows of constraints; SI units.
+
+    Attributes:
+        t: time (s).
+        speeds: names of the free speeds, the rows and columns of M.
+        all_speeds: names of all speeds.
+        rows: the constraint of each row.
+        udot: accelerations (nu,) of all joints.
+        M: mass matrix (p, p).
+        bias: h (p,), inertia forces at u̇ = 0, N or N·m.
+        forces: generalized force (nu,) of each channel.
+        potential: potential energy of each channel that has one, J.
+        kinetic: kinetic energy, J.
+        phi, psi, gamma: constraints at the levels of position, velocity and (at u̇ = 0) acceleration (c,).
+        G: their Jacobian (c, p), ψ̇ = G u̇ + γ.
+        multipliers: λ (c,); the least ones where rows are redundant.
+        driving: forces (nu,) that drive the prescribed joints, zero at free ones.
+    """
+
+    t: Any
+    speeds: tuple[str, ...]
+    all_speeds: tuple[str, ...]
+    rows: tuple[str, ...]
+    udot: Array
+    M: Array
+    bias: Array
+    forces: dict[str, Array]
+    potential: dict[str, Any]
+    kinetic: Any
+    phi: Array
+    psi: Array
+    gamma: Array
+    G: Array
+    multipliers: Array
+    driving: Array
+
+
+def evaluate(
+    model: ModelLike,
+    state: StateLike | Trajectory = None,
+    *,
+    inputs: Mapping[str, Any] | None = None,
+) -> Evaluation:
+    """Accelerations, mass matrix, bias, forces, energies, constraints and multipliers, without a step.
+
+    Args:
+        model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
+        state: a State, or a Trajectory: then every array has its samples in front; by default a problem's
+            start.
+        inputs: values (N·m or N) of the motors without a law, by name; zero where not given. A run has its
+            own.
+
+    Raises:
+        InputError: a state that does not fit the model, or at which the mass matrix is singular.
+    """
+    at = instants(model, state, inputs)
+    motion = equations_of_motion(at.mechanism)
+    found = evaluated(motion, at)
+    return found
+
+
+def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
+    """All of it at some instants."""
+    mechanism, system, rows = at.mechanism, motion.system, motion.rows
+    free = mechanism.free
+    q, u = at.q[:, free.q].T, at.u[:, free.u].T
+    T, n, nu, nc = len(at.t), len(free.u), len(mechanism.speeds), len(rows)
+    inputs = np.broadcast_to(at.inputs, (T, at.inputs.shape[1])).T
+    f = system.once("evaluation", lambda: _function(motion))
+    columns = evaluate_at(f, at.t[None, :], q, u, inputs)
+    M, bias, forces, potential, kinetic, phi, psi, gamma, G = columns
+    M, G = matrices(M, n, n), matrices(G, nc, n)
+    forces = forces.reshape(len(motion.channels), nu, T).transpose(0, 2, 1)
+    force = forces.sum(axis=0)[:, free.u] - bias.T
+    try:
+        tied = least_squares(M, G)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"the mass matrix of {mechanism.name!r} is singular at this state: a free speed moves no "
+            "inertia; give that part a mass or an armature"
+        ) from None
+    multipliers = tied.multipliers(force, gamma.T)
+    free_udot = tied.free_response(force + np.einsum("tcp,tc->tp", G, multipliers))
+    after = system.once("driving", lambda: _driving(motion))
+    udot, driving = evaluate_at(after, at.t[None, :], q, u, inputs, free_udot.T, multipliers.T)
+    first = 0 if at.single else slice(None)
+    with_potential = [part.name for part in motion.channels if part.potential is not None]
+    return Evaluation(
+        t=float(at.t[0]) if at.single else at.t,
+        speeds=tuple(mechanism.speeds[int(k)].name for k in free.u),
+        all_speeds=mechanism.speeds.names,
+        rows=rows.names,
+        udot=udot.T[first],
+        M=M[first],
+        bias=bias.T[first],
+        forces={part.name: forces[k][first] for k, part in enumerate(motion.channels)},
+        potential={name: _scalar(potential[k], at) for k, name in enumerate(with_potential)},
+        kinetic=_scalar(kinetic[0], at),
+        phi=phi.T[first],
+        psi=psi.T[first],
+        gamma=gamma.T[first],
+        G=G[first],
+        multipliers=multipliers[first],
+        driving=driving.T[first],
+    )
+
+
+def _scalar(values: Array, at: Instants) -> Any:
+    return float(values[0]) if at.single else values
+
+
+def _function(motion: EquationsOfMotion) -> Any:
+    s, r = motion.system, motion.rows
+    forces = ca.horzcat(ca.SX(len(s.mechanism.speeds), 0), *(c.force for c in motion.channels))
+    potentials = [c.potential for c in motion.channels if c.potential is not None]
+    kinetic = 0.5 * ca.dot(s.u_all, ca.mtimes(motion.M_all, s.u_all))
+    columns = [motion.M, motion.bias[s.free_u], forces, ca.vertcat(ca.SX(0, 1), *potentials)]
+    columns += [kinetic, r.phi, r.psi, r.gamma, r.G]
+    given = [s.t, s.q, s.u, s.inputs]
+    return ca.Function("evaluation", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+
+
+def _driving(motion: EquationsOfMotion) -> Any:
+    """(t, q, u, inputs, u̇, λ) -> all accelerations, and the driving forces −(F* + F + Gᵀλ)."""
+    s, lam = motion.system, ca.SX.sym("lambda", len(motion.rows))
+    needed = rnea(s, s.udot_all) - motion.force - ca.mtimes(motion.rows.G_all.T, lam)
+    driving = ca.SX.zeros(len(s.mechanism.speeds))
+    if s.driven_u:
+        driving[s.driven_u] = needed[s.driven_u]
+    given = [s.t, s.q, s.u, s.inputs, s.udot, lam]
+    return ca.Function("driving", given, [ca.densify(s.udot_all), ca.densify(driving)])

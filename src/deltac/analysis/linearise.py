@@ -1,0 +1,400 @@
+"""`linearise` and `equilibrium`: small motions about a motion, and where a mechanism can rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.analysis.evaluate import evaluated
+from deltac.analysis.model import Instants, instants
+from deltac.arrays import Array
+from deltac.dynamics.admissible import onto_positions
+from deltac.dynamics.equations_of_motion import (
+    EquationsOfMotion,
+    equations_of_motion,
+    evaluate_at,
+    matrices,
+)
+from deltac.dynamics.kkt import least_squares
+from deltac.dynamics.recursions import rnea
+from deltac.errors import InputError
+from deltac.mechanism.state import State
+from deltac.models import ModelLike, StateLike
+from deltac.results import Report, Section, Table, number
+
+DEPENDENT = 1e-8
+"""Share of a constraint row below which it counts as redundant."""
+
+VIOLATED = 1e-6
+"""Largest violation of a constraint (m or rad, and per s) of a state that is linearised."""
+
+AT_REST = 1e-10
+"""Forces left at an equilibrium, as a share of the forces that balance there."""
+
+MOST = 100
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearisation(Report):
+    """δẋ = A δx + B δi about a motion, in independent coordinates and speeds.
+
+    δx holds displacements along the independent speeds (δq = W δθ: of a coordinate whose rate is its speed
+    that is δq itself; of a quaternion the small rotation, body components), then changes of independent
+    speeds. What depends on them by the constraints is eliminated. A is exact about any motion; its
+    eigenvalues tell stability where the motion is an equilibrium or steady.
+
+    Attributes:
+        state: about which.
+        A: (d, d), 1/s and mixed units.
+        B: (d, inputs), by the motors without a law.
+        names: what each entry of δx is: "δ <speed>" for displacements, "<speed>" for speeds.
+        inputs: names of the columns of B.
+    """
+
+    state: State
+    A: Array
+    B: Array
+    names: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def eigenvalues(self) -> Array:
+        """Of A (d,), complex, 1/s, by rising real part."""
+        found = np.linalg.eigvals(self.A).astype(complex)
+        return found[np.lexsort((found.imag, found.real))]
+
+    @property
+    def modes(self) -> tuple[Array, Array]:
+        """Eigenvalues (d,) by rising real part, and eigenvectors of A as columns (d, d)."""
+        values, vectors = np.linalg.eig(self.A)
+        order = np.lexsort((values.imag, values.real))
+        return values[order].astype(complex), vectors[:, order].astype(complex)
+
+    def summary(self) -> str:
+        """The size of it, and the eigenvalue with the largest real part."""
+        values = self.eigenvalues
+        told = f", Re λ ≤ {number(float(values[-1].real), '1/s')}" if len(values) else ""
+        return f"linearised at t = {self.state.t:g} s: {len(values)} states{told}"
+
+    def sections(self) -> Iterator[Section]:
+        """The eigenvalues, with frequency and damping."""
+        yield self.summary()
+        rows = []
+        for value in self.eigenvalues:
+            if value.imag < 0.0:
+                continue
+            size = abs(value)
+            rows.append(
+                (
+                    number(float(value.real), digits=6),
+                    number(float(value.imag), digits=6),
+                    number(float(value.imag) / (2 * math.pi)) if value.imag else "",
+                    number(float(-value.real) / size) if value.imag else "",
+                )
+            )
+        yield Table(("Re λ, 1/s", "Im λ, 1/s", "frequency, Hz", "damping ratio"), tuple(rows))
+
+    def contents(self) -> dict[str, Any]:
+        """Matrices and names; eigenvalues as pairs of real and imaginary part."""
+        pairs = [[float(value.real), float(value.imag)] for value in self.eigenvalues]
+        return {**super().contents(), "eigenvalues": pairs}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Report):
+    """Where a mechanism rests: the state, the multipliers there, and small motions about it.
+
+    Attributes:
+        state: with free speeds zero, on its constraints.
+        multipliers: λ of every constraint row.
+        residual: largest generalized force left (N or N·m).
+        linearisation: of the motion about it.
+        stability: "asymptotically stable", "unstable", or "marginal": undecided by linear terms, as for every
+            equilibrium without damping that is not unstable.
+    """
+
+    state: State
+    multipliers: Array
+    residual: float
+    linearisation: Linearisation
+    stability: str
+
+    @property
+    def eigenvalues(self) -> Array:
+        """Of small motions, 1/s, by rising real part."""
+        return self.linearisation.eigenvalues
+
+    def summary(self) -> str:
+        """Whether it is stable."""
+        return f"equilibrium at t = {self.state.t:g} s: {self.stability}"
+
+    def sections(self) -> Iterator[Section]:
+        """Its stability and small motions."""
+        yield self.summary()
+        yield from self.linearisation.sections()
+
+
+def linearise(
+    model: ModelLike, state: StateLike = None, *, inputs: Mapping[str, Any] | None = None
+) -> Linearisation:
+    """Linearise the equations of motion about the motion through a state.
+
+    Args:
+        model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
+        state: on its constraints; by default the model's own start.
+        inputs: values (N·m or N) of the motors without a law, by name; zero where not given.
+
+    Raises:
+        InputError: a state that does not fit the model or violates a constraint.
+    """
+    at = instants(model, state, inputs)
+    if not at.single:
+        raise InputError("state: expected a State to linearise about, found a Trajectory")
+    return _linearised(equations_of_motion(at.mechanism), at)
+
+
+def equilibrium(
+    model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, Any] | None = None
+) -> Equilibrium:
+    """The equilibrium near a guess: free speeds and their accelerations are zero.
+
+    With prescribed joints it is a relative equilibrium at the guess's time, as that of a bead on a hoop that
+    turns. Newton's method on forces and constraints together; what does not matter (a ball's place on a
+    table) stays as guessed.
+
+    Args:
+        model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
+        guess: its coordinates are where the search starts; by default the model's own start.
+        inputs: values (N·m or N) of the motors without a law, by name; zero where not given.
+
+    Raises:
+        InputError: none is found from the guess: the speed whose forces remain is named.
+    """
+    at = instants(model, guess, inputs)
+    if not at.single:
+        raise InputError("guess: expected a State, found a Trajectory")
+    mechanism, motion = at.mechanism, equations_of_motion(at.mechanism)
+    free, rows = mechanism.free, motion.rows
+    t, p = float(at.t[0]), len(mechanism.free.u)
+    position = np.array(rows.holonomic, dtype=bool)
+    q = onto_positions(motion, t, at.q[0][free.q])
+    u: Array = np.zeros(p)
+    lam: Array = np.zeros(len(rows))
+    _, psi = motion.violation(t, q, u)
+    if float(np.abs(psi).max(initial=0.0)) > VIOLATED:
+        worst = rows.names[int(np.argmax(np.abs(psi)))]
+        raise InputError(
+            f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can rest; hold it still"
+        )
+    f, slopes = _residual(motion), _slopes(motion)
+
+    # The multipliers that balance best where the search starts.
+    terms = motion.terms(t, q, u, inputs=at.inputs[0])
+    if len(rows):
+        pull = terms.force - terms.bias
+        lam = np.asarray(np.linalg.lstsq(terms.G.T, -pull, rcond=1e-10)[0])
+    # Forces count beside those at the guess and beside what a unit displacement brings about: at rest the
+    # forces of a pendulum all vanish, and would be no measure.
+    _, scale, _ = evaluate_at(f, t, q, at.inputs[0], lam)
+    stiffness = _blocks(slopes, motion, t, q, lam, at.inputs[0])[0]
+    size = max(float(scale.max(initial=0.0)), float(np.abs(stiffness).max(initial=0.0)), 1e-300)
+
+    def off_balance(q: Array, lam: Array) -> Array:
+        left, _, phi = evaluate_at(f, t, q, at.inputs[0], lam)
+        return np.concatenate([left / size, phi[position]])
+
+    off = off_balance(q, lam)
+    for _ in range(MOST):
+        if float(np.abs(off).max(initial=0.0)) < 1e-15:
+            break
+        r_q, G, W = _blocks(slopes, motion, t, q, lam, at.inputs[0])
+        none = np.zeros((int(position.sum()), len(lam)))
+        J = np.block([[r_q / size, -G.T / size], [G[position], none]])
+        step = np.linalg.lstsq(J, -off, rcond=1e-12)[0]
+        # A step turns nothing by more than half a radian, and is halved until it helps.
+        share = min(1.0, 0.5 / max(float(np.abs(step[:p]).max(initial=0.0)), 1e-300))
+        while share > 1e-4:
+            trial = q + share * (W @ step[:p])
+            for place in motion.quaternions:
+                trial[place] /= np.linalg.norm(trial[place])
+            found = off_balance(trial, lam + share * step[p:])
+            if np.linalg.norm(found) < (1 - 0.1 * share) * np.linalg.norm(off):
+                break
+            share *= 0.5
+        else:
+            break
+        q, lam, off = trial, lam + share * step[p:], found
+    left = np.abs(off[:p])
+    if not float(np.abs(off).max(initial=0.0)) < AT_REST:
+        k = int(np.argmax(left)) if p else 0
+        name = mechanism.speeds[int(free.u[k])].name
+        raise InputError(
+            f"equilibrium: none found from this guess; {left[k] * size:.3g} N or N·m remain on {name!r}. "
+            "Give another guess, or something that holds it"
+        )
+    full_q, full_u = at.q[0].copy(), at.u[0].copy()
+    full_q[free.q], full_u[free.u] = q, 0.0
+    state = mechanism.state(full_q, full_u, t)
+    here = Instants(mechanism, at.t, full_q[None, :], full_u[None, :], at.inputs, None, single=True)
+    small = _linearised(motion, here)
+    return Equilibrium(state, lam, float(left.max(initial=0.0)) * size, small, _stability(small))
+
+
+def _stability(small: Linearisation) -> str:
+    """By the eigenvalues, which are known to the root of rounding at worst (double ones)."""
+    values = small.eigenvalues
+    size = max(1.0, float(np.abs(values).max(initial=0.0)))
+    # A defective pair splits by the root of rounding.
+    least = 1e-7 * size
+    if (values.real > least).any():
+        return "unstable"
+    return "asymptotically stable" if (values.real < -least).all() and len(values) else "marginal"
+
+
+def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
+    mechanism, rows, free = at.mechanism, motion.rows, at.mechanism.free
+    t, q, u, inputs = float(at.t[0]), at.q[0][free.q], at.u[0][free.u], at.inputs[0]
+    phi, psi = motion.violation(t, q, u)
+    off = np.abs(np.concatenate([phi, psi]))
+    if len(off) and not float(off.max()) <= VIOLATED:
+        worst = rows.names[int(off.argmax()) % len(rows)]
+        raise InputError(
+            f"state: it violates constraint {worst!r} by {off.max():.3g} m or rad (per s); "
+            "deltac.assemble(mechanism, state) finds a consistent state nearby"
+        )
+    known = evaluated(motion, at)
+    p, nc, m = len(free.u), len(rows), len(inputs)
+    f = motion.system.once("linearisation", lambda: _linear_terms(motion))
+    given = (t, q, u, known.udot[free.u], known.multipliers, inputs)
+    r_q, r_u, r_i, c_q, c_u, psi_q, kin, W_dot, W = evaluate_at(f, *given)
+    r_x = np.hstack([matrices(r_q, p, p), matrices(r_u, p, p), matrices(r_i, p, m)])
+    c_x = np.hstack([matrices(c_q, nc, p), matrices(c_u, nc, p), np.zeros((nc, m))])
+    W = matrices(W, len(q), p)
+    # [M −Gᵀ; G 0] [δu̇; δλ] = −[r_x; c_x] δx
+    tied = least_squares(known.M, known.G, DEPENDENT)
+    free_part = np.array([tied.free_response(-column) for column in r_x.T]).T.reshape(p, -1)
+    udot = free_part + tied.response @ (tied.schur_inverse @ (-c_x - known.G @ free_part))
+    # δq = W δθ, so δθ̇ = δu + W⁺ (∂q̇/∂q W − Ẇ) δθ.
+    turning = np.linalg.pinv(W) @ (matrices(kin, len(q), p) - matrices(W_dot, len(q), p))
+    whole = np.block([[turning, np.eye(p)], [udot[:, :p], udot[:, p : 2 * p]]])
+    # The tangent of the constraints: G δθ = 0 of positions, ψ_q W δθ + G δu = 0 of all rows. The independent
+    # entries are fixed ones, so that the tangent may turn in the motion and no rate of it is needed.
+    position = np.array(rows.holonomic, dtype=bool)
+    at_q, T_q = _tangent(known.G[position])
+    at_u, T_u = _tangent(known.G)
+    dependent = [k for k in range(p) if k not in at_u]
+    follow = np.zeros((p, len(at_q)))
+    if dependent:
+        needed = matrices(psi_q, nc, p) @ T_q
+        follow[dependent] = -np.linalg.pinv(known.G[:, dependent], rcond=DEPENDENT) @ needed
+    T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
+    kept = [*at_q, *(p + k for k in at_u)]
+    pushed = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
+    names = [mechanism.speeds[int(k)].name for k in free.u]
+    state = mechanism.state(at.q[0], at.u[0], t)
+    motors = [
+        motor.name if len(joint.speeds) == 1 else f"{motor.name} {speed}"
+        for motor in mechanism.motors
+        for joint in [mechanism.joint(motor.joint)]
+        for speed in joint.speeds
+    ]
+    return Linearisation(
+        state,
+        (whole @ T)[kept],
+        pushed[kept],
+        (*(f"δ {names[k]}" for k in at_q), *(names[k] for k in at_u)),
+        tuple(motors),
+    )
+
+
+def _tangent(G: Array) -> tuple[list[int], Array]:
+    """Independent speeds, and T (p, d) with G T = 0 whose rows of these are the identity."""
+    from scipy.linalg import qr
+
+    p = G.shape[1]
+    size = np.linalg.norm(G, axis=1)
+    G = G[size > 1e-12] / size[size > 1e-12][:, None]
+    if not len(G):
+        return list(range(p)), np.eye(p)
+    _, R, order = qr(G, mode="economic", pivoting=True)
+    rank = int((np.abs(np.diag(R)) > DEPENDENT).sum())
+    dependent, independent = order[:rank], sorted(int(k) for k in order[rank:])
+    T = np.zeros((p, len(independent)))
+    T[independent, range(len(independent))] = 1.0
+    T[dependent] = -np.linalg.pinv(G[:, dependent]) @ G[:, independent]
+    return independent, T
+
+
+def _linear_terms(motion: EquationsOfMotion) -> Any:
+    """Slopes of r = M u̇ + h − f − Gᵀλ and of ψ̇ by displacements along W, speeds and motors."""
+    s, rows, lam = motion.system, motion.rows, ca.SX.sym("lambda", len(motion.rows))
+    udot = ca.SX(s.udot_all)
+    r = (rnea(s, udot) - motion.force)[s.free_u] - ca.mtimes(rows.G.T, lam)
+    c = ca.mtimes(rows.G, s.udot) + rows.gamma
+    W = motion.W
+    W_dot = ca.reshape(ca.jtimes(ca.vec(ca.densify(W)), s.q, s.qdot), W.shape)
+    columns = [
+        ca.mtimes(ca.jacobian(r, s.q), W),
+        ca.jacobian(r, s.u),
+        ca.jacobian(r, s.inputs),
+        ca.mtimes(ca.jacobian(c, s.q), W),
+        ca.jacobian(c, s.u),
+        ca.mtimes(ca.jacobian(rows.psi, s.q), W),
+        ca.mtimes(ca.jacobian(s.qdot, s.q), W),
+        W_dot,
+        W,
+    ]
+    given = [s.t, s.q, s.u, s.udot, lam, s.inputs]
+    return ca.Function("linear", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+
+
+def _residual(motion: EquationsOfMotion) -> Any:
+    """(t, q, inputs, λ) -> forces left at rest, the size of what balances, φ."""
+    s = motion.system
+
+    def function() -> Any:
+        lam = ca.SX.sym("lambda", len(motion.rows))
+        left, size = _at_rest(motion, lam)
+        columns = [left, size, motion.rows.phi]
+        still = ca.SX.zeros(s.u.shape[0])
+        columns = ca.substitute([ca.densify(x) for x in columns], [s.u], [still])
+        return ca.Function("rest", [s.t, s.q, s.inputs, lam], columns, {"cse": True})
+
+    return s.once("rest", function)
+
+
+def _slopes(motion: EquationsOfMotion) -> Any:
+    s = motion.system
+
+    def function() -> Any:
+        lam = ca.SX.sym("lambda", len(motion.rows))
+        left, _ = _at_rest(motion, lam)
+        columns = [ca.mtimes(ca.jacobian(left, s.q), motion.W), motion.rows.G, motion.W]
+        still = ca.SX.zeros(s.u.shape[0])
+        columns = ca.substitute([ca.densify(ca.vec(x)) for x in columns], [s.u], [still])
+        return ca.Function("slopes", [s.t, s.q, s.inputs, lam], columns, {"cse": True})
+
+    return s.once("slopes of rest", function)
+
+
+def _at_rest(motion: EquationsOfMotion, lam: Any) -> tuple[Any, Any]:
+    s, rows = motion.system, motion.rows
+    ties = ca.mtimes(rows.G.T, lam)
+    left = (motion.bias - motion.force)[s.free_u] - ties
+    size = ca.fabs(motion.bias[s.free_u]) + ca.fabs(ties)
+    for part in motion.channels:
+        size = size + ca.fabs(part.force[s.free_u])
+    return left, size
+
+
+def _blocks(
+    slopes: Any, motion: EquationsOfMotion, t: float, q: Array, lam: Array, inputs: Array
+) -> tuple[Array, Array, Array]:
+    p = len(motion.system.free_u)
+    r_q, G, W = evaluate_at(slopes, t, q, inputs, lam)
+    return matrices(r_q, p, p), matrices(G, len(lam), p), matrices(W, len(q), p)

@@ -1,0 +1,15 @@
+"""`deltac describe`: what a model is, before anything is simulated."""
+
+from __future__ import annotations
+
+from deltac.cli.output import Form, Json, Model, deliver
+
+
+def command(
+    model: Model,
+    as_json: Json = False,
+) -> None:
+    """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
+    from deltac.analysis.classify import classify
+
+    deliver(classify(model), Form.text.unless(as_json), name=model)

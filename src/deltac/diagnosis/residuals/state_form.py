@@ -1,0 +1,204 @@
+"""How a function of somebody's takes the state: f(t, q, u), f(t, y), f(y, t), f(x, control) and so on.
+
+Solvers want one vector, so much code is written ẏ = f(t, y). What y consists of is not written anywhere; it
+is found by trying: the rates q̇ of the right order are known from the mechanism.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+
+TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
+"""Names of an argument that is the time."""
+
+STATES = {
+    "y",
+    "x",
+    "s",
+    "z",
+    "state",
+    "states",
+    "y_",
+    "x_",
+    "X",
+    "Y",
+    "Z",
+    "xi",
+    "w0",
+    "vec",
+    "r",
+    "s_augmented",
+}
+"""Names of an argument that is the whole state, where there is a further one."""
+
+CONTROLS = {
+    "tau", "torque", "torques", "force", "forces", "f", "F", "action", "act", "ctrl", "control", "controls",
+    "inputs", "input", "u_in", "uu", "Tau", "motor", "motors", "M", "wrench", "command", "cmd", "T", "delta",
+}  # fmt: skip
+"""Names of an argument that is what motors exert, which is taken as zero."""
+
+MATCH = 1e-6
+"""A rate that agrees with the mechanism's to this (relative) is that rate."""
+
+
+@dataclass(frozen=True)
+class StateForm:
+    """How a function takes the state and returns its rates.
+
+    arguments  what each argument is: "t", "q", "u", "state" or "control" (zeros of length `controls`; a
+               number for 0)
+    order      entry k of the state is entry order[k] of (q, u); the rates are returned in the same order
+    """
+
+    arguments: tuple[str, ...] = ("t", "q", "u")
+    order: tuple[int, ...] = ()
+    controls: int = 0
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is f(t, q, u)."""
+        return self.arguments == ("t", "q", "u")
+
+    def given(
+        self, t: Any, q: Any, u: Any, join: Callable[[list[Any]], Any], zero: Any
+    ) -> list[Any]:
+        """The arguments: `join` makes a vector of numbers, `zero` is the number that stands for a control."""
+        entries = [*q, *u]
+        known = {
+            "t": lambda: t,
+            "q": lambda: q,
+            "u": lambda: u,
+            "state": lambda: join([entries[k] for k in self.order]),
+            "control": lambda: join([zero] * self.controls) if self.controls else zero,
+        }
+        return [known[what]() for what in self.arguments]
+
+    def split(self, found: Sequence[Any], nq: int, nu: int) -> tuple[list[Any], list[Any]]:
+        """q̇ (empty if not returned) and u̇ of the numbers that a function returned; ValueError for others."""
+        if len(found) == nu:
+            return [], list(found)
+        if len(found) != nq + nu:
+            raise ValueError(f"{len(found)} numbers")
+        back: list[Any] = [None] * len(found)
+        for entry, k in zip(found, self.order or range(nq + nu)):
+            back[k] = entry
+        return back[:nq], back[nq:]
+
+    def describe(self, coordinates: Sequence[str], speeds: Sequence[str]) -> str:
+        """The form in words: "f(t, y) with y = (x, theta, u.x, u.theta)"."""
+        names = [*coordinates, *(f"u.{n}" for n in speeds)]
+        said = {"state": "y", "control": "0"}
+        text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
+        if "state" in self.arguments:
+            text += f" with y = ({', '.join(names[k] for k in self.order)})"
+        return text
+
+
+PLAIN = StateForm()
+
+
+def signature(function: Callable[..., Any]) -> tuple[tuple[str, ...], int] | None:
+    """Names of the positional arguments of a function, and how many it needs; None if it does not say."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return None
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    return tuple(p.name for p in positional), sum(p.default is p.empty for p in positional)
+
+
+def forms(
+    names: Sequence[str], needed: int, nq: int, nu: int, motors: int = 0
+) -> Iterator[StateForm]:
+    """Forms that a function with these arguments may have, the likeliest first."""
+    count = max(needed, min(len(names), 1))
+    names = list(names[:count])
+    kinds: list[list[str]] = []
+    timed = next((k for k, name in enumerate(names) if name.lower() in TIMES), None)
+    rest = [name for k, name in enumerate(names) if k != timed]
+    bodies: dict[int, list[list[str]]] = {
+        1: [["state"]],
+        2: [["q", "u"], ["state", "control"]],
+        3: [["q", "u", "control"]],
+    }
+    chosen = list(bodies.get(len(rest), []))
+    if len(rest) == 2 and (rest[0] in STATES or rest[1] in CONTROLS):
+        chosen.reverse()
+    for body in chosen:
+        if timed is None:
+            kinds.append(body)
+        else:
+            kinds.append([*body[:timed], "t", *body[timed:]])
+    if timed is None and count >= 2:  # the time under another name, first or last
+        for body in bodies.get(count - 1, []):
+            kinds += [["t", *body], [*body, "t"]]
+    if count == 3 and kinds[:1] != [["t", "q", "u"]] and timed is None:
+        kinds.insert(0, ["t", "q", "u"])
+    orders = list(_orders(nq, nu))
+    for kind in kinds:
+        sizes = dict.fromkeys((motors, 0, 1, nu, 2, 3, 4)) if "control" in kind else (0,)
+        for controls in sizes:
+            for order in orders if "state" in kind else [()]:
+                yield StateForm(tuple(kind), order, controls)
+
+
+def _orders(nq: int, nu: int) -> Iterator[tuple[int, ...]]:
+    """(q, u), (u, q), and (q1, u1, q2, u2, …)."""
+    yield tuple(range(nq + nu))
+    yield (*range(nq, nq + nu), *range(nq))
+    if nq == nu > 1:
+        yield tuple(k for i in range(nq) for k in (i, nq + i))
+        yield tuple(k for i in range(nq) for k in (nq + i, i))
+
+
+def likeliest(
+    candidates: Iterable[StateForm],
+    evaluate: Callable[[StateForm], tuple[Array, Array]],
+    rates: Array,
+    accelerations: Array,
+) -> StateForm | None:
+    """The form in which most rates (then accelerations) are right; None where the function takes none.
+
+    `evaluate` gives q̇ (empty if not returned) and u̇ at some states, and raises where a form does not fit.
+    """
+    best: tuple[int, int] | None = None
+    chosen: StateForm | None = None
+    failed: set[tuple[tuple[str, ...], int]] = set()
+    fitted: dict[tuple[str, ...], int] = {}
+    for form in candidates:
+        kind = (form.arguments, form.controls)
+        if kind in failed or fitted.get(form.arguments, form.controls) != form.controls:
+            continue  # it does not fit, or another length of the control did
+        try:
+            found = evaluate(form)
+        except (InputError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
+            failed.add(kind)
+            continue
+        fitted[form.arguments] = form.controls
+        if form.plain and not len(found[0]):
+            return form
+        score = (_matching(found[0], rates), _matching(found[1], accelerations))
+        if best is None or score > best:
+            best, chosen = score, form
+        if score == (len(rates), len(accelerations)):
+            break
+    return chosen
+
+
+def _matching(found: Array, right: Array) -> int:
+    """How many rows agree."""
+    if np.shape(found) != np.shape(right):
+        return 0
+    size = np.abs(right).max(axis=1, initial=0.0) + 1e-300
+    with np.errstate(invalid="ignore"):
+        return int((np.abs(found - right).max(axis=1, initial=0.0) <= MATCH * size).sum())

@@ -1,0 +1,343 @@
+"""The door for models: what a user may hand to any verb, resolved to a mechanism and where it starts.
+
+Problems, files and models of other programs are read by packages that stand above this one; they are
+called by name, when something of theirs comes.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+from deltac.errors import FileError, InputError, StateError, UnknownName, WrongType, closest
+from deltac.files import read_bytes
+from deltac.limits import parse_json, parse_toml
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+
+IMPORTED = (".xml", ".mjcf", ".urdf")
+WRITTEN_STATES: dict[str, Callable[[str], Any]] = {
+    ".json": lambda text: parse_json(text, "the state's values"),
+    ".toml": parse_toml,
+}
+
+TAKEN = (
+    "a Mechanism, a Problem, the name of a problem, an .xml or .urdf file, a mujoco.MjModel or MjSpec, "
+    "'file.py:function', or a pair (Mechanism, State)"
+)
+"""What the door takes, for messages."""
+
+
+@runtime_checkable
+class ProblemLike(Protocol):
+    """A mechanism with a motion to look at, such as a `Problem` of the library."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What moves."""
+
+    @property
+    def state(self) -> State:
+        """Where the motion starts."""
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts (s)."""
+
+    @property
+    def step(self) -> float:
+        """A step that resolves it (s)."""
+
+    @property
+    def solver(self) -> str:
+        """The solver of that step."""
+
+    @property
+    def equations(self) -> Any:
+        """Equations of motion by hand, or None."""
+
+
+class MujocoModel(Protocol):
+    """A mujoco.MjModel."""
+
+    nq: int
+    nv: int
+
+
+class MujocoSpec(Protocol):
+    """A mujoco.MjSpec."""
+
+    def compile(self) -> Any:
+        """The MjModel."""
+
+
+ModelLike: TypeAlias = (
+    "Mechanism | ProblemLike | Model | str | Path | MujocoModel | MujocoSpec"
+    " | tuple[Mechanism, State]"
+)
+"""What every verb takes for a model: see `load_model`."""
+
+StateLike: TypeAlias = State | Mapping[str, Any] | str | Path | None
+"""What every verb takes for a state: see `Model.start`."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A mechanism, and what its source says about its motion.
+
+    `starts`: states at which it may start, by name; the first is taken where none is asked for. `problem`:
+    the problem it belongs to. `import_report`: what an import took over, and what not.
+    """
+
+    mechanism: Mechanism
+    starts: Mapping[str, State]
+    problem: ProblemLike | None = None
+    import_report: Any = None
+
+    def start(self, given: StateLike = None) -> State:
+        """The state at which a motion starts.
+
+        Args:
+            given: a State; names of coordinates with their values; a text ``"hip=0.3,u.hip=-1"`` of the same
+                (speeds with ``u.``, degrees as ``30deg``); the name of one of `starts`, such as a keyframe
+                of an MJCF file; a ``.json`` or ``.toml`` file with tables q and u, or a log, whose first row
+                is taken. None: the model's own start.
+
+        Raises:
+            InputError: none is given and the model has none; it does not fit the mechanism.
+        """
+        if given is None:
+            if not self.starts:
+                raise StateError(
+                    f"state: mechanism {self.mechanism.name!r} does not say where its motion starts; give "
+                    "state=mechanism.state({...}), or a Problem, which has one"
+                )
+            return next(iter(self.starts.values()))
+        if isinstance(given, Mapping):
+            return self.mechanism.state(given)
+        if isinstance(given, str | Path):
+            return _told(self, str(given))
+        if not isinstance(given, State):
+            raise WrongType(
+                f"state: found {type(given).__name__}, expected a State, made by mechanism.state(...), or "
+                "values by the names of coordinates"
+            )
+        expected = (len(self.mechanism.coordinates), len(self.mechanism.speeds))
+        if (given.q.size, given.u.size) != expected:
+            raise StateError(
+                f"state: it has {given.q.size} coordinates and {given.u.size} speeds, mechanism "
+                f"{self.mechanism.name!r} has {expected[0]} and {expected[1]}; make it by "
+                "mechanism.state(...) of this mechanism"
+            )
+        return given
+
+    def lasting(self, duration: float | None) -> float:
+        """How long the motion lasts (s): as given, or as the problem says; InputError if neither."""
+        if duration is not None:
+            return duration
+        if self.problem is None:
+            raise InputError("duration: say how long the motion lasts, in seconds")
+        return self.problem.duration
+
+
+def load_model(source: ModelLike) -> Model:
+    """The model that `source` means: the one door of all verbs, in Python and on the command line.
+
+    Args:
+        source: a Mechanism; a Problem, or its name; the path of an ``.xml`` or ``.urdf`` file; a
+            mujoco.MjModel or MjSpec; a pair (Mechanism, State); or ``"file.py:function"``, a function without
+            parameters that returns any of these.
+
+    Raises:
+        InputError: there is no such model, or what the function returns is none.
+    """
+    if isinstance(source, Mechanism):
+        return Model(source, {})
+    if isinstance(source, Model):
+        return source
+    if isinstance(source, ProblemLike):
+        return Model(source.mechanism, {"start": source.state}, source)
+    if isinstance(source, str | Path):
+        return _named(str(source))
+    if isinstance(source, tuple) and len(source) == 2 and isinstance(source[0], Mechanism):
+        return _pair(*source)
+    if type(source).__module__.partition(".")[0] == "mujoco":
+        return _imported(source)
+    raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
+
+
+def opened(
+    model: ModelLike, state: StateLike, duration: float | None
+) -> tuple[Mechanism, State, float]:
+    """Mechanism, start and duration of a motion, as given or as the model says."""
+    loaded = load_model(model)
+    return loaded.mechanism, loaded.start(state), loaded.lasting(duration)
+
+
+def load_callable(text: str) -> Callable[..., Any]:
+    """What ``file.py:name`` names, a function or another callable.
+
+    Raises InputError if it is not written so, or if there is none.
+    """
+    file, colon, name = text.rpartition(":")
+    if not (colon and file.endswith(".py") and name):
+        raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
+    return _callable(Path(file), name)
+
+
+def _described(source: object) -> str:
+    if isinstance(source, type) or callable(source):
+        return f"{source!r}; call it, or name it as 'file.py:function'"
+    return type(source).__name__
+
+
+def _pair(mechanism: Mechanism, second: Any) -> Model:
+    if isinstance(second, State | Mapping):
+        return Model(mechanism, {"start": Model(mechanism, {}).start(second)})
+    if hasattr(second, "starts"):  # what `read_mechanism` returns
+        return Model(mechanism, second.starts, import_report=second)
+    raise InputError(
+        f"model: a pair of a Mechanism and {type(second).__name__}; expected (Mechanism, State)"
+    )
+
+
+def _named(text: str) -> Model:
+    problems = import_module("deltac.problems")
+    file, colon, name = text.rpartition(":")
+    if colon and file.endswith(".py"):
+        return _made(_callable(Path(file), name), text)
+    if text in problems.names():
+        return load_model(problems.load(text))
+    path = Path(text)
+    if path.suffix.lower() in IMPORTED:
+        if not path.is_file():
+            raise FileError(f"model {text}: no such file")
+        return _imported(path)
+    if path.suffix == ".py":
+        raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
+    if path.suffix.lower() in import_module("deltac.trajectories.formats.files").FORMATS:
+        raise InputError(
+            f"model {text}: this is a log of a motion; the model comes first, then the log"
+        )
+    raise UnknownName(
+        f"unknown model {text!r}: no problem of the library{closest(text, problems.names())}, and not one of "
+        f"the rest of what is taken: {TAKEN}"
+    )
+
+
+def _imported(source: Any) -> Model:
+    mechanism, report = import_module("deltac.importers").read_mechanism(source)
+    return Model(mechanism, report.starts, import_report=report)
+
+
+def _told(model: Model, text: str) -> State:
+    """The state that a text means: a start's name, a file, or values by name."""
+    if text in model.starts:
+        return model.starts[text]
+    path = Path(text)
+    if "=" not in path.name:
+        suffix = path.suffix.lower()
+        if suffix in WRITTEN_STATES:
+            return _written(model.mechanism, path)
+        files = import_module("deltac.trajectories.formats.files")
+        if suffix in files.FORMATS:
+            run = files.read_trajectory(path, mechanism_names=model.mechanism)
+            return Model(model.mechanism, {}).start(State(float(run.t[0]), run.q[0], run.u[0]))
+        known = f"; starts of this model: {', '.join(model.starts)}" if model.starts else ""
+        raise InputError(
+            f"state {text!r}: expected name=value,… or a file (.json, .toml, or a log){known}"
+        )
+    values: dict[str, dict[str, float]] = {"q": {}, "u": {}}
+    t = 0.0
+    for part in text.split(","):
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        number = _number(value, f"state {part.strip()!r}")
+        if name == "t":
+            t = number
+        else:
+            kind, _, rest = name.partition(".")
+            kind, name = (kind, rest) if kind in values and rest else ("q", name)
+            values[kind][name] = number
+    return model.mechanism.state(values["q"], values["u"], t)
+
+
+def _number(text: str, where: str) -> float:
+    degrees = text.endswith("deg")
+    try:
+        value = float(text.removesuffix("deg"))
+    except ValueError:
+        raise InputError(
+            f"{where}: expected name=value, such as hip=0.3, hip=20deg or u.hip=-1"
+        ) from None
+    return math.radians(value) if degrees else value
+
+
+def _written(mechanism: Mechanism, path: Path) -> State:
+    """The state of a .json or .toml file: {"t": 0, "q": {"hip": 0.3}, "u": {…}}, or sequences."""
+    try:
+        text = read_bytes(path, "text").decode("utf-8")
+        found = WRITTEN_STATES[path.suffix.lower()](text)
+    except (InputError, ValueError) as error:
+        raise InputError(f"state {path}: {error}") from None
+    if not isinstance(found, dict) or not found.keys() <= {"t", "q", "u"}:
+        raise InputError(
+            f"state {path}: expected tables q and u, and perhaps t, found {found!s:.80}"
+        )
+    return mechanism.state(found.get("q"), found.get("u"), found.get("t", 0.0))
+
+
+def from_file(path: Path, name: str, what: str = "model") -> Any:
+    """What a Python file calls `name`; the file is run.
+
+    Raises InputError for a file that is missing or cannot be run, and an unknown name.
+    """
+    if not path.is_file():
+        raise FileError(f"{what} {path}:{name}: no file {path}")
+    spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
+    try:
+        spec.loader.exec_module(module)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a script may call sys.exit()
+        raise InputError(f"{what} {path} cannot be run: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path.pop(0)
+    if not hasattr(module, name):
+        known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
+        raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
+    return getattr(module, name)
+
+
+def _callable(path: Path, name: str) -> Callable[..., Any]:
+    made = from_file(path, name)
+    if not callable(made):
+        raise WrongType(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
+    function: Callable[..., Any] = made
+    return function
+
+
+def _made(function: Callable[[], Any], text: str) -> Model:
+    """What a function of a file returns, as a model."""
+    try:
+        made = function()
+    except InputError as error:
+        raise InputError(f"model {text}: {error}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"model {text} failed: {type(error).__name__}: {error}") from error
+    if isinstance(made, str) and ".py:" in made:
+        raise InputError(f"model {text} returned {made!r}; name that function itself")
+    try:
+        return load_model(made)
+    except InputError as error:
+        raise InputError(f"model {text} returned {_described(made)}: {error}") from None

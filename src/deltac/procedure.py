@@ -1,0 +1,260 @@
+"""`examine`: the whole procedure for a model, equations written by hand, or a log.
+
+The conclusion of the thesis asks for a procedure that tells whether a simulation can be trusted, with which
+step and which solver, and where careless mistakes are. Each step of it is a verb of its own; `examine` runs
+those that apply, hands the results on, and ends with one verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from deltac.analysis.classify import Classification, classify
+from deltac.diagnosis.audit.audit import Audit, audit
+from deltac.diagnosis.check.check import EquationCheck, check_equations
+from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
+from deltac.diagnosis.recommend.result import Recommendation
+from deltac.diagnosis.study.study import Study, study
+from deltac.errors import InputError
+from deltac.models import Model, ModelLike, StateLike, load_model
+from deltac.results import Finding, Report, Section, Table, told_findings
+from deltac.simulation.equations import Equations
+from deltac.simulation.solvers import find_solver
+
+Progress: TypeAlias = Callable[[float], None]
+
+SEARCH = 20.0
+"""Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
+
+CANDIDATES = ("ode5", "ode4", "ode8", "generalized-alpha")
+"""Solvers that are tried, explicit ones first; `recommend` tries all."""
+
+SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
+"""Of the time that each part takes, roughly; for the bar of progress."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Examination(
+    Report, omit=("classification", "check", "recommendation", "study", "audit"), also=("parts",)
+):
+    """What the procedure found; parts that did not apply are None.
+
+    Attributes:
+        model: its name, or what was handed over.
+        classification: what kind of system it is.
+        check: equations written by hand against the model.
+        recommendation: the cheapest solver and step that keep the tolerance.
+        study: the motion at four, two and one times that step.
+        audit: the log against the model.
+        skipped: what was left out, and why.
+    """
+
+    model: str
+    classification: Classification
+    check: EquationCheck | None
+    recommendation: Recommendation | None
+    study: Study | None
+    audit: Audit | None
+    skipped: tuple[str, ...]
+    missing: tuple[Finding, ...] = ()
+
+    @property
+    def results(self) -> dict[str, Report]:
+        """The parts that were done, by name, in the order in which they were done."""
+        every = {
+            "check": self.check,
+            "recommend": self.recommendation,
+            "study": self.study,
+            "audit": self.audit,
+        }
+        return {name: part for name, part in every.items() if part is not None}
+
+    def parts(self) -> dict[str, Any]:
+        """The parts that were done, as JSON has them."""
+        return {name: part.contents() for name, part in self.results.items()}
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed: what is not simulated, then part by part."""
+        return (*self.missing, *(f for part in self.results.values() for f in part.findings))
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a part found something wrong, else 3 where one could not tell, else 0."""
+        codes = [part.exit_code for part in self.results.values()]
+        return 1 if 1 in codes else 3 if 3 in codes or self.missing or not codes else 0
+
+    def summary(self) -> str:
+        """The outcome in one line."""
+        outcome = {0: "can be trusted", 1: "something is wrong", 3: "cannot be told"}[
+            self.exit_code
+        ]
+        wrong = [name for name, part in self.results.items() if part.exit_code == self.exit_code]
+        where = f" ({', '.join(wrong)})" if self.exit_code and wrong else ""
+        return f"{self.model}: {outcome}{where}"
+
+    def sections(self) -> Iterator[Section]:
+        """The model, one line a part, then what to do, the evidence, and what was not seen."""
+        yield f"{self.classification.summary()}."
+        yield f"constant: {', '.join(self.classification.constant) or 'nothing'}."
+        rows = [(TITLES[name], part.summary()) for name, part in self.results.items()]
+        yield Table(("question", "answer"), tuple(rows))
+        yield from (f"Not done: {reason}." for reason in self.skipped)
+        if self.check is not None and self.check.exit_code:
+            where = (part for part in self.check.sections() if isinstance(part, str))
+            yield from (part for part in where if part.startswith(("Where", "Example")))
+        yield f"Altogether: {self.summary()}."
+        yield from told_findings(self.findings)
+        if self.recommendation is not None and self.recommendation.best is not None:
+            yield f"To do: use {self.recommendation.summary()}."
+        judged = (self.study, self.audit, self.check)
+        seen = [part.verdict.limits for part in judged if part is not None]
+        if self.recommendation is not None:
+            seen.append(self.recommendation.limits)
+        limits = dict.fromkeys(limit for each in seen for limit in each)
+        if limits:
+            yield f"Not seen: {'; '.join(limits)}."
+
+
+TITLES = {
+    "check": "are the equations the model's?",
+    "recommend": "which solver, which step?",
+    "study": "whose is the error that is left?",
+    "audit": "can the log be trusted?",
+}
+
+
+def examine(
+    model: ModelLike,
+    state: StateLike = None,
+    duration: float | None = None,
+    *,
+    equations: Equations | Callable[..., Any] | None = None,
+    log: Any = None,
+    mapping: Any = None,
+    tolerance: float = TOLERANCE,
+    progress: Progress | None = None,
+) -> Examination:
+    """Run the whole procedure: check the equations, choose solver and step, study, audit the log.
+
+    Args:
+        model: a Mechanism, a Problem or its name, an ``.xml`` or ``.urdf`` file, a MuJoCo model, or
+            ``file.py:callable``.
+        state: where the motion starts; by default the model's own start, or all zeros.
+        duration: how long the motion is, s; by default the problem's. Without it nothing is simulated.
+        equations: equations of motion written by hand: checked, and integrated in the study.
+        log: a Trajectory or the path of a log of this model.
+        mapping: of the log's columns, as for `audit`.
+        tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
+        progress: called with the fraction done.
+
+    Raises:
+        InputError: as the verbs that are run; and where there is nothing to examine.
+    """
+    loaded = load_model(model)
+    if duration is None and loaded.problem is not None:
+        duration = loaded.problem.duration
+    if duration is None and equations is None and log is None:
+        raise InputError(
+            "examine: the model has no duration, and there are neither equations nor a log; give duration= "
+            "in seconds, equations= or log="
+        )
+    skipped: list[str] = []
+    told = _Told(progress)
+    check = None
+    if equations is not None:
+        told.part("check")
+        check = check_equations(model, equations)
+    recommendation = found = None
+    if duration is None:
+        skipped.append("solver, step and study, since no duration is given")
+    else:
+        told.part("recommend")
+        recommendation = recommend(
+            loaded,
+            state,
+            duration,
+            tolerance,
+            solvers=CANDIDATES,
+            time_limit=SEARCH,
+            progress=told,
+        )
+        told.part("study")
+        if recommendation.best is None:
+            skipped.append(
+                f"the study, since there is no step to begin with: {recommendation.summary()}"
+            )
+        else:
+            found = _study(loaded, state, duration, equations, tolerance, recommendation)
+    judged = None
+    if log is not None:
+        told.part("audit")
+        judged = audit(model, log, tolerance=tolerance, mapping=mapping)
+    told.part("")
+    return Examination(
+        model=loaded.mechanism.name or str(model),
+        classification=classify(loaded, state),
+        check=check,
+        recommendation=recommendation,
+        study=found,
+        audit=judged,
+        skipped=tuple(skipped),
+        missing=tuple(_not_simulated(loaded)) if log is None else (),
+    )
+
+
+class _Told:
+    """Progress of the parts as progress of the whole."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress, self._done, self._share = progress, 0.0, 0.0
+
+    def part(self, name: str) -> None:
+        """The next part begins, "" at the end."""
+        self._done += self._share
+        self._share = SHARES.get(name, 0.0)
+        self(0.0)
+
+    def __call__(self, fraction: float) -> None:
+        if self._progress is not None:
+            self._progress(min(1.0, self._done + self._share * fraction))
+
+
+def _study(
+    loaded: Model,
+    state: StateLike,
+    duration: float,
+    equations: Equations | Callable[..., Any] | None,
+    tolerance: float,
+    chosen: Recommendation,
+) -> Study:
+    """The motion at 4, 2 and 1 times the recommended step, by the equations under examination."""
+    assert chosen.best is not None
+    solver, step = chosen.best.solver, chosen.best.setting
+    steps = tuple(duration / round(duration / (k * step)) for k in (1.0, 0.5, 0.25))
+    assert find_solver(solver).takes_steps
+    return study(
+        loaded,
+        state,
+        duration,
+        steps=steps,
+        solver=solver,
+        equations=equations,
+        tolerance=tolerance,
+    )
+
+
+def _not_simulated(loaded: Model) -> Iterator[Finding]:
+    """What an import left out and a simulation therefore lacks."""
+    report = loaded.import_report
+    for remark in () if report is None else report.ignored:
+        yield Finding(
+            "not-simulated",
+            f"{remark.element} of the model is not simulated",
+            remark.what,
+            "Let MuJoCo simulate it (`deltac recommend`, `deltac study --solver mujoco:rk4`), or audit a log",
+            weight="doubt",
+            element=remark.element,
+        )

@@ -1,0 +1,135 @@
+"""Modules of the user's own that a function's module imports: found beside it, and read as it is."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from deltac.errors import SourceError
+
+LARGEST = 2_000_000
+"""Characters of a module that is read."""
+
+
+@dataclass(eq=False, repr=False)
+class UserModule:
+    """A module's text, and the names that were found in it so far.
+
+    name    what messages call the file
+    numbers from id() of a node to its place in the source that is edited; empty for other modules
+    outside live values of names, where a running session has the module
+    names   what names hold that were looked up
+    """
+
+    name: str
+    tree: ast.Module
+    path: Path | None = None
+    numbers: dict[int, int] = field(default_factory=dict)
+    outside: dict[str, Any] = field(default_factory=dict)
+    names: dict[str, Any] = field(default_factory=dict)
+    pending: set[str] = field(default_factory=set)
+    done: set[int] = field(default_factory=set)
+
+    @cached_property
+    def setters(self) -> dict[str, list[ast.stmt]]:
+        """The statements of the module that set, or change, each of its names."""
+        found: dict[str, list[ast.stmt]] = {}
+        for statement in self.tree.body:
+            for name in sorted(bound(statement)):
+                found.setdefault(name, []).append(statement)
+        return found
+
+    @cached_property
+    def stars(self) -> list[ast.ImportFrom]:
+        """Star imports, the last first."""
+        return [
+            s
+            for s in reversed(self.tree.body)
+            if isinstance(s, ast.ImportFrom) and any(a.name == "*" for a in s.names)
+        ]
+
+
+def found_beside(path: Path | None, name: str, level: int = 0) -> UserModule | None:
+    """The user's module that an import in the file `path` means; None if it is no file of theirs."""
+    if path is None:
+        return None
+    folder = path.resolve().parent
+    for _ in range(max(level - 1, 0)):
+        folder = folder.parent
+    parts = name.split(".") if name else []
+    roots = [folder] if level else [folder, *list(folder.parents)[:3]]
+    for root in roots:
+        stem = root.joinpath(*parts)
+        for file in (
+            stem.with_suffix(".py") if parts else root / "__init__.py",
+            stem / "__init__.py",
+        ):
+            if file.is_file():
+                return read_module(file)
+    return None
+
+
+def read_module(file: Path) -> UserModule | None:
+    """A file as a module; None where it is no Python, or very large."""
+    try:
+        text = file.read_text("utf-8")
+        if len(text) > LARGEST:
+            return None
+        return UserModule(file.name, ast.parse(text), file)
+    except (OSError, ValueError, SyntaxError):
+        return None
+
+
+def bound(statement: ast.stmt) -> set[str]:
+    """Names that a statement of a module sets or changes."""
+    match statement:
+        case ast.FunctionDef() | ast.ClassDef() | ast.AsyncFunctionDef():
+            return {statement.name}
+        case ast.Import() | ast.ImportFrom():
+            return {(a.asname or a.name.partition(".")[0]) for a in statement.names} - {"*"}
+        case ast.Expr(value=ast.Call(func=ast.Attribute(value=ast.Name(id=name)))):
+            return {name}
+        case ast.Expr() | ast.Pass():
+            return set()
+        case ast.If() if _main(statement.test):
+            return set()
+        case _:
+            return set(_stored(ast.walk(statement)))
+
+
+def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
+    for n in nodes:
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+            yield n.id
+        elif isinstance(n, ast.Subscript | ast.Attribute) and isinstance(n.ctx, ast.Store):
+            base: ast.AST = n
+            while isinstance(base, ast.Subscript | ast.Attribute):
+                base = base.value
+            if isinstance(base, ast.Name):
+                yield base.id
+        elif isinstance(n, ast.FunctionDef | ast.ClassDef):
+            yield n.name
+        elif isinstance(n, ast.Import | ast.ImportFrom):
+            yield from ((a.asname or a.name.partition(".")[0]) for a in n.names if a.name != "*")
+
+
+def _main(test: ast.expr) -> bool:
+    """Whether a test is of being run as a script."""
+    return isinstance(test, ast.Compare) and any(
+        isinstance(n, ast.Name) and n.id == "__name__" for n in ast.walk(test)
+    )
+
+
+def parsed(name: str, text: str) -> ast.Module:
+    """A module's syntax tree. InputError for what is no Python."""
+    try:
+        return ast.parse(text)
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None)
+        where = name if line is None else f"{name}:{line}"
+        what = error.msg if isinstance(error, SyntaxError) else str(error)
+        raise SourceError(f"{where}: this is not Python: {what}") from error

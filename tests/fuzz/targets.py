@@ -1,0 +1,245 @@
+"""What is fuzzed: functions of bytes that may raise nothing but InputError."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.errors import InputError
+from deltac.importers.urdf import read_urdf
+from deltac.limits import Limits, parse_json
+from deltac.mechanism.laws import as_law
+from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
+from deltac.trajectories.formats.mapping import read_mapping
+from deltac.trajectories.formats.mat5 import variables
+from deltac.trajectories.formats.raw import parse_header
+from deltac.trajectories.formats.schema import from_columns
+from deltac.trajectories.formats.units import unit
+from deltac.trajectories.occurrences import Occurrence
+
+FOLDER = Path(
+    tempfile.mkdtemp(prefix="deltac-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
+)
+
+T = np.arange(5.0)
+RUN = Trajectory(
+    t=T,
+    q=np.column_stack([T, T]),
+    u=np.column_stack([T, -T]),
+    udot=np.column_stack([T, 2 * T]),
+    forces={"damper a b": np.ones((5, 2)), "gravity": np.zeros((5, 2))},
+    integrals={"wang": T},
+    coordinates=("a", "base.qw"),
+    speeds=("a", "base.wx"),
+)
+EVENT = Occurrence(
+    t=1.5,
+    names=("impact floor",),
+    q=np.zeros(2),
+    u_before=np.ones(2),
+    u_after=-np.ones(2),
+    udot_before=np.ones(2),
+    udot_after=np.ones(2),
+    forces_before={"gravity": np.ones(2)},
+    forces_after={"gravity": np.ones(2)},
+    impulses={"impact floor": np.ones(2)},
+)
+
+
+def _file(suffix: str) -> Callable[[bytes], None]:
+    path = FOLDER / f"log{os.getpid()}{suffix}"
+
+    def read(data: bytes) -> None:
+        path.write_bytes(data)
+        read_trajectory(path)
+
+    return read
+
+
+def _metadata(data: bytes) -> None:
+    from_columns(to_columns(RUN), parse_header(data))
+
+
+def _event(data: bytes) -> None:
+    Occurrence.from_dict(parse_json(data, "an event"))
+
+
+def _mat(data: bytes) -> None:
+    for _ in variables(data):
+        pass
+
+
+def _mapping(data: bytes) -> None:
+    path = FOLDER / f"mapping{os.getpid()}.toml"
+    path.write_bytes(data)
+    read_mapping(path)
+
+
+def _urdf(data: bytes) -> None:
+    path = FOLDER / f"robot{os.getpid()}.urdf"
+    path.write_bytes(data)
+    read_urdf(path)
+
+
+def _law(data: bytes) -> None:
+    as_law(data.decode("utf-8", "replace"), "law")
+
+
+def _unit(data: bytes) -> None:
+    unit(data.decode("utf-8", "replace"))
+
+
+def _limits(data: bytes) -> None:
+    os.environ["DELTAC_LIMITS"] = data.decode("latin1").replace("\0", "")
+    try:
+        Limits.current()
+    finally:
+        del os.environ["DELTAC_LIMITS"]
+
+
+def _command_line(data: bytes) -> None:
+    """Arguments of commands that read no model; exit codes other than 70, an internal error."""
+    from deltac.cli import main
+
+    words = [w for w in data.decode("utf-8", "replace").replace("\0", " ").split("\n") if w]
+    if any(word.endswith(".py") or ".py:" in word for word in words):
+        return  # which would be executed
+    with (
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()) as said,
+    ):
+        try:
+            main(words)
+        except SystemExit as stop:
+            if stop.code not in (0, 1, 2, 3, None):
+                raise RuntimeError(f"exit code {stop.code}: {said.getvalue()[-500:]}") from None
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    "metadata": _metadata,
+    "event": _event,
+    "csv": _file(".csv"),
+    "sto": _file(".sto"),
+    "npz": _file(".npz"),
+    "mat": _mat,
+    "mapping": _mapping,
+    "urdf": _urdf,
+    "law": _law,
+    "unit": _unit,
+    "limits": _limits,
+    "cli": _command_line,
+}
+
+MAPPING = b"""[log]
+simulator = "Simscape"
+time = { column = "t", unit = "ms" }
+angles = ["elbow"]
+[units]
+angle = "deg"
+[coordinates]
+elbow = "Elbow position"
+slide = { column = "x", unit = "mm", sign = -1, offset = 2.5 }
+table = { constant = 0.0 }
+[quaternions]
+base = { columns = ["a", "b", "c", "d"], order = "xyzw" }
+[forces."actuator elbow"]
+elbow = { column = "torque", unit = "N*mm" }
+"""
+URDF = b"""<robot name='r'><link name='a'/><link name='b'><inertial><origin xyz='0 0 .1' rpy='1 2 3'/>
+<mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>
+<joint name='j' type='fixed'><parent link='a'/><child link='b'/><origin xyz='1 0 0'/></joint></robot>"""
+STO = (
+    b"motion\nversion=1\nnRows=2\nnColumns=3\ninDegrees=no\nendheader\ntime\t/jointset/a/b/value\t"
+)
+STO += b"/jointset/a/b/speed\n0\t1\t2\n1\t2\t3\n"
+
+
+def corpus(name: str) -> list[bytes]:
+    """What a target starts from."""
+    header = {**to_metadata(RUN)}
+    match name:
+        case "metadata":
+            events = {**header, "schema_version": 2, "events": [EVENT.to_dict()]}
+            return [json.dumps(header).encode(), json.dumps(events).encode()]
+        case "event":
+            return [json.dumps(EVENT.to_dict()).encode()]
+        case "csv" | "npz" | "mat":
+            foreign = Trajectory(t=T, q=T[:, None], u=T[:, None], coordinates=("a",), speeds=("a",))
+            made = [_written(RUN, f".{name}"), _written(foreign, f".{name}")]
+            if name == "mat":
+                made += _matlab()
+            if name == "csv":
+                made.append(b"# by hand\ntime , q.a,u.a\n0,1,2\n1,2,3\n")
+            return made
+        case "sto":
+            return [STO, b"endheader\ntime ta ta_u\n0 1 2\n1 2 3\n"]
+        case "mapping":
+            return [MAPPING, b'[coordinates]\na = "b"\n']
+        case "urdf":
+            return [URDF]
+        case "law":
+            return [
+                b"2.5*sin(3*t) + q.elbow**2 - where(u.a > 0, 1, max(t, 2))",
+                b'q["left hip"]/(1 + t**2)',
+            ]
+        case "unit":
+            return [b"rad/s^2", "N·m".encode(), b"kg*m^2/s^-2", "m⁻¹".encode()]
+        case "limits":
+            return [b"columns=200000, bytes=64e9"]
+        case "cli":
+            log = _written(RUN, ".csv")
+            (FOLDER / "run.csv").write_bytes(log)
+            run = str(FOLDER / "run.csv").encode()
+            return [
+                b"problems",
+                b"problems\ntriple-pendulum\n--json",
+                b"cache\n--json",
+                b"audit\n" + run + b"\ntriple-pendulum\n--json",
+                b"--version",
+            ]
+    raise KeyError(name)
+
+
+def _written(run: Trajectory, suffix: str) -> bytes:
+    path = FOLDER / f"made{suffix}"
+    run.write(path)
+    return path.read_bytes()
+
+
+def _matlab() -> list[bytes]:
+    from scipy.io import savemat
+    from scipy.sparse import csc_matrix
+
+    values: dict[str, Any] = {
+        "time": T,
+        "s": {"a": T, "b": {"c": "text"}},
+        "x": csc_matrix(np.eye(3)),
+    }
+    values |= {"cells": np.array([T, "x"], object), "i": np.arange(3, dtype="i2"), "z": T + 1j}
+    made = []
+    for options in ({}, {"do_compression": True}):
+        file = io.BytesIO()
+        savemat(file, values, **options)
+        made.append(file.getvalue())
+    file = io.BytesIO()
+    savemat(file, {"time": T, "t": "abc", "x": csc_matrix(np.eye(3))}, format="4")
+    return [*made, file.getvalue()]
+
+
+def run(name: str, data: bytes) -> str:
+    """Whether the target takes the input: "read" or "InputError"; any other exception goes on."""
+    try:
+        TARGETS[name](data)
+    except InputError as error:
+        if len(str(error)) > 20_000:
+            raise RuntimeError(f"a message of {len(str(error))} characters") from None
+        return "InputError"
+    return "read"

@@ -15,6 +15,7 @@ from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, opened
@@ -238,7 +239,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, flow, events),
+        **_circumstances(mechanism, equations, controller, flow, events),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -340,23 +341,23 @@ def _stepper(
     return ScipySteps(flow, solver, rate, p, options.tolerance, compiled=compiled)
 
 
-def _notes(
+def _circumstances(
     mechanism: Mechanism,
     equations: Equations | None,
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
-) -> dict[str, str]:
-    notes: dict[str, str] = {}
-    if flow.correcting:
-        notes["corrected"] = "energy"
-    if events is not None and events.ended:
-        notes["ended"] = events.ended
-    if equations is not None:
-        notes["equations"] = equations.name
-    if controller is not None and controller.hold:
-        notes["held"] = ";".join(f"actuator {motor.name}" for motor in mechanism.motors)
-    return notes
+) -> dict[str, Any]:
+    """What is said in the provenance of how the run was made."""
+    holding = controller is not None and controller.hold
+    return {
+        "corrected": "energy" if flow.correcting else "",
+        "ended": "" if events is None else events.ended,
+        "equations": "" if equations is None else equations.name,
+        "held": tuple(ChannelName("actuator", m.name) for m in mechanism.motors)
+        if holding
+        else None,
+    }
 
 
 def _as_before(

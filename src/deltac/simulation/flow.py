@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.caching import Once
-from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
@@ -231,7 +231,7 @@ def build_flow(
     system = mechanics.system
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
     parts = mechanics.channels
-    split_own = trace_map(system, split) if split is not None else None
+    split_own = trace_split(system, split)
     bound = mechanics.constrained(rows)
     own: OwnCoordinates | None = None
     correcting = isinstance(constraints, Projection) and constraints.energy

@@ -239,7 +239,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        **_circumstances(mechanism, equations, controller, flow, events),
+        **_circumstances(mechanism, equations, controller, flow, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -347,16 +347,21 @@ def _circumstances(
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
+    coordinates: CoordinateMap | None,
 ) -> dict[str, Any]:
     """What is said in the provenance of how the run was made."""
-    holding = controller is not None and controller.hold
+    notes: dict[str, str] = {}
+    if coordinates is not None:
+        notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
+    held: tuple[ChannelName, ...] | None = None
+    if controller is not None and controller.hold:
+        held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
     return {
         "corrected": "energy" if flow.correcting else "",
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,
-        "held": tuple(ChannelName("actuator", m.name) for m in mechanism.motors)
-        if holding
-        else None,
+        "held": held,
+        "notes": notes,
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -13,7 +12,8 @@ from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.system import trace
-from deltac.errors import InputError
+from deltac.errors import InputError, warn_user
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -102,6 +102,7 @@ RECORD = Record()
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def simulate(
     model: ModelLike,
     state: StateLike = None,
@@ -227,7 +228,7 @@ def simulate(
         motion = explained(flow, found, duration / steps, p, x0, motion)
     motion = while_assembled(flow, motion, p)
     if motion.message:
-        warnings.warn(motion.message, SimulationStoppedWarning, stacklevel=2)
+        warn_user(motion.message, SimulationStoppedWarning)
     if flow.correcting:
         check_correction_held(flow, motion.t, motion.x, p)
     provenance = Provenance(

@@ -24,6 +24,7 @@ from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_wor
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -153,6 +154,7 @@ UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
 
+@interruptible()
 def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
     """Name the few changes of a model that explain what a log leaves of its equations of motion.
 

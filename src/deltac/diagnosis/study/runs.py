@@ -114,6 +114,11 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         (dropped if close else kept).append(number)
     if not dropped:
         return tuple(kept), []
+    if len(kept) == 1:
+        raise InputError(
+            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
+            "half of the one before"
+        )
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",

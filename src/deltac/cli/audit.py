@@ -85,7 +85,11 @@ def command(
                     _case(
                         each,
                         lambda path: audit(
-                            model, path, tolerance=tolerance, work=work, mapping=mapping,
+                            model,
+                            path,
+                            tolerance=tolerance,
+                            work=work,
+                            mapping=mapping,
                             strict=strict,
                         ),
                     )
@@ -93,9 +97,7 @@ def command(
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
     with progress_bar(f"auditing {log.name}"):
-        found = audit(
-            model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict
-        )
+        found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual

@@ -194,7 +194,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
     own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
-    derived = "udot" in run.provenance.notes.get("derived", "").split(";")
+    derived = "udot" in run.provenance.derived
     known = run.udot is not None and not derived
     if known and (trusted(run) or not accelerations(run).difference):
         found = explanation(mechanism, run, "samples")

@@ -146,7 +146,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:
     """The log with its forces one row earlier, where those of a row belong to the step that led to it."""
     run = log.run
-    moved = replace(run.every(1).between(run.t[0], run.t[-2]), integrals={})
+    moved = replace(run.every(1).between(run.t[0], run.t[-2]), integrals={}, works={})
     moved = replace(moved, forces={n: f[1:] for n, f in run.forces.items()})
     finding = Finding(
         "forces-one-row-late",

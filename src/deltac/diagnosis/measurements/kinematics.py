@@ -371,6 +371,7 @@ def _rows(run: Trajectory, keep: Mask) -> Trajectory:
         udot=None if run.udot is None else run.udot[keep],
         forces={n: f[keep] for n, f in run.forces.items()},
         integrals={n: x[keep] for n, x in run.integrals.items()},
+        works={n: x[keep] for n, x in run.works.items()},
     )
 
 

@@ -231,7 +231,7 @@ def _with_suite(
     command: str,
     most: int,
     seed: int,
-    progress: Callable[[float, str], None] | None,
+    progress: Callable[[float], None] | None,
 ) -> MutationReport:
     """The report with what the user's own tests see of some of the mistakes."""
     if source.path is None:
@@ -244,7 +244,7 @@ def _with_suite(
     with copied(command, source.path, source.qualified) as suite:
         for done, k in enumerate(chosen):
             if progress is not None:
-                progress(done / len(chosen), f"your tests, mutant {done + 1} of {len(chosen)}")
+                progress(done / len(chosen))
             trial = report.trials[k]
             seen = 0.0 if suite.passes(trial.mutant.text) else np.inf
             trials.append(replace(trial, seen={**trial.seen, SUITE: seen}))

@@ -85,7 +85,7 @@ def slip() -> Pair:
     """A spring-loaded inverted pendulum in stance (Blickhan 1989): leg length and angle from upright."""
     p = dict(m=80.0, k=20e3, l0=1.03, g=9.81)
     return dc.Mechanism(
-        [dc.frame("leg"), dc.point_mass("hip", "m")],
+        [dc.bodies.frame("leg"), dc.point_mass("hip", "m")],
         [
             dc.revolute("theta", "ground", "leg", (0, 0, -1.0)),
             dc.prismatic("r", "leg", "hip", "y", stiffness="k", rest="l0"),
@@ -163,7 +163,7 @@ def quadrotor() -> Pair:
     made = dc.Mechanism(
         [dc.body("frame", "m", ("Jx", "Jy", "Jz"))],
         [dc.free("pose", "frame")],
-        [dc.joint_damper("drag", "pose", ("kd", "kd", "kd", 0, 0, 0))],
+        [dc.forces.joint_damper("drag", "pose", ("kd", "kd", "kd", 0, 0, 0))],
         gravity=(0, 0, "-g"),
         parameters=p,
     )
@@ -196,7 +196,7 @@ def satellite() -> Pair:
     return dc.Mechanism(
         [dc.body("hull", 1e-9, ("Jx", "Jy", "Jz")), *wheels],
         [
-            dc.spherical("attitude", "ground", "hull"),
+            dc.joints.spherical("attitude", "ground", "hull"),
             *(dc.revolute(f"w{a}", "hull", f"wheel{a}", a) for a in "xyz"),
         ],
         parameters=p,
@@ -208,7 +208,7 @@ def rigid_body() -> Pair:
     p = dict(I1=0.7, I2=1.1, I3=1.6)
     return dc.Mechanism(
         [dc.body("top", 1.0, ("I1", "I2", "I3"))],
-        [dc.spherical("attitude", "ground", "top")],
+        [dc.joints.spherical("attitude", "ground", "top")],
         parameters=p,
     ), None
 
@@ -217,7 +217,7 @@ def hoop() -> Pair:
     """A bead on a hoop that turns about its vertical diameter."""
     p = dict(m=0.2, R=0.5, Om=5.3, g=9.81, c=0.02)
     return dc.Mechanism(
-        [dc.frame("hoop"), dc.point_mass("bead", "m", at=(0, 0, "-R"))],
+        [dc.bodies.frame("hoop"), dc.point_mass("bead", "m", at=(0, 0, "-R"))],
         [
             dc.revolute("spin", "ground", "hoop", "z", motion="Om*t"),
             dc.revolute("theta", "hoop", "bead", "y", damping="c"),
@@ -231,7 +231,7 @@ def kapitza() -> Pair:
     """A pendulum whose pivot vibrates vertically."""
     p = dict(m=0.4, l=0.3, A=0.02, w=40.0, g=9.81, c=0.003)
     return dc.Mechanism(
-        [dc.frame("pivot"), dc.point_mass("bob", "m", at=(0, "-l", 0))],
+        [dc.bodies.frame("pivot"), dc.point_mass("bob", "m", at=(0, "-l", 0))],
         [
             dc.prismatic("y", "ground", "pivot", "y", motion="A*cos(w*t)"),
             dc.revolute("theta", "pivot", "bob", damping="c"),
@@ -275,7 +275,7 @@ def spherical() -> Pair:
     """A spherical pendulum: angle from hanging, azimuth."""
     p = dict(m=0.6, l=0.9, g=9.81)
     return dc.Mechanism(
-        [dc.frame("yoke"), dc.point_mass("bob", "m", at=(0, 0, "-l"))],
+        [dc.bodies.frame("yoke"), dc.point_mass("bob", "m", at=(0, 0, "-l"))],
         [
             dc.revolute("phi", "ground", "yoke", "z"),
             dc.revolute("theta", "yoke", "bob", (0, -1.0, 0)),
@@ -327,8 +327,8 @@ def top() -> Pair:
     p = dict(m=0.3, g=9.81, h=0.07, I1=0.0025, I3=0.0011)
     return dc.Mechanism(
         [
-            dc.frame("a"),
-            dc.frame("b"),
+            dc.bodies.frame("a"),
+            dc.bodies.frame("b"),
             dc.body("top", "m", ("I1 - m*h**2", "I1 - m*h**2", "I3"), (0, 0, "h")),
         ],
         [
@@ -349,7 +349,7 @@ def hopper() -> Pair:
     return dc.Mechanism(
         [dc.point_mass("mass", "m")],
         [dc.prismatic("y", "ground", "mass", "y")],
-        [dc.joint_torque("ground", "y", "where(q.y < 0, -k*q.y - c*u.y, 0)")],
+        [dc.forces.joint_torque("ground", "y", "where(q.y < 0, -k*q.y - c*u.y, 0)")],
         gravity=(0, "-g", 0),
         parameters=p,
     ), None
@@ -362,8 +362,8 @@ def friction_cart() -> Pair:
         [dc.point_mass("a", "m1"), dc.point_mass("b", "m2")],
         [dc.prismatic("x1", "ground", "a"), dc.prismatic("x2", "a", "b", stiffness="k")],
         [
-            dc.joint_torque("rub", "x1", "-mu*m1*g*tanh(u.x1/vs)"),
-            dc.joint_torque("stop", "x2", "where(q.x2 > gap, -ks*(q.x2 - gap), 0)"),
+            dc.forces.joint_torque("rub", "x1", "-mu*m1*g*tanh(u.x1/vs)"),
+            dc.forces.joint_torque("stop", "x2", "where(q.x2 > gap, -ks*(q.x2 - gap), 0)"),
         ],
         parameters=p,
     ), dc.CoordinateMap(("x1", "x2"), q={"x1": "q.x1", "x2": "q.x2 - q.x1"})
@@ -383,7 +383,7 @@ def segway() -> Pair:
             dc.revolute("wheel", "hub", "wheel", (0, 0, -1.0)),
             dc.revolute("theta", "hub", "body", (0, 0, -1.0)),
         ],
-        constraints=[dc.holonomic("rolls", "q.x - r*q.wheel")],
+        constraints=[dc.constraints.holonomic("rolls", "q.x - r*q.wheel")],
         gravity=(0, "-g", 0),
         parameters=p,
     )
@@ -397,7 +397,7 @@ def bike_box() -> Pair:
     p = dict(m=1.4, J=0.09, g=9.81, d=0.2, dw=0.03)
     return dc.Mechanism(
         [dc.body("craft", "m", (0.1, 0.1, "J"))],
-        [dc.planar("pose", "ground", "craft", damping=["d", "d", "dw"])],
+        [dc.joints.planar("pose", "ground", "craft", damping=["d", "d", "dw"])],
         gravity=(0, "-g", 0),
         parameters=p,
     ), None
@@ -407,13 +407,18 @@ def spring_pair() -> Pair:
     """Two particles in the plane, a spring between them: Cartesian coordinates."""
     p = dict(ma=1.2, mb=0.8, k=14.0, L0=0.9)
     return dc.Mechanism(
-        [dc.frame("fa"), dc.point_mass("a", "ma"), dc.frame("fb"), dc.point_mass("b", "mb")],
+        [
+            dc.bodies.frame("fa"),
+            dc.point_mass("a", "ma"),
+            dc.bodies.frame("fb"),
+            dc.point_mass("b", "mb"),
+        ],
         [
             dc.prismatic("xa", "ground", "fa"),
             dc.prismatic("ya", "fa", "a", "y"),
             dc.prismatic("xb", "ground", "fb"),
             dc.prismatic("yb", "fb", "b", "y"),
         ],
-        [dc.spring_damper("spring", "a", "b", stiffness="k", length="L0")],
+        [dc.forces.spring_damper("spring", "a", "b", stiffness="k", length="L0")],
         parameters=p,
     ), None

@@ -58,7 +58,7 @@ def run(rounds: int) -> dict[str, Any]:
 def ours(problem: dc.problems.Problem) -> dc.Trajectory:
     """The whole `simulate`; its integrator is made in the first call and kept."""
     return dc.simulate(
-        problem.mechanism, problem.state, DURATION, EVERY, "taylor", testing=("wang",)
+        problem.mechanism, problem.state, DURATION, EVERY, "taylor", record=("wang",)
     )
 
 

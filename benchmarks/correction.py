@@ -21,7 +21,7 @@ from measure import machine
 import deltac as dc
 from deltac.studies.thesis.runs import problem
 
-warnings.simplefilter("ignore", dc.SimulationStopped)
+warnings.simplefilter("ignore", dc.SimulationStoppedWarning)
 
 LOST = 0.1
 """A motion is lost when a coordinate (rad, or an entry of a quaternion) is so far off."""
@@ -81,7 +81,7 @@ def compared(case: Case) -> dict[str, Any]:
     """Every method against the reference."""
     times = case.duration / SAMPLES
     exact = dc.simulate(
-        case.mechanism, case.state, case.duration, times, "taylor-quad", tolerance=1e-25
+        case.mechanism, case.state, case.duration, times, dc.solvers.Taylor(1e-25, quad=True)
     )
     rows = []
     for solver, correct in METHODS:
@@ -93,9 +93,8 @@ def compared(case: Case) -> dict[str, Any]:
             case.duration,
             case.step,
             solver,
-            ("wang",),
-            correct=correct,
-            record_every=steps // SAMPLES,
+            dc.Record(testing=("wang",), every=steps // SAMPLES),
+            constraints=dc.Projection(energy=correct == "energy"),
         )
         rows.append(
             {"solver": solver, "correct": correct, "seconds": time.perf_counter() - begun}

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import compiled_steps
 import numpy as np
 from measure import contest
 from numpy.typing import NDArray
@@ -23,8 +24,7 @@ from deltac.kernels import evaluator_name, to_heyoka
 from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from deltac.simulation.stepping.explicit import FixedStepper
-from deltac.simulation.stepping.protocol import Course
+from deltac.simulation.stepping.explicit import INSTRUCTIONS_PER_CALL_OF_LONG_RUNS, FixedMethod
 
 Array = NDArray[np.float64]
 DURATION, STEP = 10.0, 1e-4
@@ -117,7 +117,7 @@ def _taylor(problem: dc.problems.Problem) -> Pair:
     times = np.arange(0.0, DURATION + EVERY / 2, EVERY)
 
     def whole() -> dc.Trajectory:
-        return dc.simulate(problem.mechanism, problem.state, DURATION, EVERY, "taylor", testing=())
+        return dc.simulate(problem.mechanism, problem.state, DURATION, EVERY, "taylor", record=())
 
     def bare() -> Array:
         method.time, method.state[:] = 0.0, start
@@ -135,24 +135,25 @@ def _casadi(problem: dc.problems.Problem) -> Pair:
     with _evaluator("casadi"):
         slow = _stepper(problem)
         slow.kernel.compile()
-    course = Course(np.empty(0), _start(problem, fast), 0.0, STEP, steps)
-    ends = [stepper.run(course).x[-1] for stepper in (fast, slow)]
+    start = _start(problem, fast)
+    ends = [compiled_steps.end(method, start, STEP, steps) for method in (fast, slow)]
     off = float(np.abs(ends[0] - ends[1]).max())
     assert off < 1e-10, f"the two evaluators end {off:.1e} apart"
     return Pair(
         "ode5 with testing functions on CasADi's evaluator / on heyoka",
-        lambda: slow.run(course),
-        lambda: fast.run(course),
+        lambda: compiled_steps.end(slow, start, STEP, steps),
+        lambda: compiled_steps.end(fast, start, STEP, steps),
         steps,
         "per step",
     )
 
 
-def _stepper(problem: dc.problems.Problem) -> FixedStepper:
-    return FixedStepper(build_flow(problem.mechanism, TESTING), find_solver("ode5"), long=True)
+def _stepper(problem: dc.problems.Problem) -> FixedMethod:
+    flow = build_flow(problem.mechanism, TESTING)
+    return FixedMethod(flow, find_solver("ode5"), INSTRUCTIONS_PER_CALL_OF_LONG_RUNS)
 
 
-def _start(problem: dc.problems.Problem, stepper: FixedStepper) -> Array:
+def _start(problem: dc.problems.Problem, stepper: FixedMethod) -> Array:
     return stepper.flow.start(problem.state, np.empty(0))
 
 

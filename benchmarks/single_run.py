@@ -129,9 +129,8 @@ def _reference(problem: dc.problems.Problem) -> Array:
     solver = "taylor" if evaluator_name() == "heyoka" else "DOP853"
     tolerance = None if solver == "taylor" else 1e-13
     mechanism, state = problem.mechanism, problem.state
-    return dc.simulate(mechanism, state, DURATION, 1.0, solver, testing=(), tolerance=tolerance).q[
-        1:
-    ]
+    solver = dc.solvers.by_name(solver, tolerance)
+    return dc.simulate(mechanism, state, DURATION, 1.0, solver, ()).q[1:]
 
 
 def _error(angles: Array, exact: Array) -> float:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import compiled_steps
 import numpy as np
 from measure import contest, median_seconds
 from numpy.typing import NDArray
@@ -23,8 +24,7 @@ from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from deltac.simulation.stepping.explicit import FixedStepper
-from deltac.simulation.stepping.protocol import Course
+from deltac.simulation.stepping.explicit import FixedMethod
 
 Array = NDArray[np.float64]
 SOLVER = "ode5"
@@ -66,7 +66,7 @@ class Squeezer:
         mechanism = self.problem.mechanism
         self.rows = constraint_start(mechanism, self.problem.state, solver, None, "projection")
         flow = build_flow(mechanism, ("wang",), rows=self.rows)
-        self.stepper = FixedStepper(flow, solver)
+        self.stepper = FixedMethod(flow, solver)
         self.start = flow.start(self.problem.state, np.empty(0))
         self.angles = flow.parts[0]
         self.exact = self.end(FINE)
@@ -75,16 +75,14 @@ class Squeezer:
     def end(self, steps: int) -> Array:
         """The angles at the end of a run in so many steps (rad)."""
         h = self.problem.duration / steps
-        course = Course(np.empty(0), self.start, 0.0, h, steps, steps)
-        return self.stepper.run(course).x[-1][self.angles]
+        return compiled_steps.end(self.stepper, self.start, h, steps)[self.angles]
 
     def simulate(self) -> dc.Trajectory:
         """What a user calls for that end: the same steps, checks and records about them."""
         duration, steps = self.problem.duration, self.steps
         return dc.simulate(
             *(self.problem.mechanism, self.problem.state, duration, duration / steps, SOLVER),
-            ("wang",),
-            record_every=steps,
+            dc.Record(("wang",), every=steps),
         )
 
     def error(self, end: Array) -> float:

@@ -3,7 +3,8 @@
 The public names are loaded on first use, so that ``import deltac`` stays light. They are listed
 once, in ``__init__.pyi``: type checkers read that stub, and so does this module. What is done often
 has a name here; the parts that mechanisms are made of are in `deltac.bodies`, `deltac.joints`,
-`deltac.forces`, `deltac.constraints`, `deltac.events` and `deltac.shapes`.
+`deltac.forces`, `deltac.constraints`, `deltac.events` and `deltac.shapes`; options of solvers
+in `deltac.solvers`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,13 @@ _RENAMED: dict[str, str] = {
         "laws": "q time u",
     }.items()
     for name in names.split()
-} | {"rotation": "deltac.rotation_matrix", "Advice": "deltac.Recommendation"}
+} | {
+    "rotation": "deltac.rotation_matrix",
+    "Advice": "deltac.Recommendation",
+    "EnergyLeft": "deltac.EnergyLeftWarning",
+    "StiffStep": "deltac.StiffStepWarning",
+    "SimulationStopped": "deltac.SimulationStoppedWarning",
+}
 
 __all__ = sorted(_PUBLIC)
 

@@ -94,7 +94,7 @@ def test_sundials_reaches_the_published_end_of_the_squeezer(squeezer: Any) -> No
     adapter = import_module("peers.casadi_squeezer")
     solver = find_solver("ode5")
     rows = constraint_start(problem.mechanism, problem.state, solver, None, "projection")
-    flow = build_flow(problem.mechanism, ("wang",), rows=rows, stabilisation="none")
+    flow = build_flow(problem.mechanism, ("wang",), rows=rows, constraints=None)
     start = flow.start(problem.state, np.empty(0))
     found = list(adapter.rivals(flow, start, problem.duration))
     assert {rival.method for rival in found} == set(adapter.METHODS)

@@ -22,14 +22,14 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Logs of a good, a coarse and a mistaken run, and one in degrees."""
     folder = tmp_path_factory.mktemp("logs")
     p = dc.problems.load(MODEL)
-    good = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-3, solver="ode5", testing=())
+    good = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-3, solver="ode5", record=())
     good.write(folder / "good.parquet")
-    coarse = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-2, solver="ode1", testing=())
+    coarse = dc.simulate(p.mechanism, p.state, duration=1.0, step=1e-2, solver="ode1", record=())
     coarse.write(folder / "coarse.csv")
     replace(good, q=np.degrees(good.q)).write(folder / "degrees.parquet")
     wrong = dc.problems.load(MODEL, damping=0.01)
     damped = dc.simulate(
-        wrong.mechanism, wrong.state, duration=1.0, step=1e-3, solver="ode5", testing=()
+        wrong.mechanism, wrong.state, duration=1.0, step=1e-3, solver="ode5", record=()
     )
     replace(damped, forces={}).write(folder / "damped.parquet")
     return folder

@@ -82,7 +82,7 @@ def test_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = []
     for k, h in enumerate((4e-3, 2e-3, 1e-3)):
         path = tmp_path / f"{k}.csv"
-        dc.simulate(problem.mechanism, problem.state, 1.0, h, "ode1", testing=()).write(path)
+        dc.simulate(problem.mechanism, problem.state, 1.0, h, "ode1", record=()).write(path)
         options += ["--logs", str(path)]
     status, out, _ = run("triple-pendulum", *options, capsys=capsys)
     assert status == 1

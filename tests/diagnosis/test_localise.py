@@ -16,7 +16,7 @@ def mistaken() -> tuple[dc.problems.Problem, dc.Trajectory]:
     """The motion of fig. 4.7's wrong equations."""
     p = dc.problems.load("triple-pendulum", mistake=True)
     run = dc.simulate(
-        p.mechanism, p.state, duration=1.0, step=2e-3, equations=p.equations, testing=()
+        p.mechanism, p.state, duration=1.0, step=2e-3, equations=p.equations, record=()
     )
     return p, run
 

@@ -231,8 +231,8 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
     assert best is not None
 
     def error(trial: Trial, spacing: float) -> float:
-        knob = {} if trial.knob == "step" else {"tolerance": trial.setting}
-        run = dc.simulate(mechanism, state, 1.0, spacing, solver, **knob)
+        chosen = dc.solvers.by_name(solver, None if trial.knob == "step" else trial.setting)
+        run = dc.simulate(mechanism, state, 1.0, spacing, chosen)
         return error_of_the_kicked(run)
 
     if best.knob == "tolerance":  # the rows are where the user wants them
@@ -394,11 +394,11 @@ def test_the_stiff_governor(solvers: tuple[str, ...] | None) -> None:
     assert advice.verified
     best = advice.best
     assert best is not None
-    knob = (
-        {"step": best.setting} if best.knob == "step" else {"step": 1e-4, "tolerance": best.setting}
-    )
-    run = dc.simulate(problem.mechanism, problem.state, 1.0, solver=best.solver, **knob)
+    stepping = best.knob == "step"
+    chosen = dc.solvers.by_name(best.solver, None if stepping else best.setting)
+    step = best.setting if stepping else 1e-4
+    run = dc.simulate(problem.mechanism, problem.state, 1.0, step, chosen)
     exact = dc.simulate(
-        problem.mechanism, problem.state, 1.0, float(run.t[1]), "Radau", tolerance=1e-11
+        problem.mechanism, problem.state, 1.0, float(run.t[1]), dc.solvers.Scipy("Radau", 1e-11)
     )
     assert distance(problem.mechanism, run, exact) <= 1.1e-4

@@ -49,7 +49,7 @@ def samples(step: float, q: Any, u: Any, udot: Any = None, **forces: Any) -> Tra
 def damped(solver: str = "ode4") -> tuple[Mechanism, tuple[Trajectory, ...]]:
     problem = dc.problems.load("triple-pendulum", damping=0.02)
     runs = tuple(
-        dc.simulate(problem.mechanism, problem.state, 2.0, h, solver, testing=()) for h in TRIPLE
+        dc.simulate(problem.mechanism, problem.state, 2.0, h, solver, record=()) for h in TRIPLE
     )
     return problem.mechanism, runs
 
@@ -158,7 +158,7 @@ def test_a_bouncing_ball(udot: bool) -> None:
 def test_chaos_in_logs() -> None:
     problem = dc.problems.load("triple-pendulum", rates=(10.0, 0.0, 0.0))
     runs = [
-        dc.simulate(problem.mechanism, problem.state, 10.0, h, "ode4", testing=()) for h in TRIPLE
+        dc.simulate(problem.mechanism, problem.state, 10.0, h, "ode4", record=()) for h in TRIPLE
     ]
     found = of_logs(problem.mechanism, [log(run) for run in runs])
     assert found.verdict.kind in ("consistent", "integration-error"), found.verdict.explain()
@@ -204,7 +204,7 @@ def test_a_controller_with_a_period_of_its_own(every_row: bool) -> None:
 def test_a_moving_support() -> None:
     problem = dc.problems.load("driven-triple-pendulum")
     runs = [
-        dc.simulate(problem.mechanism, problem.state, 2.0, h, "ode4", testing=()) for h in TRIPLE
+        dc.simulate(problem.mechanism, problem.state, 2.0, h, "ode4", record=()) for h in TRIPLE
     ]
     for udot in (True, False):
         found = of_logs(problem.mechanism, [log(run, udot) for run in runs])
@@ -214,13 +214,13 @@ def test_a_moving_support() -> None:
 @pytest.mark.slow
 def test_constraints_stabilised_in_three_ways() -> None:
     problem = dc.problems.load("n-four-bar")
-    for stabilisation in ("projection", (20.0, 20.0), "none"):
+    for constraints in ("projection", dc.Baumgarte(20.0, 20.0), None):
         found = dc.study(
             problem,
             duration=1.0,
             steps=(0.02, 0.01, 0.005),
             solver="ode3",
-            stabilisation=stabilisation,
+            constraints=constraints,
         )
         assert found.verdict.kind in ("consistent", "integration-error"), found.verdict.explain()
 
@@ -296,7 +296,7 @@ def test_a_lost_gyroscopic_term_is_seen_by_momentum() -> None:
 def test_another_drive_than_the_models_is_seen_at_any_step() -> None:
     problem = dc.problems.load("driven-triple-pendulum")
     runs = [
-        dc.simulate(problem.mechanism, problem.state, 1.0, h, "ode1", testing=()) for h in TRIPLE
+        dc.simulate(problem.mechanism, problem.state, 1.0, h, "ode1", record=()) for h in TRIPLE
     ]
     other = problem.mechanism.with_parameters(w=0.76)
     found = of_logs(other, [log(run, udot=True) for run in runs])

@@ -13,7 +13,7 @@ from deltac.energy.sampling.interpolation import band_matrices, weighted_windows
 
 def logged() -> tuple[dc.Mechanism, dc.Trajectory]:
     problem = dc.problems.load("triple-pendulum")
-    run = dc.simulate(problem.mechanism, problem.state, 3.0, 1e-3, "ode8", testing=())
+    run = dc.simulate(problem.mechanism, problem.state, 3.0, 1e-3, "ode8", record=())
     return problem.mechanism, run
 
 

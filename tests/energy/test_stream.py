@@ -16,7 +16,7 @@ from deltac.trajectories import scan_trajectory
 def log(tmp_path_factory: pytest.TempPathFactory) -> tuple[dc.Mechanism, dc.Trajectory, Path]:
     problem = dc.problems.load("triple-pendulum", damping=0.02)
     run = dc.simulate(
-        problem.mechanism, problem.state, duration=2.0, step=1e-3, solver="ode1", testing=("wang",)
+        problem.mechanism, problem.state, duration=2.0, step=1e-3, solver="ode1", record=("wang",)
     )
     path = tmp_path_factory.mktemp("logs") / "run.parquet"
     run.write(path)

@@ -21,7 +21,9 @@ MACHINES = {"robot": robot, "workshop": workshop}
 def exact(machine: str) -> tuple[dc.Mechanism, dc.Trajectory]:
     """A motion to the accuracy of ode8 at a small step: some 1e-13."""
     mechanism, state = MACHINES[machine]()
-    return mechanism, dc.simulate(mechanism, state, 1.0, 1 / 400, "ode8", NAMES, record_every=4)
+    return mechanism, dc.simulate(
+        mechanism, state, 1.0, 1 / 400, "ode8", dc.Record(testing=NAMES, every=4)
+    )
 
 
 @pytest.fixture(scope="module", params=MACHINES)
@@ -121,3 +123,54 @@ def test_solvers_cost_what_the_thesis_says_in_free_swing() -> None:
     ledger = dc.balance(mechanism, run)
     wang, liu = (np.abs(ledger.delta_c[n]).max() for n in ("wang", "liu-huston"))
     assert wang > 1.2 * liu > 0.0
+
+
+OWN = dc.CoordinateMap(speeds=("x", "y"), u={"i": "u.x + 2", "j": "u.y - u.x"})
+
+
+def _chain(*constraints: Any) -> dc.Mechanism:
+    return dc.Mechanism(
+        [dc.rod("a", 1.0, 1.0), dc.rod("b", 1.0, 1.2)],
+        [dc.revolute("i", "ground", "a"), dc.revolute("j", "a", "b", position=(1, 0, 0))],
+        gravity=(0, -9.81, 0),
+        constraints=constraints,
+    )
+
+
+@pytest.mark.parametrize(("simulated", "balanced"), [(None, OWN), (OWN, None)])
+def test_both_sides_of_kane_levinson_are_divided_alike(simulated: Any, balanced: Any) -> None:
+    """Mixed, they gave joules of a right motion; the run says which speeds its integrals are of."""
+    mechanism = _chain()
+    functions = ("wang", "kane-levinson-1990")
+    run = dc.simulate(
+        mechanism,
+        mechanism.state({"i": 0.5, "j": -1.0}),
+        0.2,
+        1e-3,
+        testing=functions,
+        coordinates=simulated,
+    )
+    with pytest.raises(dc.InputError, match="coordinates: the integrals of Kane–Levinson's"):
+        dc.balance(mechanism, run, coordinates=balanced)
+    # Wang's function does not divide the energy, and quadrature takes both sides itself.
+    others = [
+        dc.balance(mechanism, run, testing=("wang",), coordinates=balanced),
+        dc.balance(mechanism, run, work="samples", coordinates=balanced),
+        dc.balance(mechanism, run, coordinates=simulated),
+    ]
+    for ledger in others:
+        for delta_c in ledger.delta_c.values():
+            assert np.abs(delta_c).max() < 1e-9  # ode5 at h = 1e-3, 20 J exchanged
+
+
+def test_constraints_divide_the_motion_themselves() -> None:
+    guide = dc.constraints.point_on("guide", "b", ["y"], point=(1.2, 0, 0))
+    mechanism = _chain(guide)
+    start = dc.assemble(mechanism, {"i": 0.5, "j": -1.0}).state
+    fewer = dc.CoordinateMap(speeds=("x",), u={"i": "u.x", "j": "-u.x"})
+    for given in (OWN, fewer):
+        with pytest.raises(dc.InputError, match="has constraints"):
+            dc.simulate(mechanism, start, 0.1, 1e-3, coordinates=given)
+    run = dc.simulate(mechanism, start, 0.1, 1e-3)
+    with pytest.raises(dc.InputError, match="has constraints"):
+        dc.balance(mechanism, run, coordinates=OWN)

@@ -22,7 +22,7 @@ EPS = float(np.finfo(float).eps)
 def governor(step: float) -> tuple[dc.Mechanism, dc.Trajectory]:
     """The stiff governor by Radau, sampled far more coarsely than its couplers' dampers act (0.12 ms)."""
     problem = load("stiff-governor")
-    run = dc.simulate(problem.mechanism, problem.state, 3.0, step, "Radau", tolerance=1e-9)
+    run = dc.simulate(problem.mechanism, problem.state, 3.0, step, dc.solvers.Scipy("Radau", 1e-9))
     return problem.mechanism, run
 
 
@@ -164,7 +164,7 @@ def test_cuts_of_a_run_keep_its_works() -> None:
 
 def test_without_testing_functions_nothing_is_integrated() -> None:
     mechanism, state = oscillator()
-    assert not dc.simulate(mechanism, state, 0.1, 0.01, testing=()).works
+    assert not dc.simulate(mechanism, state, 0.1, 0.01, record=()).works
 
 
 def test_bars_that_are_too_small_are_widened() -> None:

@@ -14,6 +14,7 @@ from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.importers import read_mechanism
+from deltac.limits import Limits
 from tests.support.mujoco_comparison import differences
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'mujoco'")
@@ -133,3 +134,16 @@ def test_without_mujoco_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, rob
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r'pip install "deltac\[mujoco\]"'):
         read_mechanism(robot)
+
+
+def test_a_few_lines_that_ask_for_millions_of_bodies(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.xml"
+    path.write_text(
+        "<mujoco><worldbody><replicate count='3000' offset='1 0 0'><replicate count='3000' offset='0 1 0'>"
+        "<body><freejoint/><geom size='.1'/></body></replicate></replicate></worldbody></mujoco>"
+    )
+    with (
+        Limits(seconds=4).applied(),
+        pytest.raises(InputError, match=r"bomb\.xml.*(seconds|brings MuJoCo down|GB)"),
+    ):
+        read_mechanism(path)

@@ -195,3 +195,49 @@ def test_files_that_are_no_robots(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=r"arm\.urdf"):
         read_mechanism(path)
+
+
+# -- run by MuJoCo -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_a_urdf_is_run_by_mujoco_and_audited_by_the_mechanism_that_is_read(
+    base: str, tmp_path: Path
+) -> None:
+    from deltac.energy import balance
+    from deltac.recorders import run_mujoco
+
+    path = file(tmp_path, inertial(mass="2", ixx=".1", iyy=".1", izz=".1"))
+    if base == "free":  # a base that moves has mass
+        path.write_text(
+            path.read_text().replace(
+                "<link name='base'/>", f"<link name='base'>{inertial()}</link>"
+            )
+        )
+    run = run_mujoco(path, 0.2, integrator="rk4", step=1e-3, base=base)
+    mechanism, _ = read_mechanism(path, base=base)
+    assert run.coordinates == mechanism.coordinates.names
+    ledger = balance(mechanism, run)
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-7  # a swing of some joules, by order 4
+
+
+def test_mujoco_says_which_urdf_it_does_not_simulate(tmp_path: Path) -> None:
+    from deltac.recorders import run_mujoco
+
+    with pytest.raises(InputError, match=r"arm\.urdf: .*inertia"):
+        run_mujoco(file(tmp_path, inertial(izz="9")), 0.1)
+    with pytest.raises(InputError, match="floating joint 'elbow'"):
+        run_mujoco(file(tmp_path, inertial(), "floating"), 0.1)
+
+
+def test_a_run_that_breaks_off_in_its_first_step_is_its_start(tmp_path: Path) -> None:
+    import mujoco
+
+    from deltac.recorders import run_mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(file(tmp_path, inertial())))
+    data = mujoco.MjData(model)
+    data.qvel[:] = 1e11  # beyond what MuJoCo takes for a speed
+    run = run_mujoco(model, 0.1, data=data)
+    assert len(run) == 1 and run.u[0, 0] == 1e11
+    assert not run.provenance.completed and "in the step from t = 0 s" in run.provenance.message

@@ -49,7 +49,7 @@ def test_four_bars_meet_the_benchmarks_thresholds() -> None:
 @pytest.mark.slow
 def test_forty_four_bars_run() -> None:
     problem = problems.load("n-four-bar", n=40)
-    run = simulate(problem.mechanism, problem.state, 10.0, 1e-3, "ode4", record_every=10)
+    run = simulate(problem.mechanism, problem.state, 10.0, 1e-3, "ode4", record=10)
     assert run.provenance.completed
     exact = loops.n_four_bar(40)
     angle = run.coordinate("crank0")[-1]

@@ -20,7 +20,7 @@ def test_stick_slip_tends_to_two_level_friction() -> None:
     off = []
     for stribeck, width, step in ((5e-3, 2e-4, 5e-5), (1.25e-3, 4e-5, 1e-5), (3e-4, 1e-5, 2e-6)):
         p = problems.load("stick-slip", stribeck=stribeck, width=width)
-        run = simulate(p.mechanism, p.state, 2.0, step, "ode5", testing=())
+        run = simulate(p.mechanism, p.state, 2.0, step, "ode5", record=())
         off.append(abs(period("x")(run) - ideal))
     assert off[0] > 1.5 * off[1] > 1.5**2 * off[2]
     assert off[2] <= 0.01 * ideal

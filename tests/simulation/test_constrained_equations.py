@@ -30,13 +30,13 @@ def test_equations_by_hand_for_a_loop() -> None:
     right = balance(
         mechanism,
         dc.simulate(
-            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(1), stabilisation="none"
+            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(1), constraints=None
         ),
     )
     wrong = balance(
         mechanism,
         dc.simulate(
-            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(-1), stabilisation="none"
+            mechanism, state, 0.6, 0.002, "ode5", ALL, equations=by_hand(-1), constraints=None
         ),
     )
     for function in ALL:

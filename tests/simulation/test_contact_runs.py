@@ -15,7 +15,7 @@ from scipy.special import beta
 from deltac import (
     InputError,
     Mechanism,
-    StiffStep,
+    StiffStepWarning,
     assemble,
     balance,
     free,
@@ -29,6 +29,7 @@ from deltac import (
 )
 from deltac.bodies import box, disc, frame, sphere
 from deltac.forces import contact, friction_law, joint_friction, joint_torque, point_friction
+from deltac.solvers import Scipy, by_name
 from tests.support.slow import repeated
 
 MASS = 0.7
@@ -54,7 +55,7 @@ def ball_at_a_wall(**given: Any) -> Mechanism:
 
 def bounce(machine: Mechanism, speed: float, step: float | None = 1e-4) -> Any:
     state = machine.state({"x": 0.01}, {"x": -speed})
-    return simulate(machine, state, 0.4, step, "DOP853", tolerance=1e-11)
+    return simulate(machine, state, 0.4, step, Scipy("DOP853", 1e-11))
 
 
 @pytest.mark.parametrize("speed", [0.3, 2.0])
@@ -155,7 +156,7 @@ def test_implicit_solvers_take_contact_with_stiff_friction(solver: str) -> None:
         [prismatic("x", "ground", "ball", (1, 1, 0), position=(0.1, 0, 0))],
         [replace(machine.forces[0], friction=friction_law(0.4, static=0.6, stribeck=0.01))],
     )
-    run = simulate(rough, rough.state({"x": 0.01}, {"x": -1.0}), 0.2, 1e-3, solver, tolerance=1e-9)
+    run = simulate(rough, rough.state({"x": 0.01}, {"x": -1.0}), 0.2, 1e-3, by_name(solver, 1e-9))
     ledger = balance(rough, run)
     assert ledger.work["friction wall"][-1] < -1e-2
     assert np.abs(ledger.delta_c["wang"]).max() <= 1e-6 * ledger.energy_exchanged
@@ -186,7 +187,7 @@ def two_balls() -> tuple[Mechanism, Any]:
 
 def test_an_oblique_impact_keeps_the_momentum() -> None:
     machine, state = two_balls()
-    run = simulate(machine, state, 0.5, 1e-3, "DOP853", tolerance=1e-11)
+    run = simulate(machine, state, 0.5, 1e-3, Scipy("DOP853", 1e-11))
     assert np.abs(run.u[-1] - run.u[0]).max() > 0.3
 
     def momenta(k: int) -> tuple[Any, Any]:
@@ -249,7 +250,7 @@ def test_a_moving_plane_does_work_on_what_lies_on_it() -> None:
         gravity=(0, 0, -9.81),
     )
     state = machine.state({"z": -sunk})
-    run = simulate(machine, state, 1.0, 1e-3, "DOP853", tolerance=1e-11)
+    run = simulate(machine, state, 1.0, 1e-3, Scipy("DOP853", 1e-11))
     rise = run.coordinate("z") - run.coordinate("lift")
     assert rise.max() < 0, "it never leaves the lift"
     ledger = balance(machine, run)
@@ -304,10 +305,10 @@ def test_a_step_too_large_is_told_with_the_time_scale() -> None:
     first = time_scales(machine, state)[0]
     assert (first.element, first.kind) == ("contact 'floor'", "oscillation")
     assert first.value == pytest.approx(expected, rel=1e-12)
-    with pytest.warns(StiffStep, match=rf"contact 'floor'.*time scale {expected:.3g} s"):
+    with pytest.warns(StiffStepWarning, match=rf"contact 'floor'.*time scale {expected:.3g} s"):
         simulate(machine, state, 0.1, 0.01)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", StiffStep)
+        warnings.simplefilter("error", StiffStepWarning)
         simulate(machine, state, 0.1, 1e-4)
         simulate(machine, state, 0.1, 1e-2, "DOP853")  # the step is only that of the samples
 
@@ -319,11 +320,11 @@ def test_implicit_steps_too_must_resolve_a_touch(solver: str) -> None:
     """A ball that falls on hard ground; one that lies there asks for nothing."""
     machine = crate(dissipation=0.3)
     falling = machine.state({"base.z": 0.3})
-    with pytest.warns(StiffStep, match=r"contact 'floor'.*must resolve every touch"):
+    with pytest.warns(StiffStepWarning, match=r"contact 'floor'.*must resolve every touch"):
         simulate(machine, falling, 0.02, 0.02, solver)
     lying = machine.state({"base.z": 0.05 - 2.0 * 9.81 / (4 * 1e4)})
     with warnings.catch_warnings():
-        warnings.simplefilter("error", StiffStep)
+        warnings.simplefilter("error", StiffStepWarning)
         simulate(machine, lying, 0.02, 0.02, solver)
         simulate(machine, falling, 0.001, 1e-4, solver)
 
@@ -348,7 +349,7 @@ def test_time_scales_of_friction() -> None:
     end = {}
     for step in (4e-3, 2e-2):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StiffStep)
+            warnings.simplefilter("ignore", StiffStepWarning)
             end[step] = abs(simulate(machine, state, 0.4, step, "ode4").speed("s")[-1])
     assert end[4e-3] < 1e-8 < 1e-3 < end[2e-2]
 

@@ -25,7 +25,12 @@ def test_energy_is_held_and_what_it_took_is_booked(solver: str) -> None:
     """Each pass leaves the square of what is left, so two leave rounding; ΔC tells the rest."""
     problem, order = dc.problems.load("triple-pendulum"), SOLVERS[solver].order
     run = dc.simulate(
-        problem.mechanism, problem.state, 0.5, step=1e-3, solver=solver, correct="energy"
+        problem.mechanism,
+        problem.state,
+        0.5,
+        step=1e-3,
+        solver=solver,
+        constraints=dc.Projection(energy=True),
     )
     ledger = dc.balance(problem.mechanism, run)
     E = energy(ledger)
@@ -48,7 +53,12 @@ def test_order_of_the_motion_stays() -> None:
     errors = [
         np.abs(
             dc.simulate(
-                problem.mechanism, problem.state, 1.0, step=h, solver="ode4", correct="energy"
+                problem.mechanism,
+                problem.state,
+                1.0,
+                step=h,
+                solver="ode4",
+                constraints=dc.Projection(energy=True),
             ).q[-1]
             - exact.q[-1]
         ).max()
@@ -73,7 +83,7 @@ def test_change_is_the_least_in_the_mass_metric() -> None:
         (run.q[-1, 0], run.u[-1, 0])
         for run in (
             dc.simulate(mechanism, state, h, **options),
-            dc.simulate(mechanism, state, h, correct="energy", **options),
+            dc.simulate(mechanism, state, h, **options, constraints=dc.Projection(energy=True)),
         )
     )
     inertia = mass * length**2
@@ -99,7 +109,12 @@ def test_work_that_flows_in_is_kept() -> None:
     """With dampers and a motor the balance K + V − Q is brought to zero, not K + V to its start."""
     problem = dc.problems.load("driven-triple-pendulum")
     run = dc.simulate(
-        problem.mechanism, problem.state, 2.0, step=5e-3, solver="ode2", correct="energy"
+        problem.mechanism,
+        problem.state,
+        2.0,
+        step=5e-3,
+        solver="ode2",
+        constraints=dc.Projection(energy=True),
     )
     ledger = dc.balance(problem.mechanism, run)
     E = energy(ledger)
@@ -111,7 +126,12 @@ def test_work_that_flows_in_is_kept() -> None:
 def test_constraints_and_quaternions_are_respected() -> None:
     problem = dc.problems.load("bricard")
     run = dc.simulate(
-        problem.mechanism, problem.state, 0.5, step=2e-3, solver="ode2", correct="energy"
+        problem.mechanism,
+        problem.state,
+        0.5,
+        step=2e-3,
+        solver="ode2",
+        constraints=dc.Projection(energy=True),
     )
     ledger = dc.balance(problem.mechanism, run)
     assert max(float(v.max()) for v in ledger.violation.values()) < 1e-9
@@ -119,7 +139,14 @@ def test_constraints_and_quaternions_are_respected() -> None:
     # Projecting after the last pass changes the energy by a product of two small things.
     assert_allclose(E, E[0], rtol=0, atol=1e-9 * np.ptp(ledger.kinetic))
     top = dc.problems.load("heavy-top")
-    spun = dc.simulate(top.mechanism, top.state, 0.02, step=1e-4, solver="ode4", correct="energy")
+    spun = dc.simulate(
+        top.mechanism,
+        top.state,
+        0.02,
+        step=1e-4,
+        solver="ode4",
+        constraints=dc.Projection(energy=True),
+    )
     E = energy(dc.balance(top.mechanism, spun))
     assert_allclose(E, E[0], rtol=100 * EPS)
 
@@ -136,7 +163,7 @@ def test_equations_by_hand_in_their_own_coordinates() -> None:
             step=1e-2,
             solver="ode2",
             equations=equations,
-            correct="energy",
+            constraints=dc.Projection(energy=True),
         )
         E = energy(dc.balance(problem.mechanism, run))
         assert_allclose(E, E[0], atol=1e-9)
@@ -144,14 +171,27 @@ def test_equations_by_hand_in_their_own_coordinates() -> None:
 
 def test_refusals_say_what_to_do() -> None:
     problem = dc.problems.load("triple-pendulum")
-    with pytest.raises(dc.InputError, match="expected 'energy'"):
-        dc.simulate(problem.mechanism, problem.state, 1.0, step=1e-2, correct="momentum")
+    with pytest.raises(dc.InputError, match="expected 'projection', deltac.Projection"):
+        dc.simulate(problem.mechanism, problem.state, 1.0, step=1e-2, constraints="energy")
     for solver in ("BDF", "CVODES", "taylor"):
         with pytest.raises(dc.InputError, match="one-step solver"):
-            dc.simulate(problem.mechanism, problem.state, 1.0, solver=solver, correct="energy")
+            dc.simulate(
+                problem.mechanism,
+                problem.state,
+                1.0,
+                solver=solver,
+                constraints=dc.Projection(energy=True),
+            )
 
 
 def test_a_correction_that_cannot_keep_up_says_so() -> None:
     problem = dc.problems.load("triple-pendulum")
-    with pytest.warns(dc.EnergyLeft, match="could not keep up: K . V is off by up to .* J"):
-        dc.simulate(problem.mechanism, problem.state, 2.0, 0.05, "ode2", correct="energy")
+    with pytest.warns(dc.EnergyLeftWarning, match="could not keep up: K . V is off by up to .* J"):
+        dc.simulate(
+            problem.mechanism,
+            problem.state,
+            2.0,
+            0.05,
+            "ode2",
+            constraints=dc.Projection(energy=True),
+        )

@@ -39,9 +39,7 @@ def test_members_equal_single_runs(
     mechanism, (Q, U) = double_pendulum(), starts(5)
     runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record_every=10)
     for k in range(5):
-        one = dc.simulate(
-            mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record_every=10
-        )
+        one = dc.simulate(mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record=10)
         np.testing.assert_allclose(runs.t, one.t, rtol=1e-15)
         np.testing.assert_allclose(runs.q[:, k], one.q, rtol=0, atol=1e-12)
         np.testing.assert_allclose(runs.u[:, k], one.u, rtol=0, atol=1e-11)
@@ -124,7 +122,7 @@ def test_steps_and_solvers_vary_between_members() -> None:
     runs = dc.simulate_ensemble(mechanism, state, 1.0, steps, solvers, record_every=10)
     assert len(runs) == 4 and len(runs.t) == 6
     for k in range(4):
-        one = dc.simulate(mechanism, state, 1.0, steps[k], solvers[k], record_every=1)
+        one = dc.simulate(mechanism, state, 1.0, steps[k], solvers[k], record=1)
         np.testing.assert_allclose(runs.q[-1, k], one.q[-1], rtol=0, atol=1e-12)
         member = runs.member(k)
         assert member.provenance.step == steps[k] and member.provenance.solver == solvers[k]

@@ -12,7 +12,7 @@ import deltac as dc
 from deltac.caching import LRUCache
 from deltac.kernels import kernel as kernels
 from deltac.simulation.flow import build_flow
-from deltac.simulation.simulate import SimulationStopped
+from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.solvers import find_solver
 from deltac.simulation.stepping import explicit
 from deltac.simulation.stepping.interpreted import StageRate
@@ -59,7 +59,7 @@ def test_blocks_of_rows_leave_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = dc.simulate(mechanism, start, 1.0, 0.01)
     monkeypatch.setattr(explicit, "ROWS_PER_BLOCK", 7)
     same(dc.simulate(mechanism, start, 1.0, 0.01), whole)
-    same(dc.simulate(mechanism, start, 1.0, 0.01, record_every=5), whole.every(5))
+    same(dc.simulate(mechanism, start, 1.0, 0.01, record=5), whole.every(5))
 
 
 def test_large_steps_are_unrolled_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,7 +89,7 @@ def test_record_every_keeps_the_rows_it_says() -> None:
     mechanism = pendulum()
     start = mechanism.state({"hinge": 1.0}, t=2.0)
     whole = dc.simulate(mechanism, start, 1.2, 0.01)
-    some = dc.simulate(mechanism, start, 1.2, 0.01, record_every=8)
+    some = dc.simulate(mechanism, start, 1.2, 0.01, record=8)
     assert len(some) == 16 and some.t[0] == 2.0
     assert some.t[-1] == pytest.approx(3.2, rel=1e-15)
     same(some, whole.every(8))
@@ -123,8 +123,8 @@ def test_a_run_that_breaks_down_keeps_what_it_has(
 ) -> None:
     monkeypatch.setattr(explicit, "ROWS_PER_BLOCK", block)
     mechanism, state = explosive()
-    with pytest.warns(SimulationStopped, match="not finite at t = ") as caught:
-        run = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record_every=every)
+    with pytest.warns(SimulationStoppedWarning, match="not finite at t = ") as caught:
+        run = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record=every)
     assert not run.provenance.completed
     assert run.provenance.message == str(caught[0].message)
     u, k = 1.0, 0  # Euler by hand
@@ -148,8 +148,8 @@ def test_adaptive_solvers_stop_at_a_pole(solver: str) -> None:
 
     mechanism, state = explosive()
     pole = quad(lambda u: 1 / (1 + u**3), 1, np.inf)[0]
-    with pytest.warns(SimulationStopped, match="stopped at t = "):
-        run = dc.simulate(mechanism, state, 1.0, None, solver, (), tolerance=1e-6)
+    with pytest.warns(SimulationStoppedWarning, match="stopped at t = "):
+        run = dc.simulate(mechanism, state, 1.0, None, dc.solvers.by_name(solver, 1e-6), ())
     assert not run.provenance.completed
     assert run.t[-1] == pytest.approx(pole, rel=1e-3)
 
@@ -161,7 +161,7 @@ def test_a_run_that_breaks_down_in_python_says_so_too() -> None:
         with np.errstate(over="ignore"):
             return 1 + u * u * u
 
-    with pytest.warns(SimulationStopped):
+    with pytest.warns(SimulationStoppedWarning):
         slow = dc.simulate(
             mechanism,
             state,
@@ -169,10 +169,10 @@ def test_a_run_that_breaks_down_in_python_says_so_too() -> None:
             0.01,
             "ode1",
             equations=dc.Equations(cubic, compiled=False),
-            record_every=4,
+            record=4,
         )
-    with pytest.warns(SimulationStopped):
-        fast = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record_every=4)
+    with pytest.warns(SimulationStoppedWarning):
+        fast = dc.simulate(mechanism, state, 1.28, 0.01, "ode1", record=4)
     np.testing.assert_allclose(slow.t, fast.t, rtol=1e-15)
     assert slow.provenance.message == fast.provenance.message
 

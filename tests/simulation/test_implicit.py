@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import deltac as dc
-from deltac.simulation.flow import build_flow
+from deltac.simulation.flow import build_flow, keeping
 from deltac.simulation.solvers import SOLVERS, find_solver
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import StageRate
@@ -50,7 +50,9 @@ def test_undamped_methods_keep_a_quadratic_energy(solver: str, radius: float | N
     """At ten steps a radian and at ten radians a step alike: quadratic invariants, to rounding."""
     for h in (0.01, 1.0):
         mechanism, state = oscillator(10.0)
-        run = dc.simulate(mechanism, state, 100 * h, h, solver, spectral_radius=radius)
+        run = dc.simulate(
+            mechanism, state, 100 * h, h, dc.solvers.by_name(solver, spectral_radius=radius)
+        )
         ledger = dc.balance(mechanism, run)
         assert np.abs(ledger.delta_c["wang"]).max() < 1e-11 * ledger.kinetic.max() + 1e-12
 
@@ -59,7 +61,7 @@ def test_undamped_methods_keep_a_quadratic_energy(solver: str, radius: float | N
 def test_the_spectral_radius_is_what_was_asked_for(radius: float) -> None:
     """At infinite frequency the three roots of generalized-α meet in −ρ (Chung and Hulbert 1993)."""
     mechanism, state = oscillator(1e4)  # (hω)⁻² = 1e-8 from infinity
-    run = dc.simulate(mechanism, state, 12.0, 1.0, "generalized-alpha", spectral_radius=radius)
+    run = dc.simulate(mechanism, state, 12.0, 1.0, dc.solvers.GeneralizedAlpha(radius))
     x = run.q[:, 0]
     recurrence = x[3:] + 3 * radius * x[2:-1] + 3 * radius**2 * x[1:-2] + radius**3 * x[:-3]
     assert np.abs(recurrence).max() < 1e-6 * np.abs(x).max()
@@ -69,7 +71,7 @@ def test_generalized_alpha_loses_the_more_the_smaller_its_radius() -> None:
     mechanism, state = oscillator(10.0)
     lost = []
     for radius in (1.0, 0.8, 0.4, 0.0):
-        run = dc.simulate(mechanism, state, 2.0, 0.02, "generalized-alpha", spectral_radius=radius)
+        run = dc.simulate(mechanism, state, 2.0, 0.02, dc.solvers.GeneralizedAlpha(radius))
         lost.append(-dc.balance(mechanism, run).delta_c["wang"][-1])
     assert abs(lost[0]) < 1e-12 < 1e-3 < lost[1] < lost[2] < lost[3]
 
@@ -162,10 +164,10 @@ def tension(t: Any) -> tuple[Any, Any, Any]:
     return q, u, M * (G * np.cos(angle) + L * rate**2)
 
 
-def steps_of(solver: str, T: float, steps: int, stabilisation: Any) -> tuple[Any, Any]:
+def steps_of(solver: str, T: float, steps: int, constraints: Any) -> tuple[Any, Any]:
     """x and the method's own multipliers after each step."""
     mechanism, state = tethered()
-    flow = build_flow(mechanism, rows=(0,), stabilisation=stabilisation)
+    flow = build_flow(mechanism, rows=(0,), constraints=keeping(constraints))
     none = np.empty(0)
     method = ImplicitMethod(flow, find_solver(solver))
     stepper = ImplicitSteps(method, StageRate(flow, None, none), none, 0.8)
@@ -187,7 +189,7 @@ def test_generalized_alpha_is_second_order_in_q_u_and_lambda() -> None:
     """
     T, errors = 1.0, []
     for steps in (100, 200, 400):
-        x, lam = steps_of("generalized-alpha", T, steps, "none")
+        x, lam = steps_of("generalized-alpha", T, steps, None)
         q, u, force = tension(np.arange(1, steps + 1) * T / steps)
         errors.append([np.abs(x[:, :2] - q).max(), np.abs(x[:, 2:] - u).max()])
         errors[-1].append(np.abs(-lam - force)[steps // 2 :].max())
@@ -196,16 +198,14 @@ def test_generalized_alpha_is_second_order_in_q_u_and_lambda() -> None:
     np.testing.assert_allclose(slopes, 2.0, atol=0.15)
 
 
-@pytest.mark.parametrize("stabilisation", ["projection", "none"])
+@pytest.mark.parametrize("constraints", ["projection", None])
 @pytest.mark.parametrize("solver", ["implicit-midpoint", "generalized-alpha", "discrete-gradient"])
-def test_recorded_multipliers_are_second_order(solver: str, stabilisation: str) -> None:
+def test_recorded_multipliers_are_second_order(solver: str, constraints: Any) -> None:
     """The forces of constraints in the trajectory, at every row."""
     mechanism, state = tethered()
     errors = []
     for steps in (100, 200):
-        run = dc.simulate(
-            mechanism, state, 1.0, 1.0 / steps, solver, (), stabilisation=stabilisation
-        )
+        run = dc.simulate(mechanism, state, 1.0, 1.0 / steps, solver, (), constraints=constraints)
         q, _, force = tension(run.t)
         errors.append(np.abs(run.forces["constraint rope"] + force[:, None] * q / L).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
@@ -255,7 +255,9 @@ def test_runs_stay_on_their_constraints(solver: str, make: Any) -> None:
 def test_everything_a_mechanism_can_hold(solver: str) -> None:
     """Free and screw joints, drives, springs that depend on time, against ode8; unit quaternions."""
     mechanism, state = workshop()
-    end = dc.simulate(mechanism, state, 0.4, 0.4 / 128, "ode8", ("wang",), record_every=128)
+    end = dc.simulate(
+        mechanism, state, 0.4, 0.4 / 128, "ode8", dc.Record(testing=("wang",), every=128)
+    )
     errors = []
     for steps in (64, 128):
         run = dc.simulate(mechanism, state, 0.4, 0.4 / steps, solver, ("wang",))
@@ -308,8 +310,8 @@ def test_progress_and_rows() -> None:
         1.0,
         1 / 256,
         "implicit-midpoint",
-        record_every=32,
         progress=told.append,
+        record=32,
     )
     np.testing.assert_allclose(run.t, np.linspace(0, 1, 9), atol=1e-15)
     assert told == sorted(told) and 0.0 < told[0] < 0.1 and told[-1] == 1.0

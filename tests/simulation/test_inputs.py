@@ -30,13 +30,15 @@ NAN = float("nan")
         ({"step": 0.3}, ["step 0.3", "duration 1", "3.33333 times", "0.25"]),
         ({"step": 2.0}, ["step 2", "duration 1", "does not divide"]),
         ({"step": 0.1 * (1 + 1e-8)}, ["does not divide"]),
-        ({"record_every": 0}, ["record_every is 0", "whole number"]),
-        ({"record_every": 2.5}, ["record_every is 2.5", "whole number"]),
-        ({"record_every": 3}, ["record_every 3", "number of steps, 10"]),
+        ({"record": 0}, ["record: every is 0", "whole number"]),
+        ({"record": dc.Record(every=2.5)}, ["record: every is 2.5", "whole number"]),
+        ({"record": 3}, ["every = 3", "number of steps, 10"]),
+        ({"record": "wang"}, ["record is 'wang'", "deltac.Record"]),
+        ({"record": 2.5}, ["record is 2.5", "deltac.Record"]),
         ({"solver": "ode6"}, ["'ode6'", "ode1 (euler)", "taylor-quad"]),
-        ({"tolerance": 1e-6}, ["'ode5'", "no tolerance", "'DOP853'"]),
-        ({"solver": "RK45", "tolerance": 0.0}, ["tolerance is 0.0"]),
-        ({"testing": ("wnag",)}, ["testing function 'wnag'", "did you mean 'wang'"]),
+        ({"solver": dc.Record()}, ["solver is Record", "deltac.solvers.Scipy"]),
+        ({"constraints": "none"}, ["constraints is 'none'", "deltac.Baumgarte"]),
+        ({"record": ("wnag",)}, ["testing function 'wnag'", "did you mean 'wang'"]),
         ({"vary": ("lenght",)}, ["'lenght'", "known: m, l, g"]),
     ],
 )
@@ -48,6 +50,71 @@ def test_options(options: dict[str, Any], words: list[str]) -> None:
         assert word in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: dc.solvers.by_name("ode5", 1e-6), ["'ode5'", "no tolerance", "Scipy('DOP853'"]),
+        (lambda: dc.solvers.by_name("ode5", None, 0.5), ["spectral_radius", "GeneralizedAlpha"]),
+        (lambda: dc.solvers.Scipy("RK45", 0.0), ["tolerance is 0.0"]),
+        (lambda: dc.solvers.Scipy("CVODES"), ["'CVODES'", "Sundials(...)", "name, tolerance"]),
+        (lambda: dc.solvers.FixedStep("radau"), ["'radau'", "did you mean 'Radau'"]),
+        (lambda: dc.solvers.FixedStep("Radau"), ["'Radau'", "Scipy(...)"]),
+        (lambda: dc.solvers.Sundials("ode4"), ["'ode4'", "FixedStep(...)"]),
+        (lambda: dc.solvers.Taylor("tight"), ["tolerance is 'tight'"]),
+        (lambda: dc.solvers.GeneralizedAlpha(1.2), ["spectral_radius is 1.2"]),
+    ],
+)
+def test_option_objects_name_the_solver_that_takes_what_was_given(
+    make: Any, words: list[str]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ({"testing": ("wang",)}, {"record": ("wang",)}),
+        ({"record_every": 2}, {"record": 2}),
+        ({"solver": "RK45", "tolerance": 1e-6}, {"solver": dc.solvers.Scipy("RK45", 1e-6)}),
+        (
+            {"solver": "generalized-alpha", "spectral_radius": 0.5},
+            {"solver": dc.solvers.GeneralizedAlpha(0.5)},
+        ),
+        ({"stabilisation": "none"}, {"constraints": None}),
+        ({"stabilisation": (1.0, 2.0)}, {"constraints": dc.Baumgarte(1.0, 2.0)}),
+        ({"correct": "energy"}, {"constraints": dc.Projection(energy=True)}),
+    ],
+)
+def test_arguments_of_version_0_1_say_what_to_write(
+    old: dict[str, Any], new: dict[str, Any]
+) -> None:
+    """The old ones give the same run; the warning names the new one."""
+    state = PENDULUM.state({"hinge": 0.5})
+    given = {"duration": 0.2, "step": 0.1}
+    with pytest.warns(DeprecationWarning, match="is now"):
+        before = dc.simulate(PENDULUM, state, **given, **old)
+    now = dc.simulate(PENDULUM, state, **given, **new)
+    np.testing.assert_array_equal(before.q, now.q)
+    assert set(before.integrals) == set(now.integrals)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'steps'"):
+        dc.simulate(PENDULUM, state, **given, steps=3)
+
+
+def test_equations_may_be_a_bare_function() -> None:
+    state = PENDULUM.state({"hinge": 0.5})
+
+    def swings(t: float, q: Any, u: Any) -> Any:
+        return -9.81 / 0.5 * np.sin(q)
+
+    run = dc.simulate(PENDULUM, state, 0.5, 0.01, equations=swings)
+    same = dc.simulate(PENDULUM, state, 0.5, 0.01, equations=dc.Equations(swings))
+    np.testing.assert_array_equal(run.q, same.q)
+    assert run.provenance.equations == "swings"
+
+
 def test_a_step_may_divide_the_duration_but_for_rounding() -> None:
     run = dc.simulate(PENDULUM, PENDULUM.state(), 1.0, 0.1 * (1 + 1e-12), "ode1")
     assert len(run) == 11 and run.t[-1] == 1.0
@@ -55,7 +122,7 @@ def test_a_step_may_divide_the_duration_but_for_rounding() -> None:
 
 def test_a_state_of_another_mechanism() -> None:
     _, state = robot()
-    with pytest.raises(InputError, match=r"state has 8 coordinates and 7 speeds.*'pendulum' has 1"):
+    with pytest.raises(InputError, match=r"has 8 coordinates and 7 speeds.*'pendulum' has 1"):
         dc.simulate(PENDULUM, state, 1.0, 0.1)
     with pytest.raises(InputError, match="mechanism.state"):
         dc.simulate(PENDULUM, State(0.0, np.zeros(2), np.zeros(1)), 1.0, 0.1)

@@ -116,7 +116,7 @@ CONSERVATIVE = ("discrete-gradient",)
 @cache
 def reference(driven: bool) -> Any:
     mechanism, state = robot(driven)
-    return dc.simulate(mechanism, state, 1.28, step=1.28, solver="taylor", testing=())
+    return dc.simulate(mechanism, state, 1.28, step=1.28, solver="taylor", record=())
 
 
 @pytest.mark.heyoka
@@ -130,7 +130,7 @@ def test_order_by_slope(name: str) -> None:
     # Implicit steps cost the more; second order shows well before rounding.
     finest = 4096 if SOLVERS[name].family == "fixed" else 512
     while len(errors) < 3 or (errors[-1] > 1e-12 and steps <= finest):
-        run = dc.simulate(mechanism, state, 1.28, 1.28 / steps, name, testing=())
+        run = dc.simulate(mechanism, state, 1.28, 1.28 / steps, name, record=())
         found = np.concatenate([run.q[-1] - end.q[-1], run.u[-1] - end.u[-1]])
         errors.append(float(np.abs(found).max()))
         steps *= 2
@@ -201,7 +201,7 @@ def test_adaptive_solvers_follow_their_tolerance(name: str) -> None:
     angle, rate = swing(2.0)
     errors = []
     for tolerance in (1e-4, 1e-6, 1e-8):
-        run = dc.simulate(mechanism, start, 2.0, None, name, (), tolerance=tolerance)
+        run = dc.simulate(mechanism, start, 2.0, None, dc.solvers.by_name(name, tolerance), ())
         errors.append(max(abs(run.q[-1, 0] - angle), abs(run.u[-1, 0] - rate)))
         assert run.t[-1] == 2.0
         assert errors[-1] < 1000 * tolerance  # multistep methods accumulate most
@@ -217,8 +217,8 @@ def test_adaptive_solvers_follow_their_tolerance(name: str) -> None:
 def test_adaptive_solvers_on_every_kind_of_joint(name: str) -> None:
     """Methods of different families agree where no closed form is known."""
     mechanism, state = robot()
-    fine = dc.simulate(mechanism, state, 0.5, 0.5 / 512, "ode8", record_every=512)
-    run = dc.simulate(mechanism, state, 0.5, 0.1, name, tolerance=1e-8)
+    fine = dc.simulate(mechanism, state, 0.5, 0.5 / 512, "ode8", record=512)
+    run = dc.simulate(mechanism, state, 0.5, 0.1, dc.solvers.by_name(name, 1e-8))
     np.testing.assert_allclose(run.t, np.linspace(0, 0.5, 6), atol=1e-15)
     assert np.abs(run.q[-1] - fine.q[-1]).max() < 1e-6
     assert np.abs(run.u[-1] - fine.u[-1]).max() < 1e-6

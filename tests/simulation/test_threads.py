@@ -48,13 +48,14 @@ def test_a_solver_in_threads(name: str, solver: str) -> None:
             "Taylor's method is compared on the double pendulum; the loop takes long to compile"
         )
     problem, kind = problems.load(name), SOLVERS[solver]
-    options: dict[str, Any] = {} if kind.takes_steps else {"tolerance": 1e-7}
+    options: dict[str, Any] = {}
+    chosen = dc.solvers.by_name(solver, None if kind.takes_steps else 1e-7)
     if name == "n-four-bar" and solver in ("BDF", "LSODA"):
-        options["stabilisation"] = (5.0, 5.0)
+        options["constraints"] = dc.Baumgarte(5.0, 5.0)
 
     def run(k: int) -> tuple[np.ndarray, ...]:
         state = started(problem, k)
-        return columns(dc.simulate(problem.mechanism, state, 0.5, 0.01, solver, **options))
+        return columns(dc.simulate(problem.mechanism, state, 0.5, 0.01, chosen, **options))
 
     together(run)
 

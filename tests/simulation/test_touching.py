@@ -40,7 +40,7 @@ def ran(
     names = mechanism.coordinates.names
     state = mechanism.state(dict(zip(names, q)), dict(zip(names, u)))
     with warnings.catch_warnings():
-        warnings.simplefilter("error", dc.SimulationStopped)
+        warnings.simplefilter("error", dc.SimulationStoppedWarning)
         return dc.simulate(mechanism, state, 2.0, 0.01, solver)
 
 
@@ -91,6 +91,6 @@ def test_a_pair_pressed_together_later_is_in_lasting_contact() -> None:
         forces=[dc.forces.joint_torque("push", "a", "max(t - 1, 0)")],
         events=pair.events,
     )
-    with pytest.warns(dc.SimulationStopped, match="'impact ab' is in lasting contact"):
+    with pytest.warns(dc.SimulationStoppedWarning, match="'impact ab' is in lasting contact"):
         run = dc.simulate(pushed, pushed.state({"b": 2 * RADIUS}), 2.0, 0.01, "ode4")
     assert run.t[-1] == pytest.approx(1.0, abs=2e-3)  # 1e-10 m are overlapped after (6e-10)^(1/3) s

@@ -89,6 +89,22 @@ def trace_map(system: System, given: CoordinateMap) -> OwnCoordinates:
     )
 
 
+def trace_split(system: System, given: CoordinateMap | None) -> OwnCoordinates | None:
+    """Own generalized speeds in which testing functions divide the kinetic energy; none by default.
+
+    InputError for a mechanism with constraints: there λ belongs to the speeds of the joints, and v_t is what
+    the constraints leave.
+    """
+    if given is None:
+        return None
+    if system.mechanism.constraints:
+        raise InputError(
+            f"coordinates: mechanism {system.mechanism.name!r} has constraints, which choose already how "
+            "the motion is divided; leave own generalized speeds out"
+        )
+    return trace_map(system, given)
+
+
 def _solve(A: SX, b: SX) -> SX:
     """Solve A x = b, where b is in the range of a matrix with at least as many rows as columns."""
     if A.shape[0] == A.shape[1]:

@@ -35,6 +35,7 @@ from deltac.energy.terms import (
 )
 from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -47,6 +48,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def balance(
     model: ModelLike,
     run: Trajectory,
@@ -80,6 +82,8 @@ def balance(
     method = _method(run, work)
     tied = bool(mechanism.constraints)
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
+    if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
+        _require_same_division(run, coordinates)
     rows = rows_of(run)
     log = LoggedForces.of(rows)
     samples, basis = checked_samples(mechanism, rows, log)
@@ -238,6 +242,17 @@ def _method(run: Trajectory, work: str | None) -> str:
             "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
         )
     return work
+
+
+def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
+    """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
+    taken, _, names = run.provenance.notes.get("coordinates", "").partition(" ")
+    if taken != ("" if coordinates is None else coordinates.digest):
+        of = f"in the own speeds {names}" if taken else "in the mechanism's speeds"
+        raise InputError(
+            f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
+            f"balance {'the same coordinates=' if taken else 'none'}, or work='samples'"
+        )
 
 
 def _chosen(

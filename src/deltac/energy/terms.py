@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.forces import Channel, total_force
 from deltac.dynamics.independence import independence
@@ -139,13 +139,8 @@ def ledger_symbols(
     """
     motion = equations_of_motion(mechanism)
     system = motion.system
-    if speeds is not None and mechanism.constraints:
-        raise InputError(
-            "own generalized speeds (speeds=) and constraints cannot be combined: the constraints already "
-            "choose how the motion is divided"
-        )
+    own = trace_split(system, speeds)
     bound = motion.constrained(independence(motion, *start).independent)
-    own = trace_map(system, speeds) if speeds is not None else None
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)
     driven = {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}

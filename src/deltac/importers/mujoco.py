@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
+from deltac.files import read_bytes
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
     actuator_names,
@@ -22,6 +27,7 @@ from deltac.importers.passive import Findings, disabled, read_passive, total_arm
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.tree import read_tree
 from deltac.importers.urdf import Urdf, read_urdf
+from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
 from deltac.mechanism.state import State
@@ -68,6 +74,7 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
         return model, path.name, assumed, urdf
     if path.suffix.lower() not in (".xml", ".mjcf"):
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
+    _try_apart(path)
     try:
         with _quiet(mujoco):
             return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
@@ -83,6 +90,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
     urdf = read_urdf(path)
     assumed = list(urdf.remarks)
     # Meshes are often out of reach (package://…), and MuJoCo is strict about inertias.
+    refused = ""
     for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
         try:
             with _quiet(mujoco):
@@ -91,6 +99,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
             break
         except ValueError as error:
             problem = _refused(path.name, error)
+            refused = refused if placeholders else problem
     else:
         raise ModelError(problem)
     if not shapes:
@@ -111,7 +120,65 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
                 "for a robot that moves about, read it with base='free'",
             )
         )
-    return model, assumed, urdf
+    return model, assumed, replace(urdf, refused=refused if placeholders else "")
+
+
+def _try_apart(path: Path) -> None:
+    """Compile a file that may be large in a process of its own first, bounded in time and memory.
+
+    A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
+
+    Raises LimitError for a file that takes too long, ModelError for one that brings MuJoCo down.
+    """
+    limits = Limits.current()
+    text = read_bytes(path, "model").decode("utf-8", "replace")
+    counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
+    if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
+        return
+    code = (
+        "import sys, mujoco\n"
+        "try:\n    import resource\n    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)\n"
+        "except (ImportError, ValueError, OSError): pass\n"
+        "try: mujoco.MjModel.from_xml_path(sys.argv[1])\n"
+        "except ValueError: pass\n"  # said in the process of the caller
+        "except MemoryError: sys.exit(3)\n"
+    )
+    memory = free_memory() or 2**62
+    try:
+        tried = subprocess.run(
+            [sys.executable, "-c", code, str(path.absolute()), str(int(memory))],
+            capture_output=True,
+            timeout=limits.seconds,
+            cwd=path.parent,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        limits.refuse(
+            "seconds", f"model file {path.name!r} takes {limits.seconds} s to compile and"
+        )
+    if tried.returncode < 0 or tried.returncode == 3:
+        raise ModelError(
+            f"model file {path.name!r} brings MuJoCo down, or does not fit into {memory / 1e9:.1f} GB"
+        )
+
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
+_PLAIN, _MANY = 2**20, 500.0  # bytes of a file, and of its largest count
+_COUNTS = re.compile(r"""\b(?:count|nrow|ncol|width|height|cellcount)\s*=\s*["']([^"']*)["']""")
+
+
+def simulated_model(path: str | Path, base: str = "fixed") -> Any:
+    """The compiled model of an MJCF or URDF file, for MuJoCo to simulate.
+
+    Raises InputError as `load_model`, and for a URDF file whose inertias or joints MuJoCo does not take.
+    """
+    model, _, _, urdf = load_model(path, base)
+    if urdf is not None and urdf.refused:
+        raise ModelError(f"{urdf.refused}; `read_mechanism` reads it, MuJoCo does not simulate it")
+    if urdf is not None and urdf.floating:
+        joint = next(iter(urdf.floating.values()))
+        raise ModelError(f"{urdf.name}: MuJoCo does not simulate the floating joint {joint!r}")
+    return model
 
 
 def _tree(mujoco: Any, urdf: Urdf, placeholders: bool, shapes: bool, path: Path, base: str) -> Any:

@@ -77,6 +77,7 @@ class Urdf:
     """A URDF file as read: its document, its links, and what there is to say of them.
 
     `floating`: child link -> joint of six degrees of freedom, which MuJoCo takes under the world only.
+    `refused`: what MuJoCo says of the links' inertias, where it takes the tree with placeholders only.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Urdf:
     links: Mapping[str, LinkInertia]
     floating: Mapping[str, str]
     remarks: tuple[Remark, ...]
+    refused: str = ""
 
     def text(self, placeholders: bool, shapes: bool) -> str:
         """The document for MuJoCo; with `placeholders` every link has the same harmless inertia."""

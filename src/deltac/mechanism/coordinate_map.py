@@ -6,8 +6,10 @@ planar chains of hinges.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from deltac.caching import FrozenDict
@@ -62,6 +64,12 @@ class CoordinateMap:
             raise ModelError("a coordinate map with q= must name its own coordinates")
         if self.u and not self.speeds:
             raise ModelError("a coordinate map with u= must name its own speeds")
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of the map, to tell whether a log was made with the same one."""
+        laws = [sorted(law.items()) for law in (self.q, self.u)]
+        return hashlib.sha256(repr((self.coordinates, self.speeds, laws)).encode()).hexdigest()[:16]
 
     def check(self, mechanism: Mechanism) -> None:
         """InputError unless the map gives every free coordinate and speed of the mechanism."""

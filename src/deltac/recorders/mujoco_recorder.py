@@ -9,7 +9,6 @@ forward pass, and the replayed state must be the one that MuJoCo reached.
 from __future__ import annotations
 
 import copy
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +22,9 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, UnknownName, WrongType, closest
+from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
@@ -177,8 +178,8 @@ class MujocoRecorder:
     def trajectory(self, message: str = "") -> Trajectory:
         """The samples, and as the last row the present state with the inputs that are set now.
 
-        A `message` says why the run ended before its time; then the last row is left out, and no
-        samples at all are an InputError.
+        A `message` says why the run ended before its time; then the last row is left out. A run that broke
+        off in its first step is the row of its start.
         """
         rows = list(self._rows)
         if not message:
@@ -186,10 +187,14 @@ class MujocoRecorder:
             self._mujoco.mj_copyData(present, self._model, self._before)
             self._set_inputs(present)
             rows.append(self._replay(present))
-        if not rows:
-            raise InputError(f"nothing was recorded: {message}")
-        implicit = any(row.corrected for row in rows)
         builder = TrajectoryBuilder(coordinate_names(self._model), speed_names(self._model))
+        if not rows:  # it broke off in its first step: there is the start, and why
+            start = self._before
+            if not np.isfinite([*start.qpos, *start.qvel]).all():
+                raise InputError(f"nothing was recorded: {message}")
+            builder.add(float(start.time), np.array(start.qpos), np.array(start.qvel))
+            return builder.trajectory(self._provenance(False, (), message))
+        implicit = any(row.corrected for row in rows)
         for row in rows:
             forces = {**row.forces, IMPLICIT: row.correction} if implicit else row.forces
             builder.add(
@@ -260,14 +265,6 @@ class MujocoRecorder:
     def _provenance(self, implicit: bool, channels: tuple[str, ...], message: str) -> Provenance:
         model = self._model
         solver = next(n for n, v in integrator_names().items() if v == model.opt.integrator)
-        notes = {
-            "stage": STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
-            "held": ";".join(channels if solver != "rk4" else self._varied_channels(channels)),
-            "looked_for": ";".join(OCCASIONAL),
-            "acted": ";".join(n for n in channels if n.partition(" ")[0] in OCCASIONAL),
-            "strengths": json.dumps(motor_strengths(model)),
-            "replay": f"every step was replayed; largest difference {self._off:.3g}",
-        }
         steps = self._steps or {float(model.opt.timestep)}
         return Provenance(
             simulator=f"MuJoCo {self._mujoco.mj_versionString()}",
@@ -276,7 +273,12 @@ class MujocoRecorder:
             model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
             completed=not message,
             message=message,
-            notes=notes,
+            stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
+            held=tuple(channels if solver != "rk4" else self._varied_channels(channels)),
+            looked_for=tuple(OCCASIONAL),
+            acted=tuple(n for n in channels if ChannelName.parse(n).kind in OCCASIONAL),
+            strengths=motor_strengths(model),
+            notes={"replay": f"every step was replayed; largest difference {self._off:.3g}"},
         )
 
     def _varied_channels(self, channels: tuple[str, ...]) -> list[str]:
@@ -327,6 +329,7 @@ def run_mujoco(
     integrator: str | None = None,
     channels: str = "all",
     progress: Callable[[float], None] | None = None,
+    base: str = "fixed",
 ) -> Trajectory:
     """Run MuJoCo and record every step.
 
@@ -339,6 +342,7 @@ def run_mujoco(
         integrator: one of `integrator_names`; by default the model's own.
         channels: as in `record_mujoco`.
         progress: called with the fraction done.
+        base: "fixed" or "free", for the root link of a URDF file, as in `read_mechanism`.
 
     Returns:
         The trajectory: one row for each step and one for the end. A run that blows up stops there; its
@@ -348,7 +352,7 @@ def run_mujoco(
         InputError: MuJoCo is missing, an argument is unusable, or the forces do not add up.
     """
     mujoco = simulator("mujoco", "mujoco")
-    own = copy.copy(compiled_model(model))
+    own = copy.copy(compiled_model(model, base))
     if step is not None:
         own.opt.timestep = _positive("step", step)
     if integrator is not None:
@@ -386,8 +390,8 @@ def run_mujoco(
     return recorder.trajectory()
 
 
-def compiled_model(model: Model | str | Path) -> Model:
-    """The mjModel that a model, a spec or a file means; InputError for none."""
+def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
+    """The mjModel that a model, a spec or a file means; InputError for none. `base` is a URDF's root link."""
     mujoco = simulator("mujoco", "mujoco")
     if isinstance(model, mujoco.MjModel):
         return model
@@ -395,7 +399,7 @@ def compiled_model(model: Model | str | Path) -> Model:
         if isinstance(model, mujoco.MjSpec):
             return model.compile()
         if isinstance(model, str | Path):
-            return mujoco.MjModel.from_xml_path(str(model))
+            return simulated_model(model, base)
     except ValueError as error:
         raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
     raise WrongType(

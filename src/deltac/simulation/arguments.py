@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.recursions import crba
-from deltac.errors import InputError
+from deltac.errors import InputError, LimitError
+from deltac.limits import Limits
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import Flow, Keeping, Projection
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
@@ -33,7 +34,6 @@ def check_request(
     equations: Equations | None,
     controller: Controller | None,
     step: float | None,
-    tolerance: float | None,
 ) -> None:
     """InputError for arguments that do not go together, or not with the mechanism."""
     if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
@@ -48,16 +48,8 @@ def check_request(
         )
     if step is not None:
         positive(step, "step")
-    if solver.takes_steps:
-        if step is None:
-            raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
-        if tolerance is not None:
-            raise InputError(
-                f"solver {solver.name!r} takes fixed steps and no tolerance; give a smaller step, or use "
-                "an adaptive solver such as 'DOP853'"
-            )
-    elif tolerance is not None:
-        positive(tolerance, "tolerance")
+    if solver.takes_steps and step is None:
+        raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
     motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
         raise InputError(
@@ -94,19 +86,19 @@ def check_events(mechanism: Mechanism, equations: Equations | None, switches: bo
     return True
 
 
-def check_correction(correct: str | None, solver: Solver, *, watching: bool) -> None:
-    """InputError for a correction that is unknown, or does not go with the solver or with events."""
-    if correct not in (None, "energy"):
-        raise InputError(f"unknown correction {correct!r}; expected 'energy', or None for none")
-    if correct is not None and (solver.multistep or solver.family == "taylor"):
+def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> None:
+    """InputError for a correction of the energy that does not go with the solver or with events."""
+    if not (isinstance(keeping, Projection) and keeping.energy):
+        return
+    if solver.multistep or solver.family == "taylor":
         raise InputError(
             f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
-    if correct is not None and watching:
+    if watching:
         raise InputError(
-            "correct='energy' cannot be combined with events (impacts, stops, switches): an impact loses "
-            "energy that a correction would put back; leave one of them out"
+            "Projection(energy=True) cannot be combined with events (impacts, stops, switches): an impact "
+            "loses energy that a correction would put back; leave one of them out"
         )
 
 
@@ -209,6 +201,12 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
             f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
         )
     steps = round(duration / step)
+    rows, most = steps // every + 1, Limits.current().rows
+    if rows > most:
+        raise LimitError(
+            f"step {step:g} makes {rows:.3g} rows of the duration {duration:g}, more than {most:.3g}; give "
+            f"record={10 ** math.ceil(math.log10(every * rows / most))}, or a larger step"
+        )
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         near = duration / max(1, math.ceil(duration / step))
         raise InputError(
@@ -216,7 +214,7 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
             f"times); the next smaller one that does is {near:.12g}"
         )
     if steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+        raise InputError(f"record: every = {every} does not divide the number of steps, {steps}")
     return steps
 
 

@@ -7,16 +7,17 @@ so that solver and step treat powers as they treat the motion (theory: the integ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.caching import Once
-from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
@@ -32,14 +33,65 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import testing_functions
+from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
-Stabilisation: TypeAlias = str | tuple[float, float]
-"""How a run stays on its constraints: "projection", "none", or Baumgarte's (α, β) in 1/s."""
+
+@dataclass(frozen=True)
+class Projection:
+    """After each step q and u are brought onto the constraints, by the least change in the mass metric.
+
+    With `energy` the state is then brought back to ΔC = 0 of Wang's function likewise. What that does to the
+    energy is booked as `correction energy`, so ΔC still shows what the solver lost; what the corrected motion
+    is worth, it does not show.
+    """
+
+    energy: bool = False
+
+
+@dataclass(frozen=True)
+class Baumgarte:
+    """Constraints on the level of accelerations, ψ̇ + 2α ψ + β² φ = 0; α and β in 1/s (Baumgarte 1972)."""
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+                raise InputError(
+                    f"Baumgarte: {name} is {value!r}; expected a finite number of 1/s, 0 or more, such as "
+                    "10.0"
+                )
+
+
+PROJECTION = Projection()
+
+Keeping: TypeAlias = Projection | Baumgarte | None
+"""How a run stays on its constraints; None: on the level of accelerations alone."""
+
+
+def stabilised(old: object) -> Any:
+    """What the argument `constraints` is for one of the old name, `stabilisation`: "none", (α, β)."""
+    if isinstance(old, tuple) and len(old) == 2:
+        return Baumgarte(*old)
+    return None if old == "none" else old
+
+
+def keeping(constraints: str | Keeping) -> Keeping:
+    """What the argument `constraints` says, "projection" written out; InputError for anything else."""
+    if constraints == "projection":
+        return Projection()
+    if constraints is None or isinstance(constraints, Projection | Baumgarte):
+        return constraints
+    raise InputError(
+        f"constraints is {constraints!r}; expected 'projection', deltac.Projection(energy=True), "
+        "deltac.Baumgarte(alpha, beta) in 1/s, or None"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,28 +215,29 @@ def build_flow(
     split: CoordinateMap | None = None,
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
-    stabilisation: Stabilisation = "projection",
+    constraints: Keeping = PROJECTION,
     *,
-    correcting: bool = False,
     works: bool = True,
 ) -> Flow:
     """Write out ẋ for a mechanism.
 
     `written` are equations by hand in place of the mechanism's own, traced on `trace(mechanism, vary)`;
     `split` chooses the generalized speeds of the testing functions, `rows` the independent rows of the
-    constraints; `stabilisation` is "projection", "none" or Baumgarte's (α, β); `correcting` tells that
-    each step ends with a correction of the energy; `works`, that works of channels are integrated beside the
-    testing functions, if there are any: of all that can do work but those with a potential, whose work is
-    known without.
+    constraints, and `constraints` how the run stays on them; `works` tells that works of channels are
+    integrated beside the testing functions, if there are any: of all that can do work but those with a
+    potential, whose work is known without.
     """
     mechanics = equations_of_motion(mechanism, vary)
     system = mechanics.system
     functions = testing_functions(testing, constrained=bool(mechanism.constraints))
     parts = mechanics.channels
-    split_own = trace_map(system, split) if split is not None else None
+    split_own = trace_split(system, split)
     bound = mechanics.constrained(rows)
     own: OwnCoordinates | None = None
-    damping = stabilisation if isinstance(stabilisation, tuple) else (0.0, 0.0)
+    correcting = isinstance(constraints, Projection) and constraints.energy
+    damping = (0.0, 0.0)
+    if isinstance(constraints, Baumgarte):
+        damping = (constraints.alpha, constraints.beta)
     given = ca.SX(0, 1)
     if written is None:
         motion = forward(system, parts, bound, damping)
@@ -219,7 +272,7 @@ def build_flow(
         outputs = _substituted(outputs, [system.udot], [free_udot])
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
-    projecting = bound is not None and own is None and stabilisation == "projection"
+    projecting = bound is not None and own is None and isinstance(constraints, Projection)
     booked: tuple[str, ...] = CORRECTIONS if projecting or correcting else ()
     booked = (*booked, ENERGY_CORRECTION) if correcting else booked
     due = (ENERGY_DUE,) if correcting else ()

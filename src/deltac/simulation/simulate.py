@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.caching import LRUCache
-from deltac.deprecation import renamed_keywords
+from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.system import trace
+from deltac.errors import InputError, warn_user
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, opened
@@ -33,9 +35,18 @@ from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, eventful
-from deltac.simulation.flow import Flow, Stabilisation, build_flow
+from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
-from deltac.simulation.solvers import Solver, find_solver
+from deltac.simulation.solvers import (
+    DEFAULT_RADIUS,
+    Options,
+    Scipy,
+    Solver,
+    Sundials,
+    Taylor,
+    find_solver,
+    solver_options,
+)
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.explicit import (
@@ -45,7 +56,7 @@ from deltac.simulation.stepping.explicit import (
     FixedMethod,
     FixedSteps,
 )
-from deltac.simulation.stepping.implicit import ImplicitMethod, ImplicitSteps, check_radius
+from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate, numeric_masks
 from deltac.simulation.stepping.loop import Loop
 from deltac.simulation.stepping.protocol import StepGrid, Stepper
@@ -54,33 +65,60 @@ from deltac.simulation.stepping.sundials import SundialsSteps
 from deltac.simulation.stepping.taylor import TaylorSteps
 from deltac.trajectories import Provenance, Trajectory
 
-DEFAULT_TOLERANCE = 1e-9
 
-
-class SimulationStopped(UserWarning):
+class SimulationStoppedWarning(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
+@dataclass(frozen=True)
+class Record:
+    """What a run records.
+
+    Attributes:
+        testing: names of the testing functions whose power is integrated by the same solver and step; the
+            integrals (J) are in the trajectory's `integrals`.
+        every: keep every so many steps of a fixed-step solver.
+    """
+
+    testing: Sequence[str] = ("wang", "liu-huston")
+    every: int = 1
+
+    @staticmethod
+    def of(given: Record | Sequence[str] | int) -> Record:
+        """What the argument `record` says: names of testing functions alone, or every how many steps."""
+        if isinstance(given, Record):
+            return given
+        if isinstance(given, int | np.integer) and not isinstance(given, bool):
+            return Record(every=int(given))
+        if isinstance(given, list | tuple) and all(isinstance(name, str) for name in given):
+            return Record(testing=tuple(given))
+        raise InputError(
+            f"record is {given!r}; expected names of testing functions, a whole number (every so many "
+            "steps), or deltac.Record(testing=..., every=...)"
+        )
+
+
+RECORD = Record()
+
+
 @renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def simulate(
     model: ModelLike,
     state: StateLike = None,
     duration: float | None = None,
     step: float | None = None,
-    solver: str = "ode5",
-    testing: Sequence[str] = ("wang", "liu-huston"),
-    equations: Equations | None = None,
+    solver: str | Options = "ode5",
+    record: Record | Sequence[str] | int = RECORD,
+    equations: Equations | Callable[..., Any] | None = None,
     *,
     controller: Controller | None = None,
-    tolerance: float | None = None,
-    record_every: int = 1,
+    constraints: str | Keeping = "projection",
     coordinates: CoordinateMap | None = None,
-    stabilisation: Stabilisation = "projection",
-    correct: str | None = None,
-    spectral_radius: float | None = None,
     vary: Sequence[str] = (),
     switches: bool = False,
     progress: Callable[[float], None] | None = None,
+    **renamed: Any,
 ) -> Trajectory:
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
@@ -90,62 +128,61 @@ def simulate(
         duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
             samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
-        solver: a name or alias of `solver_names()`.
-        testing: names of the testing functions whose power is integrated by the same solver and step;
-            the integrals (J) are in the trajectory's `integrals`.
-        equations: hand-written equations of motion in place of the mechanism's own.
+        solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with the options of its
+            own, such as `Scipy("DOP853", tolerance=1e-9)`.
+        record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
+            steps.
+        equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
+            function (t, q, u) -> u̇ of the mechanism's coordinates.
         controller: sets the motors that have no law (`joint_torque` without torque).
-        tolerance: relative tolerance of adaptive solvers (default 1e-9; Taylor: machine precision).
-        record_every: keep every so many steps of a fixed-step solver.
+        constraints: how the run stays on its constraints: "projection" of q and u after each step (least
+            in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
         coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
-        stabilisation: how the run stays on its constraints: "projection" of q and u after each step (least
-            in the mass metric), Baumgarte's (α, β) in 1/s, or "none".
-        correct: "energy" brings the state back to ΔC = 0 of Wang's function after each step of a fixed-step
-            solver, by the least change in the mass metric. What that does to the energy is booked as
-            `correction energy`, so ΔC still shows what the solver lost; what the corrected motion is
-            worth, it does not show.
-        spectral_radius: of the generalized-α solver at infinite frequency, from 0 (what is fast is gone
-            in a step) to 1 (no numerical damping); default 0.8.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
             let no step go across one: the solver keeps its order.
         progress: called with the fraction done.
+        **renamed: arguments of version 0.1, which say what to write now.
 
     Returns:
         Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
         drove it, and the integrals. A run whose state ceases to be finite, or whose implicit step has no
-        solution, stops there with a warning `SimulationStopped`; the trajectory keeps what there is and its
-        provenance says when and why.
+        solution, stops there with a warning `SimulationStoppedWarning`; the trajectory keeps what there is
+        and its provenance says when and why.
 
     Raises:
         InputError: before anything is computed, for what cannot be simulated as it is.
 
     Warns:
-        EnergyLeft: corrections of the energy could not keep up with what the steps lost.
-        StiffStep: the step is far too large for friction, contact, or the mechanism; tells the time scale.
+        EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
+        StiffStepWarning: the step is far too large for friction, contact, or the mechanism; tells the time
+            scale.
     """
     mechanism, state, duration = opened(model, state, duration)
-    found = find_solver(solver)
+    if renamed:
+        solver, record, constraints = _as_before(renamed, solver, record, constraints)
+    options = solver_options(solver)
+    found, wanted, kept = find_solver(options.name), Record.of(record), keeping(constraints)
+    if equations is not None and not isinstance(equations, Equations):
+        equations = Equations(equations, name=getattr(equations, "__name__", "equations by hand"))
     duration = positive(duration, "duration")
-    every = count(record_every, "record_every")
-    check_request(mechanism, state, found, equations, controller, step, tolerance)
-    radius = check_radius(found, spectral_radius)
+    every = count(wanted.every, "record: every")
+    check_request(mechanism, state, found, equations, controller, step)
     watching = check_events(mechanism, equations, switches)
-    check_correction(correct, found, watching=watching)
+    check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, equations, stabilisation)
+    rows = constraint_start(mechanism, state, found, equations, kept)
     made = _compiled(
         mechanism,
         found,
-        testing,
+        wanted,
         equations,
         coordinates,
         vary,
         rows,
-        stabilisation,
-        correct,
+        kept,
         steps,
         watching,
         switches,
@@ -170,7 +207,7 @@ def simulate(
     else:
         p_run = p
     compiled = flow.traced and controller is None
-    stepper = _stepper(made, found, rate, p_run, tolerance, radius, compiled=compiled)
+    stepper = _stepper(made, options, rate, p_run, compiled=compiled)
     careful = None
     if found.step is not None and compiled and flow.bound is not None and equations is None:
         careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
@@ -191,19 +228,19 @@ def simulate(
         motion = explained(flow, found, duration / steps, p, x0, motion)
     motion = while_assembled(flow, motion, p)
     if motion.message:
-        warnings.warn(motion.message, SimulationStopped, stacklevel=2)
-    if correct is not None:
+        warn_user(motion.message, SimulationStoppedWarning)
+    if flow.correcting:
         check_correction_held(flow, motion.t, motion.x, p)
     provenance = Provenance(
         simulator="deltac",
         solver=found.name,
         step=step if found.takes_steps else None,
-        tolerance=tolerance,
+        tolerance=getattr(options, "tolerance", None),
         model=mechanism.name,
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, correct, events),
+        **_circumstances(mechanism, equations, controller, flow, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -237,13 +274,12 @@ _KEPT: LRUCache[Compiled] = LRUCache(32)
 def _compiled(
     mechanism: Mechanism,
     solver: Solver,
-    testing: Sequence[str],
+    record: Record,
     equations: Equations | None,
-    speeds: CoordinateMap | None,
+    coordinates: CoordinateMap | None,
     vary: Sequence[str],
     rows: tuple[int, ...],
-    stabilisation: Stabilisation,
-    correct: str | None,
+    constraints: Keeping,
     steps: int,
     watching: bool,
     switches: bool,
@@ -253,30 +289,20 @@ def _compiled(
     key = (
         mechanism.digest(vary),
         solver.name,
-        tuple(testing),
+        tuple(record.testing),
         None if written is None else written.key,
-        speeds,
+        coordinates,
         tuple(vary),
         rows,
-        stabilisation,
-        correct,
+        constraints,
         steps >= LONG_RUN,
         watching,
         switches,
     )
 
     def make() -> Compiled:
-        flow = build_flow(
-            mechanism,
-            testing,
-            written,
-            speeds,
-            vary,
-            rows,
-            stabilisation,
-            correcting=correct == "energy",
-        )
-        events = eventful(flow, speeds, switches) if watching else None
+        flow = build_flow(mechanism, record.testing, written, coordinates, vary, rows, constraints)
+        events = eventful(flow, coordinates, switches) if watching else None
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
@@ -299,43 +325,84 @@ def _room(steps: int, *, watching: bool) -> int:
 
 
 def _stepper(
-    made: Compiled,
-    solver: Solver,
-    rate: StageRate,
-    p: NDArray[np.float64],
-    tolerance: float | None,
-    radius: float,
-    *,
-    compiled: bool,
+    made: Compiled, options: Options, rate: StageRate, p: Array, *, compiled: bool
 ) -> Stepper:
     """What takes the steps of one run."""
     flow, method = made.moving, made.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
     if isinstance(method, ImplicitMethod):
-        return ImplicitSteps(method, rate, p, radius)
-    if solver.family == "taylor":
-        return TaylorSteps(flow, p, tolerance, quad=solver.name == "taylor-quad")
-    accepted = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    if solver.family == "sundials":
-        return SundialsSteps(flow, solver, p, accepted)
-    return ScipySteps(flow, solver, rate, p, accepted, compiled=compiled)
+        return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
+    if isinstance(options, Taylor):
+        return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
+    assert isinstance(options, Sundials | Scipy)
+    solver = find_solver(options.name)
+    if isinstance(options, Sundials):
+        return SundialsSteps(flow, solver, p, options.tolerance)
+    return ScipySteps(flow, solver, rate, p, options.tolerance, compiled=compiled)
 
 
-def _notes(
+def _circumstances(
     mechanism: Mechanism,
     equations: Equations | None,
     controller: Controller | None,
-    correct: str | None,
+    flow: Flow,
     events: EventRun | None,
-) -> dict[str, str]:
+    coordinates: CoordinateMap | None,
+) -> dict[str, Any]:
+    """What is said in the provenance of how the run was made."""
     notes: dict[str, str] = {}
-    if correct is not None:
-        notes["corrected"] = correct
-    if events is not None and events.ended:
-        notes["ended"] = events.ended
-    if equations is not None:
-        notes["equations"] = equations.name
+    if coordinates is not None:
+        notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
+    held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
-        notes["held"] = ";".join(f"actuator {motor.name}" for motor in mechanism.motors)
-    return notes
+        held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
+    return {
+        "corrected": "energy" if flow.correcting else "",
+        "ended": "" if events is None else events.ended,
+        "equations": "" if equations is None else equations.name,
+        "held": held,
+        "notes": notes,
+    }
+
+
+def _as_before(
+    old: dict[str, Any],
+    solver: str | Options,
+    record: Record | Sequence[str] | int,
+    constraints: str | Keeping,
+) -> tuple[str | Options, Record, str | Keeping]:
+    """Solver, record and constraints as arguments of version 0.1 say them, each with a warning."""
+    for name in old:
+        if name not in _RENAMED:
+            raise TypeError(f"simulate() got an unexpected keyword argument {name!r}")
+        warn_renamed(f"simulate({name}=…)", *_RENAMED[name], stacklevel=3)
+    wanted = Record.of(record)
+    wanted = Record(
+        old.get("testing", wanted.testing),
+        old.get("record_every", wanted.every),
+    )
+    solver = solver_options(solver, old.get("tolerance"), old.get("spectral_radius"))
+    constraints = stabilised(old["stabilisation"]) if "stabilisation" in old else constraints
+    if old.get("correct") not in (None, "energy"):
+        raise InputError(
+            f"unknown correction {old['correct']!r}; expected 'energy', or None for none"
+        )
+    if old.get("correct") is not None:
+        if constraints not in ("projection", Projection()):
+            raise InputError(
+                "correct='energy' goes with projection; write constraints=deltac.Projection(energy=True)"
+            )
+        constraints = Projection(energy=True)
+    return solver, wanted, constraints
+
+
+_RENAMED = {
+    "testing": ("simulate(record=…)",),
+    "record_every": ("deltac.Record(every=…)",),
+    "tolerance": ("an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",),
+    "spectral_radius": ("deltac.solvers.GeneralizedAlpha(spectral_radius=…)",),
+    "stabilisation": ("simulate(constraints=…)",),
+    "correct": ("simulate(constraints=deltac.Projection(energy=True))",),
+}
+"""Arguments of version 0.1, and what to write now; to go in the next release."""

@@ -1,11 +1,13 @@
-"""Solvers by name: fixed steps, explicit and implicit; adaptive ones of SciPy and SUNDIALS; Taylor."""
+"""Solvers: by name, and as option objects where a solver has options of its own (`deltac.solvers`)."""
 
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+from typing import ClassVar, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -70,21 +72,193 @@ SOLVERS: dict[str, Solver] = {
 _BY_ALIAS = {alias: solver for solver in SOLVERS.values() for alias in solver.aliases}
 
 
+DEFAULT_RADIUS = 0.8
+"""Spectral radius of generalized-α at infinity, where none is asked for."""
+
+DEFAULT_TOLERANCE = 1e-9
+"""Relative tolerance of the solvers that choose their steps, where none is asked for."""
+
+
+@dataclass(frozen=True)
+class FixedStep:
+    """A solver of fixed steps by its name, explicit or implicit; it has no options of its own."""
+
+    name: str = "ode5"
+    families: ClassVar[tuple[str, ...]] = ("fixed", "implicit")
+
+    def __post_init__(self) -> None:
+        _check(self, self.name)
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """The generalized-α method of Chung and Hulbert, implicit, with fixed steps.
+
+    `spectral_radius` is that at infinite frequency, from 0 (asymptotic annihilation) to 1 (no high-frequency
+    dissipation).
+    """
+
+    spectral_radius: float = DEFAULT_RADIUS
+    name: ClassVar[str] = "generalized-alpha"
+
+    def __post_init__(self) -> None:
+        radius = _number(self.spectral_radius)
+        if not 0.0 <= radius <= 1.0:
+            raise InputError(
+                f"spectral_radius is {self.spectral_radius!r}; expected a number from 0 (asymptotic "
+                "annihilation) to 1 (no high-frequency dissipation)"
+            )
+
+
+@dataclass(frozen=True)
+class Scipy:
+    """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
+
+    `tolerance` is relative; a thousandth of it is the absolute one.
+    """
+
+    name: str = "DOP853"
+    tolerance: float = DEFAULT_TOLERANCE
+    families: ClassVar[tuple[str, ...]] = ("scipy",)
+
+    def __post_init__(self) -> None:
+        _check(self, self.name)
+        _check_tolerance(self.tolerance)
+
+
+@dataclass(frozen=True)
+class Sundials:
+    """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
+
+    `tolerance` is relative; a thousandth of it is the absolute one.
+    """
+
+    name: str = "CVODES"
+    tolerance: float = DEFAULT_TOLERANCE
+    families: ClassVar[tuple[str, ...]] = ("sundials",)
+
+    def __post_init__(self) -> None:
+        _check(self, self.name)
+        _check_tolerance(self.tolerance)
+
+
+@dataclass(frozen=True)
+class Taylor:
+    """Heyoka's adaptive Taylor method, the reference: its order follows from the tolerance.
+
+    `tolerance` None is the precision of the numbers, double or, with `quad`, quadruple.
+    """
+
+    tolerance: float | None = None
+    quad: bool = False
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None:
+            _check_tolerance(self.tolerance)
+
+    @property
+    def name(self) -> str:
+        """What runs call it."""
+        return "taylor-quad" if self.quad else "taylor"
+
+
+Options: TypeAlias = FixedStep | GeneralizedAlpha | Scipy | Sundials | Taylor
+"""A solver with its options."""
+
+OPTIONS: tuple[type[Options], ...] = (FixedStep, GeneralizedAlpha, Scipy, Sundials, Taylor)
+
+
+def solver_options(
+    solver: str | Options, tolerance: float | None = None, spectral_radius: float | None = None
+) -> Options:
+    """The solver as an option object, with options that were given beside its name.
+
+    InputError for an unknown solver, and for an option that it does not have, naming those that do.
+    """
+    if isinstance(solver, OPTIONS):
+        if tolerance is not None or spectral_radius is not None:
+            what = "tolerance" if tolerance is not None else "spectral_radius"
+            raise InputError(f"{what}= was given beside {solver!r}; give it to that object")
+        return solver
+    found = find_solver(solver)
+    if spectral_radius is not None and found.name != "generalized-alpha":
+        raise InputError(
+            f"spectral_radius is {spectral_radius!r}, and solver {found.name!r} has none; leave it out, or "
+            "use deltac.solvers.GeneralizedAlpha(spectral_radius=...)"
+        )
+    if tolerance is not None and found.takes_steps:
+        raise InputError(
+            f"solver {found.name!r} takes fixed steps and no tolerance; give a smaller step, or use an "
+            "adaptive solver such as deltac.solvers.Scipy('DOP853', tolerance=...)"
+        )
+    if found.name == "generalized-alpha":
+        return GeneralizedAlpha(DEFAULT_RADIUS if spectral_radius is None else spectral_radius)
+    if found.takes_steps:
+        return FixedStep(found.name)
+    if found.family == "taylor":
+        return Taylor(tolerance, found.name == "taylor-quad")
+    kept = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    return Scipy(found.name, kept) if found.family == "scipy" else Sundials(found.name, kept)
+
+
+def _check(options: FixedStep | Scipy | Sundials, name: str) -> None:
+    """InputError unless it is a solver of the families that an option object is for."""
+    found = find_solver(name)
+    if found.family in options.families:
+        return
+    proper = type(solver_options(name))
+    takes = ", ".join(field.name for field in fields(proper))
+    raise InputError(
+        f"solver {found.name!r} is not one of {type(options).__name__}; write "
+        f"deltac.solvers.{proper.__name__}(...), which takes {takes}"
+    )
+
+
+def _check_tolerance(value: float) -> None:
+    if not 0.0 < _number(value) < math.inf:
+        raise InputError(f"tolerance is {value!r}; expected a positive, finite number")
+
+
+def _number(value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
 def solver_names() -> tuple[str, ...]:
     """The names of all solvers, without aliases."""
     return tuple(SOLVERS)
 
 
-def find_solver(name: str) -> Solver:
-    """The solver of that name or alias; InputError lists all of them for an unknown one."""
+_ELSEWHERE = {
+    "ode45": "'RK45' (the same pair, adaptive) or 'ode5' (with fixed steps)",
+    "ode23": "'RK23'",
+    "ode113": "'LSODA' or 'CVODES'",
+    "ode15s": "'BDF', 'CVODES' or 'Radau'",
+    "ode23s": "'Radau'",
+    "ode23t": "'Radau'",
+    "ode23tb": "'Radau'",
+    "odeint": "'LSODA'",
+}
+"""What the solvers of MATLAB and SciPy are called here."""
+
+
+def find_solver(name: object) -> Solver:
+    """The solver of that name or alias (capitals do not count); UnknownName lists all of them."""
     if not isinstance(name, str):
-        raise InputError(f"solver is {name!r}; expected a name, such as 'ode5'")
-    solver = SOLVERS.get(name) or _BY_ALIAS.get(name)
+        raise WrongType(
+            f"solver is {name!r}; expected a name, such as 'ode5', or an object such as "
+            "deltac.solvers.Scipy('DOP853', tolerance=1e-9)"
+        )
+    known = {n.lower(): s for n, s in (*SOLVERS.items(), *_BY_ALIAS.items())}
+    solver = known.get(name.lower())
     if solver is None:
         listed = ", ".join(
             s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()
         )
         match = difflib.get_close_matches(name, [*SOLVERS, *_BY_ALIAS], n=1)
-        hint = f"; did you mean {match[0]!r}?" if match else ""
-        raise InputError(f"unknown solver {name!r}{hint}; known: {listed}")
+        meant = _ELSEWHERE.get(name.lower()) or (repr(match[0]) if match else "")
+        hint = f"; did you mean {meant}?" if meant else ""
+        raise UnknownName(f"unknown solver {name!r}{hint}; known: {listed}")
     return solver

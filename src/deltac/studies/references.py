@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from deltac.problems import Problem, Reference
 from deltac.simulation.simulate import simulate
+from deltac.simulation.solvers import solver_options
 from deltac.trajectories import Trajectory
 
 MARGIN = 10.0
@@ -50,9 +51,8 @@ def solved(
         problem.state,
         problem.duration,
         problem.step / 2 if finer else problem.step,
-        problem.solver,
+        solver_options(problem.solver, tolerance),
         testing,
-        tolerance=tolerance,
     )
 
 

@@ -14,8 +14,8 @@ from deltac.errors import InputError, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import SOLVERS, Solver, find_solver
+from deltac.simulation.simulate import Record, simulate
+from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
 Control = Callable[[Any, Any], object]
@@ -74,6 +74,8 @@ def families(
     in_mujoco = _runs_in_mujoco(source)
     ours = controller if isinstance(controller, Controller) else None
     theirs = None if isinstance(controller, Controller) else controller
+    if isinstance(solvers, str):
+        solvers = solvers.split(",")
     if solvers is not None and not solvers:
         raise InputError("recommend: solvers is empty; name some, or leave it out")
     names = _suited(mechanism, ours, in_mujoco=in_mujoco) if solvers is None else list(solvers)
@@ -138,12 +140,10 @@ def _own(
             state,
             span,
             step,
-            solver.name,
-            ("wang",),
+            solver_options(solver.name, tolerance),
+            Record(("wang",), every),
             equations,
             controller=controller,
-            tolerance=tolerance,
-            record_every=every,
             progress=deadline.check,
         )
 

@@ -20,8 +20,8 @@ from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.step_size.stiffness import StiffStep
+from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -178,8 +178,8 @@ class Refused(SolverError):
 def quietly() -> Iterator[None]:
     """Without warnings of runs that stop or step too far: that is what is being found out."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SimulationStopped)
-        warnings.simplefilter("ignore", StiffStep)
+        warnings.simplefilter("ignore", SimulationStoppedWarning)
+        warnings.simplefilter("ignore", StiffStepWarning)
         yield
 
 

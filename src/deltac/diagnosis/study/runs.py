@@ -19,8 +19,8 @@ from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.simulate import SimulationStopped
-from deltac.simulation.step_size.stiffness import StiffStep
+from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory, read_trajectory
 
 FASTEST = 3e8
@@ -114,6 +114,11 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         (dropped if close else kept).append(number)
     if not dropped:
         return tuple(kept), []
+    if len(kept) == 1:
+        raise InputError(
+            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
+            "half of the one before"
+        )
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
@@ -211,9 +216,9 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
         run = simulator(step)
     stiff = ""
     for warning in caught:
-        if issubclass(warning.category, StiffStep):
+        if issubclass(warning.category, StiffStepWarning):
             stiff = stiff or str(warning.message)  # the first names the element
-        elif not issubclass(warning.category, SimulationStopped):
+        elif not issubclass(warning.category, SimulationStoppedWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )
@@ -330,7 +335,7 @@ def _held_unknown(log: Log) -> float:
     of every step has that error too, but there it falls with the step.
     """
     run, step = log.run, log.run.provenance.step
-    told = "held" in run.provenance.notes or run.provenance.simulator == "deltac"
+    told = run.provenance.held is not None or run.provenance.simulator == "deltac"
     if told or not run.forces or len(run) < 2:
         return 0.0
     spacing = float(np.median(np.diff(run.t)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.deprecation import renamed_keywords
+from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
@@ -32,14 +32,15 @@ from deltac.diagnosis.study.runs import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Stabilisation
+from deltac.simulation.flow import Keeping, stabilised
 from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import find_solver
+from deltac.simulation.solvers import Options, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
 
@@ -227,7 +228,7 @@ def studied(
     kept = [runs[k] for k in places]
     motions = [_run(entry) for entry in kept]
     compared = compare(mechanism, motions)
-    findings += noticed.of_comparison(compared, kept)
+    findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
@@ -414,12 +415,13 @@ SAMPLES = 200
 
 
 @renamed_keywords(control="controller")
+@interruptible()
 def study(
     model: ModelLike,
     state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
-    solver: str = "",
+    solver: str | Options = "",
     equations: Equations | Callable[..., Any] | None = None,
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
@@ -429,9 +431,10 @@ def study(
     tolerance: float = TOLERANCE,
     order: int | None = None,
     controller: Controller | Callable[[Any, Any], object] | None = None,
-    stabilisation: Stabilisation = "projection",
+    constraints: str | Keeping = "projection",
     mapping: Any = None,
     progress: Progress | None = None,
+    stabilisation: Any = None,
 ) -> Study:
     """Study a motion at several steps, and say whether its error is the integrator's or the equations'.
 
@@ -443,7 +446,8 @@ def study(
         duration: s; for a Problem its own by default.
         steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
             default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
-        solver: a name of `solver_names()` ("ode5" by default), or "mujoco:" and an integrator's name.
+        solver: a name of `solver_names()` ("ode5" by default) or an object of `deltac.solvers`; or "mujoco:"
+            and an integrator's name.
         equations: hand-written equations of motion in place of the mechanism's own, or their function.
         testing: testing functions that are integrated in the loop.
         simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
@@ -453,9 +457,10 @@ def study(
         order: the nominal order of `simulator`, if it has one.
         controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
             controller(model, data) before each step.
-        stabilisation: as for `simulate`.
+        constraints: how runs stay on their constraints, as for `simulate`.
         mapping: path of a mapping file, for `logs` whose columns have other names or units.
         progress: called with the fraction done.
+        stabilisation: the old name of `constraints`.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -465,6 +470,9 @@ def study(
     """
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    if stabilisation is not None:
+        warn_renamed("study(stabilisation=…)", "study(constraints=…)")
+        constraints = stabilised(stabilisation)
     loaded = load_model(model)
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)
@@ -494,7 +502,7 @@ def study(
         else:
             duration = loaded.lasting(duration)
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
-            if solver.startswith(MUJOCO):
+            if isinstance(solver, str) and solver.startswith(MUJOCO):
                 if equations is not None or isinstance(controller, Controller):
                     raise InputError(
                         "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
@@ -520,7 +528,7 @@ def study(
                     testing,
                     equations,
                     _own_controller(controller),
-                    stabilisation,
+                    constraints,
                     order,
                     adaptive=adaptive,
                 )
@@ -556,11 +564,11 @@ def _own(
     mechanism: Mechanism,
     state: State,
     duration: float,
-    solver: str,
+    solver: str | Options,
     testing: Sequence[str],
     equations: Equations | None,
     controller: Controller | None,
-    stabilisation: Stabilisation,
+    constraints: str | Keeping,
     order: int | None,
     *,
     adaptive: bool,
@@ -568,14 +576,15 @@ def _own(
     """One of our solvers as a function of its step, or of its tolerance."""
     if equations is not None:
         equations = carefully(equations, mechanism, state)
-    found = find_solver(solver)
+    options = solver_options(solver)
+    found = find_solver(options.name)
     if adaptive and found.takes_steps:
         raise InputError(
-            f"solver {solver!r} takes fixed steps: give steps= in place of tolerances="
+            f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
         )
     if not adaptive and not found.takes_steps:
         raise InputError(
-            f"solver {solver!r} chooses its own steps: give tolerances= in place of steps="
+            f"solver {found.name!r} chooses its own steps: give tolerances= in place of steps="
         )
 
     def run(step: float) -> Trajectory:
@@ -584,17 +593,16 @@ def _own(
             state,
             duration,
             duration / SAMPLES if adaptive else step,
-            solver,
+            solver_options(found.name, step) if adaptive else options,
             testing,
             equations,
             controller=controller,
-            tolerance=step if adaptive else None,
-            stabilisation=stabilisation,
+            constraints=constraints,
         )
 
     # The error of an adaptive solver follows its tolerance, not a power of a step.
     nominal = None if adaptive else found.order
-    return _Maker(run, solver, nominal if order is None else order, own=True)
+    return _Maker(run, found.name, nominal if order is None else order, own=True)
 
 
 def _of_user(simulator: Simulator, order: int | None) -> _Maker:

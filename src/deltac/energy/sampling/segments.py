@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import Impulses, impulse_terms
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import System
@@ -203,7 +203,7 @@ def jumps(
     if not events:
         return Jumps({}, {}, {}, 0.0)
     impulses = Impulses.symbols(len(system.mechanism.speeds))
-    own = trace_map(system, speeds) if speeds is not None else None
+    own = trace_split(system, speeds)
     known = impulse_terms(system, impulses, own, constrained)
     balances = momentum_balances(system)
     outputs = [function.P(known) for function in functions]

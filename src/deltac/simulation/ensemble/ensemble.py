@@ -20,6 +20,7 @@ from deltac.arrays import Array
 from deltac.caching import LRUCache, derived
 from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, spread
 from deltac.mechanism.mechanism import Mechanism
@@ -40,7 +41,7 @@ from deltac.simulation.ensemble.members import (
 )
 from deltac.simulation.ensemble.steps import LANES, Advance, Span
 from deltac.simulation.flow import Flow, build_flow
-from deltac.simulation.solvers import Solver
+from deltac.simulation.solvers import FixedStep, Solver
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.protocol import Progress
 from deltac.trajectories import Provenance, Trajectory
@@ -113,12 +114,13 @@ class Ensemble:
 
 
 @renamed_keywords(mechanism="model")
+@interruptible()
 def simulate_ensemble(
     model: ModelLike,
     states: States | StateLike,
     duration: float | None,
     step: ArrayLike,
-    solver: str | Sequence[str] = "ode5",
+    solver: str | FixedStep | Sequence[str | FixedStep] = "ode5",
     testing: Sequence[str] = ("wang", "liu-huston"),
     *,
     vary: Mapping[str, ArrayLike] | None = None,
@@ -175,7 +177,7 @@ def simulate_ensemble(
     first = State(t0, Q[0], U[0])
     kinds = list(dict.fromkeys(zip(solvers, h.tolist())))
     for one, size in kinds:
-        check_request(mechanism, first, one, None, None, size, None)
+        check_request(mechanism, first, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])

@@ -17,7 +17,7 @@ from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import count, whole_steps
-from deltac.simulation.solvers import Solver, find_solver
+from deltac.simulation.solvers import FixedStep, Solver, find_solver
 
 ROUNDING = 1e-15
 """A quaternion's length differs from one by so little after a division by it."""
@@ -47,9 +47,10 @@ def member_steps(step: ArrayLike, duration: float) -> Array:
     return np.array([exact[size] for size in h.tolist()])
 
 
-def member_solvers(solver: str | Sequence[str]) -> list[Solver]:
+def member_solvers(solver: str | FixedStep | Sequence[str | FixedStep]) -> list[Solver]:
     """The explicit fixed-step solvers of those names; InputError for any other."""
     names = [solver] if isinstance(solver, str) or not isinstance(solver, Iterable) else [*solver]
+    names = [name.name if isinstance(name, FixedStep) else name for name in names]
     if not names:
         raise InputError(f"solver is {solver!r}; expected a name, or N of them")
     found = [find_solver(name) for name in names]

@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
-from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, InputError
 from deltac.mechanism.channels import ChannelName
@@ -57,7 +57,7 @@ def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventfu
         held = switched(flow)
         flow, functions, names = held.flow, held.functions, held.names
     points = impact_points(system)
-    own = trace_map(system, split) if split is not None else None
+    own = trace_split(system, split)
     events = tuple(e for e in system.mechanism.events if isinstance(e, Event))
     watch = Witnesses(flow, points, events, functions, names)
     return Eventful(flow, watch, Collider.of(flow, points, own))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 from functools import lru_cache
 
@@ -12,13 +11,14 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
+from deltac.errors import warn_user
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.protocol import Motion
 from deltac.simulation.stepping.runge_kutta import growth, tableau_of
 
 
-class StiffStep(UserWarning):
+class StiffStepWarning(UserWarning):
     """A step too large for the time scales of a mechanism, or of its friction or contact."""
 
 
@@ -89,8 +89,9 @@ def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
 def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion: Motion) -> Motion:
     """A motion of explicit fixed steps; one that blew up has the time scale and the remedy in its message.
 
-    What grew beyond all measure ends there, though it is finite. Warns `StiffStep` of a run that came to its
-    end with steps that cannot follow the mechanism as it was at the start (events can keep it in bounds).
+    What grew beyond all measure ends there, though it is finite. Warns `StiffStepWarning` of a run that came
+    to its end with steps that cannot follow the mechanism as it was at the start (events can keep it in
+    bounds).
     """
     if not motion.message:
         motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
@@ -119,7 +120,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
     if motion.message:
         return replace(motion, message=f"{motion.message}. {words}")
     if _growth(solver, h * rate) > DOUBLED:
-        warnings.warn(f"the run does not follow the mechanism. {words}", StiffStep, stacklevel=3)
+        warn_user(f"the run does not follow the mechanism. {words}", StiffStepWarning)
     return motion
 
 

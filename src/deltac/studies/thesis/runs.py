@@ -116,7 +116,7 @@ def trajectory_of(run: Run, state: State, every: int = 1) -> Trajectory:
         run.step,
         run.solver,
         equations=chosen.equations if run.by_hand else None,
-        record_every=every,
+        record=every,
         vary=() if run.by_hand else DAMPERS,
     )
 

@@ -20,30 +20,6 @@ from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEqu
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 
-DEFAULT_RADIUS = 0.8
-"""Spectral radius of generalized-α at infinity, where none is asked for."""
-
-
-def check_radius(solver: Solver, radius: float | None) -> float:
-    """The spectral radius of a run; InputError for one out of [0, 1], or a solver that has none."""
-    if radius is None:
-        return DEFAULT_RADIUS
-    if solver.name != "generalized-alpha":
-        raise InputError(
-            f"spectral_radius is {radius!r}, and solver {solver.name!r} has none; leave it out, or use "
-            "'generalized-alpha'"
-        )
-    try:
-        number = float(radius)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not 0.0 <= number <= 1.0:
-        raise InputError(
-            f"spectral_radius is {radius!r}; expected a number from 0 (what is fast is gone in a step) to "
-            "1 (no numerical damping)"
-        )
-    return number
-
 
 @dataclass(frozen=True)
 class Taken:

@@ -27,6 +27,7 @@ from deltac.cli import (
     study,
 )
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
 
@@ -131,7 +132,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        sys.exit(app(given, prog_name="deltac", standalone_mode=False))
+        with interruptible():
+            sys.exit(app(given, prog_name="deltac", standalone_mode=False))
     except ClickException as error:
         error.show()
         _as_json(given, USAGE, error.format_message(), error.exit_code)

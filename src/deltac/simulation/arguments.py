@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.recursions import crba
-from deltac.errors import InputError
+from deltac.errors import InputError, LimitError
+from deltac.limits import Limits
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -200,6 +201,12 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
             f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
         )
     steps = round(duration / step)
+    rows, most = steps // every + 1, Limits.current().rows
+    if rows > most:
+        raise LimitError(
+            f"step {step:g} makes {rows:.3g} rows of the duration {duration:g}, more than {most:.3g}; give "
+            f"record={10 ** math.ceil(math.log10(every * rows / most))}, or a larger step"
+        )
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         near = duration / max(1, math.ceil(duration / step))
         raise InputError(

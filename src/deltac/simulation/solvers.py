@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
 
-from deltac.errors import InputError
+from deltac.errors import InputError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -231,19 +231,34 @@ def solver_names() -> tuple[str, ...]:
     return tuple(SOLVERS)
 
 
+_ELSEWHERE = {
+    "ode45": "'RK45' (the same pair, adaptive) or 'ode5' (with fixed steps)",
+    "ode23": "'RK23'",
+    "ode113": "'LSODA' or 'CVODES'",
+    "ode15s": "'BDF', 'CVODES' or 'Radau'",
+    "ode23s": "'Radau'",
+    "ode23t": "'Radau'",
+    "ode23tb": "'Radau'",
+    "odeint": "'LSODA'",
+}
+"""What the solvers of MATLAB and SciPy are called here."""
+
+
 def find_solver(name: object) -> Solver:
-    """The solver of that name or alias; InputError lists all of them for an unknown one."""
+    """The solver of that name or alias (capitals do not count); UnknownName lists all of them."""
     if not isinstance(name, str):
-        raise InputError(
+        raise WrongType(
             f"solver is {name!r}; expected a name, such as 'ode5', or an object such as "
             "deltac.solvers.Scipy('DOP853', tolerance=1e-9)"
         )
-    solver = SOLVERS.get(name) or _BY_ALIAS.get(name)
+    known = {n.lower(): s for n, s in (*SOLVERS.items(), *_BY_ALIAS.items())}
+    solver = known.get(name.lower())
     if solver is None:
         listed = ", ".join(
             s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()
         )
         match = difflib.get_close_matches(name, [*SOLVERS, *_BY_ALIAS], n=1)
-        hint = f"; did you mean {match[0]!r}?" if match else ""
-        raise InputError(f"unknown solver {name!r}{hint}; known: {listed}")
+        meant = _ELSEWHERE.get(name.lower()) or (repr(match[0]) if match else "")
+        hint = f"; did you mean {meant}?" if meant else ""
+        raise UnknownName(f"unknown solver {name!r}{hint}; known: {listed}")
     return solver

@@ -32,6 +32,7 @@ from deltac.diagnosis.residuals.states import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, number
@@ -183,6 +184,7 @@ BLIND = 1e-3
 
 
 @renamed_keywords(mechanism="model")
+@interruptible()
 def check_equations(
     model: ModelLike,
     rhs: Callable[..., Any] | Equations,

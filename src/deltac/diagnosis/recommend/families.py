@@ -74,6 +74,8 @@ def families(
     in_mujoco = _runs_in_mujoco(source)
     ours = controller if isinstance(controller, Controller) else None
     theirs = None if isinstance(controller, Controller) else controller
+    if isinstance(solvers, str):
+        solvers = solvers.split(",")
     if solvers is not None and not solvers:
         raise InputError("recommend: solvers is empty; name some, or leave it out")
     names = _suited(mechanism, ours, in_mujoco=in_mujoco) if solvers is None else list(solvers)

@@ -157,7 +157,9 @@ class Caller:
             rates, accelerations = self.form.split(real, len(states.q), n)
             return np.array([*rates, *accelerations])
         if real.shape != (n,):
-            hint = "; flatten it" if real.size in (n, n + len(states.q)) else ""
+            hint = ""
+            if real.size in (n, n + len(states.q)):
+                hint = "; return [value]" if real.ndim == 0 else "; flatten it"
             raise SourceError(
                 f"{self.name} returned an array of shape {real.shape}, expected ({n},): u̇ of "
                 f"{', '.join(states.speeds)}; or the rates of the whole state{hint}"

@@ -36,7 +36,9 @@ STILL = 1e-3
 """Share of the energy exchanged below which works that are no potential count as none."""
 
 
-def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Finding]:
+def of_comparison(
+    compared: Comparison, runs: Sequence[StudyRun], knob: str = "step"
+) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
     spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
     ends = [end for _, end in spans]
@@ -45,7 +47,7 @@ def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Fi
         yield Finding(
             "other-times",
             "the runs do not cover the same time, and are compared where all of them have rows",
-            ", ".join(f"step {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
+            ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
             "Let all runs end at the same time",
         )
     if len(compared.t) < FEWEST:
@@ -59,7 +61,7 @@ def of_comparison(compared: Comparison, runs: Sequence[StudyRun]) -> Iterator[Fi
         fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
         yield Finding(
             "horizon",
-            f"the motions at steps {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
+            f"the motions at {knob}s {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
             "converges is judged up to there",
             "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
             "chaotic motion, in which every error grows exponentially",
@@ -92,8 +94,8 @@ def of_order(
                 "super-convergence",
                 f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than it must",
                 f"at steps {_listed(found.steps)}",
-                "Nothing is to be done; where errors cancel over a period, or forces are symmetric, the "
-                "energy is better than the motion",
+                "Where errors cancel over a period, or forces are symmetric, the energy is better than the "
+                "motion",
             )
 
 
@@ -113,7 +115,7 @@ def of_growth(
         "linear": "a run of twice the length will be twice as wrong in energy",
         "exponential": "the method is unstable at this step, or the motion is",
     }[how]
-    remedy = "Take a smaller step" if how == "exponential" else "Nothing is to be done"
+    remedy = "Take a smaller step" if how == "exponential" else ""
     yield Finding(
         f"growth-{how}",
         f"|ΔC| {'stays bounded' if how == 'bounded' else f'grows {how}ly in time'} at the finest step",

@@ -114,6 +114,11 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         (dropped if close else kept).append(number)
     if not dropped:
         return tuple(kept), []
+    if len(kept) == 1:
+        raise InputError(
+            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
+            "half of the one before"
+        )
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
@@ -330,7 +335,7 @@ def _held_unknown(log: Log) -> float:
     of every step has that error too, but there it falls with the step.
     """
     run, step = log.run, log.run.provenance.step
-    told = "held" in run.provenance.notes or run.provenance.simulator == "deltac"
+    told = run.provenance.held is not None or run.provenance.simulator == "deltac"
     if told or not run.forces or len(run) < 2:
         return 0.0
     spacing = float(np.median(np.diff(run.t)))

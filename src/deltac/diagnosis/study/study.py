@@ -32,6 +32,7 @@ from deltac.diagnosis.study.runs import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
@@ -227,7 +228,7 @@ def studied(
     kept = [runs[k] for k in places]
     motions = [_run(entry) for entry in kept]
     compared = compare(mechanism, motions)
-    findings += noticed.of_comparison(compared, kept)
+    findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
@@ -414,6 +415,7 @@ SAMPLES = 200
 
 
 @renamed_keywords(control="controller")
+@interruptible()
 def study(
     model: ModelLike,
     state: StateLike | Any = None,

@@ -89,19 +89,18 @@ def to_trajectory(
     if _strict(raw, mapping):  # from_columns refuses by name what it does not know
         columns = {name: columns.get(name, values) for name, values in raw.columns.items()}
         ignored = [name for name in ignored if name not in columns]
-    notes = {"ignored": ";".join(ignored)} if ignored else {}
-    if units := [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]:
-        notes["converted"] = ";".join(units)
+    derived: dict[str, dict[str, float]] = {}
+    units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
     missing = not any(name.startswith("u.") for name in columns)
     if derive and missing and "time" in columns and any(n.startswith("q.") for n in columns):
-        derived, error = derived_speeds(columns, names)
-        columns |= derived
-        notes |= {"derived": "u", "derived_error": error}
+        speeds, derived["u"] = derived_speeds(columns, names)
+        columns |= speeds
     if names is not None:
         columns = _ordered(columns, names)
     run = from_columns(columns)
     simulator = mapping.simulator if mapping is not None else run.provenance.simulator
-    return replace(run, provenance=Provenance(simulator, notes=notes))
+    source = Provenance(simulator, derived=derived, converted=tuple(units), ignored=tuple(ignored))
+    return replace(run, provenance=source)
 
 
 def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:

@@ -121,7 +121,7 @@ def test_equations_may_be_a_bare_function() -> None:
     run = dc.simulate(PENDULUM, state, 0.5, 0.01, equations=swings)
     same = dc.simulate(PENDULUM, state, 0.5, 0.01, equations=dc.Equations(swings))
     np.testing.assert_array_equal(run.q, same.q)
-    assert run.provenance.notes["equations"] == "swings"
+    assert run.provenance.equations == "swings"
 
 
 def test_a_step_may_divide_the_duration_but_for_rounding() -> None:

@@ -338,7 +338,7 @@ def _function(ledger: Ledger) -> str:
 
 
 def _derived(run: Trajectory, what: str) -> bool:
-    return what in run.provenance.notes.get("derived", "").split(";")
+    return what in run.provenance.derived
 
 
 def _reach(work: Array) -> float:

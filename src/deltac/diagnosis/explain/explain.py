@@ -192,7 +192,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
     own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
-    derived = "udot" in run.provenance.notes.get("derived", "").split(";")
+    derived = "udot" in run.provenance.derived
     found = explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())

@@ -85,6 +85,9 @@ NEAR = 3
 MATERIAL = 5e-2
 """Share of the terms that a force which is missing now and then must be."""
 
+FEWEST = 3
+"""Windows that must stand out to speak of a force that is missing now and then."""
+
 TRIMMED = 0.05
 """Share of the intervals, those with the largest defects, that fits leave out: impacts are few rows."""
 
@@ -410,7 +413,7 @@ def identify(
         digits,
         50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
     )
-    left = {n: float(np.median(_norm(N, Dk - x))) / typical for n, x in candidates.items()}
+    left = {n: _nearly_all(_norm(N, Dk - x)) / typical for n, x in candidates.items()}
     limit = 3.0 * digits + CLOSED
     ranked = sorted(left.items(), key=lambda item: item[1])
     best_name, best = ranked[0]
@@ -431,6 +434,11 @@ def identify(
     forces = best_name.partition("@")[2] or "start"
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     return Scheme(name, order, best, digits, forces), best, digits
+
+
+def _nearly_all(values: Array) -> float:
+    """What nine tenths of the steps stay within: a force that is missing now and then must not pass."""
+    return float(np.quantile(values, 0.9))
 
 
 def _norm(N: Array, w: Array) -> Array:
@@ -586,7 +594,8 @@ class OneStep:
         In logs of few digits a scheme may close to these digits: it is named, but proves no more than the
         residual does.
         """
-        return self.scheme is not None and self.scheme.defect <= PROVES
+        exact = self.scheme is not None and self.scheme.defect <= PROVES
+        return exact and self.standing_out.sum() < FEWEST
 
     @property
     def significant(self) -> NDArray[np.bool_]:
@@ -610,12 +619,7 @@ class OneStep:
     @property
     def now_and_then(self) -> NDArray[np.bool_]:
         """Windows (W,) that stand far out of their own error bars, where the others do not."""
-        if self.closes or not len(self.t):
-            return np.zeros(len(self.t), dtype=np.bool_)
-        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
-        rows = np.asarray(out.any(axis=1))
-        edge = max(1, len(rows) // 50)
-        rows[:edge] = rows[-edge:] = False  # filters leave traces there
+        rows = self.standing_out
         around = np.convolve(rows, np.ones(2 * NEAR + 1), "same") > 0.5
         quiet = self.residual[~around]
         # What is left all the time is no contact, however much it varies.
@@ -623,6 +627,15 @@ class OneStep:
             _rms(quiet) < CLEAR * self.bar + LEAST * self.scale
         )
         return rows if silent else np.zeros_like(rows)
+
+    @property
+    def standing_out(self) -> NDArray[np.bool_]:
+        """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
+        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
+        rows = np.asarray(out.any(axis=1))
+        edge = max(1, len(rows) // 50)
+        rows[:edge] = rows[-edge:] = False  # filters leave traces there
+        return rows
 
 
 def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneStep | None:

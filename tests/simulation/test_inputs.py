@@ -57,7 +57,7 @@ def test_options(options: dict[str, Any], words: list[str]) -> None:
         (lambda: dc.solvers.by_name("ode5", None, 0.5), ["spectral_radius", "GeneralizedAlpha"]),
         (lambda: dc.solvers.Scipy("RK45", 0.0), ["tolerance is 0.0"]),
         (lambda: dc.solvers.Scipy("CVODES"), ["'CVODES'", "Sundials(...)", "name, tolerance"]),
-        (lambda: dc.solvers.FixedStep("radau"), ["'radau'", "did you mean 'Radau'"]),
+        (lambda: dc.solvers.FixedStep("radu"), ["'radu'", "did you mean 'Radau'"]),
         (lambda: dc.solvers.FixedStep("Radau"), ["'Radau'", "Scipy(...)"]),
         (lambda: dc.solvers.Sundials("ode4"), ["'ode4'", "FixedStep(...)"]),
         (lambda: dc.solvers.Taylor("tight"), ["tolerance is 'tight'"]),

@@ -226,8 +226,8 @@ def simulate(fault: Fault | None, model_name: str, duration: float = 2.5) -> dc.
     if fault is not None and fault.gear is not None:
         name, factor = fault.gear
         forces[name] = forces[name] / factor  # what was commanded
-    notes = {n: x for n, x in run.provenance.notes.items() if n != "strengths"}  # they tell gears
-    return replace(run, forces=forces, provenance=replace(run.provenance, notes=notes))
+    source = replace(run.provenance, strengths={})  # they tell gears
+    return replace(run, forces=forces, provenance=source)
 
 
 def noisy(run: dc.Trajectory, relative: float, seed: int) -> dc.Trajectory:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import reprlib
+import sys
+import warnings
 from collections.abc import Iterable
 from itertools import islice
+from pathlib import Path
 from typing import Any, ClassVar
 
 
@@ -149,3 +153,14 @@ _MANY, _LONG = 5000, 200
 _short = reprlib.Repr()
 _short.maxlevel = 3
 _short.maxstring = _short.maxother = _short.maxlong = 80
+
+
+_INSIDE = (str(Path(__file__).parent), contextlib.__file__)
+
+
+def warn_user(message: str, category: type[Warning]) -> None:
+    """Warn at the line outside of deltac that led here, however many of our frames are in between."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_INSIDE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level - 1)

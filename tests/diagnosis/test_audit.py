@@ -134,7 +134,12 @@ def test_a_wrong_gear_in_the_model() -> None:
     assert cause.factor == pytest.approx(3.0 / 4.0, rel=1e-12)
     assert "log 3, model 4" in cause.evidence
     # A log of somebody else's says nothing of gears, and the audit says so.
-    bare = replace(arm_run(), provenance=replace(arm_run().provenance, notes={}))
+    bare = replace(
+        arm_run(),
+        provenance=replace(
+            arm_run().provenance, held=None, stage="", looked_for=(), acted=(), strengths={}
+        ),
+    )
     unseen = audit(with_changes(ARM, actuator_gear=[4.0 / 3.0, 1.0]), bare)
     assert not causes(unseen)
     assert "wrong gear" in " ".join(unseen.verdict.limits)

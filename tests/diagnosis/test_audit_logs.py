@@ -257,10 +257,9 @@ def test_what_the_recorder_saw_not_acting_is_no_news() -> None:
 
     flight = hopper_run().between(0.0, 0.1)
     unacted = {n: f for n, f in flight.forces.items() if not n.startswith("contact")}
-    notes = {**flight.provenance.notes, "acted": ""}
-    recorded = replace(flight, forces=unacted, provenance=replace(flight.provenance, notes=notes))
+    recorded = replace(flight, forces=unacted, provenance=replace(flight.provenance, acted=()))
     assert assumed(recorded) == []
     assert assumed(replace(recorded, provenance=dc.Provenance("somebody"))) == ["contact all"]
     assert assumed(without(hopper_run(), "contact")) == ["contact all"]  # these acted
     floating = dc.run_mujoco(model_of(HOPPER), 0.05)
-    assert "acted" in floating.provenance.notes and assumed(floating) == []
+    assert floating.provenance.looked_for and assumed(floating) == []

@@ -222,3 +222,28 @@ def test_a_row_at_rounding_level_asks_for_nothing() -> None:
     )
     _, found = study(mechanism, [0.3])
     assert found.independent == () and found.freedom == 1
+
+
+@pytest.mark.parametrize(
+    ("tilt", "accepted"), [(0.0, True), (1e-7, False), (3e-6, False), (1e-3, True)]
+)
+def test_nearly_dependent_constraints_are_refused(tilt: float, accepted: bool) -> None:
+    """Two gears of which the second differs by `tilt` in a third axis: it locks that, or says nothing."""
+    wheels = Mechanism(
+        [dc.bodies.sphere(n, 1.0, 0.1) for n in "xyz"],
+        [dc.revolute(n, "ground", n) for n in "xyz"],
+        forces=[dc.forces.joint_torque(f"torque {n}", n, 1.0) for n in "xyz"],
+        constraints=[
+            dc.constraints.holonomic("mesh", "q.x - q.y"),
+            dc.constraints.holonomic("again", f"q.x - q.y + {tilt!r}*q.z"),
+        ],
+    )
+    if not accepted:
+        with pytest.raises(dc.InputError, match="nearly dependent.*assemble"):
+            dc.simulate(wheels, wheels.state(), 0.1, 0.01)
+        return
+    run = dc.simulate(wheels, wheels.state(), 0.1, 0.01)
+    # I q̈ = 1 at each wheel; z is free without the tilt and locked with it.
+    inertia = 0.4 * 1.0 * 0.1**2
+    expected = [1 / inertia, 1 / inertia, 1 / inertia if tilt == 0.0 else 0.0]
+    np.testing.assert_allclose(run.udot[-1], expected, atol=1e-6 / inertia)

@@ -181,7 +181,7 @@ def test_held_channels() -> None:
 
     def held(integrator: str, control: Any) -> set[str]:
         run = run_mujoco(model, 0.1, integrator=integrator, controller=control)
-        return {*filter(None, run.provenance.notes["held"].split(";"))}
+        return set(run.provenance.held)
 
     assert held("rk4", models.sine) == {"actuator turn"}
     assert held("rk4", lambda model, data: data.ctrl.fill(0.3)) == set()
@@ -195,9 +195,9 @@ def test_provenance() -> None:
     p = run.provenance
     assert p.simulator == f"MuJoCo {mujoco.mj_versionString()}"
     assert (p.solver, p.step, p.model, p.completed) == ("implicit", 0.005, "swinger", True)
-    assert "correction implicit" in p.notes["stage"]
+    assert "correction implicit" in p.stage
     assert model.opt.timestep == 0.002  # the caller's model is left alone
-    first_stage = run_mujoco(model, 0.1, integrator="rk4").provenance.notes["stage"]
+    first_stage = run_mujoco(model, 0.1, integrator="rk4").provenance.stage
     assert "first stage" in first_stage
 
 

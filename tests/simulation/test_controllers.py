@@ -56,7 +56,7 @@ def test_a_continuous_controller_is_a_law(solver: str) -> None:
     np.testing.assert_allclose(run.forces["actuator motor"][:, 0], np.array(expected)[:, 0])
     np.testing.assert_allclose(run.forces["actuator fingers"][:, 1:], np.array(expected)[:, 1:])
     assert not run.forces["actuator motor"][:, 1:].any()
-    assert "held" not in run.provenance.notes
+    assert run.provenance.held is None
 
 
 def test_a_held_controller_is_a_constant_over_each_step() -> None:
@@ -75,7 +75,7 @@ def test_a_held_controller_is_a_constant_over_each_step() -> None:
         np.testing.assert_allclose(run.u[k + 1], step.u[-1], atol=1e-13)
         assert run.forces["actuator motor"][k, 0] == pytest.approx(held["motor"], abs=1e-13)
         state = free.state(run.q[k + 1], run.u[k + 1], (k + 1) * 0.02)
-    assert set(run.provenance.notes["held"].split(";")) == {"actuator motor", "actuator fingers"}
+    assert set(run.provenance.held) == {"actuator motor", "actuator fingers"}
 
 
 def test_a_held_controller_is_asked_once_a_step() -> None:

@@ -68,7 +68,7 @@ def test_traced_or_called_or_the_mechanisms_own(law: Callable[..., Any], solver:
         np.testing.assert_allclose(getattr(run, name), getattr(own, name), atol=tolerance)
     for name, values in own.integrals.items():
         np.testing.assert_allclose(run.integrals[name], values, atol=20 * tolerance)
-    assert run.provenance.notes["equations"] == "equations by hand"
+    assert run.provenance.equations == "equations by hand"
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,7 @@ def test_a_terminal_event_ends_the_run_where_it_happens() -> None:
         assert run.t[-1] == run.events[-1].t == pytest.approx(math.pi / 6, abs=1e-9)
         assert run.q[-1, 0] == pytest.approx(0.5, abs=1e-9)
         assert run.provenance.completed
-        assert run.provenance.notes["ended"].startswith("event 'half'")
+        assert run.provenance.ended.startswith("event 'half'")
 
 
 def test_a_graze_within_a_step_is_seen() -> None:

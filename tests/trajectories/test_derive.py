@@ -56,7 +56,7 @@ def test_speeds_converge_at_the_order_of_the_spline_and_the_estimate_covers(tmp_
         _, _, exact = smooth(rows)
         run = positions_only(tmp_path, rows)
         assert run.speeds == tuple(exact)
-        assert run.provenance.notes["derived"] == "u"
+        assert list(run.provenance.derived) == ["u"]
         found = np.abs(run.u - np.column_stack(list(exact.values()))).max(axis=0)
         estimate = derived_error(run)
         assert estimate is not None
@@ -83,14 +83,14 @@ def test_accelerations_are_derived_on_demand(tmp_path: Path) -> None:
     run = from_columns({"time": t, "q.a": np.sin(t), "u.a": np.cos(t)})
     full = with_accelerations(run)
     assert full.udot is not None and np.allclose(full.udot[:, 0], -np.sin(t), atol=1e-8)
-    assert full.provenance.notes["derived"] == "udot"
+    assert list(full.provenance.derived) == ["udot"]
     error = derived_error(full, "udot")
     assert error is not None and 0.0 < error[0] < 1e-6
     assert derived_error(full, "u") is None
     assert with_accelerations(full) is full
     both = with_accelerations(positions_only(tmp_path, 81))
-    assert both.provenance.notes["derived"] == "u;udot"
-    full.write(tmp_path / "log.h5")  # notes travel with the log
+    assert list(both.provenance.derived) == ["u", "udot"]
+    full.write(tmp_path / "log.h5")  # what was derived travels with the log
     assert read_trajectory(tmp_path / "log.h5").provenance == full.provenance
 
 

@@ -41,7 +41,7 @@ def test_a_foreign_npz(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "log.npz", **ELBOW, **extra)
     run = read_trajectory(tmp_path / "log.npz")
     assert_elbow(run)
-    assert run.provenance.notes == {"ignored": "label;mass"}
+    assert run.provenance.ignored == ("label", "mass")
 
 
 def test_columns_of_an_array_by_a_mapping(tmp_path: Path) -> None:

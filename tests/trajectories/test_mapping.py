@@ -112,7 +112,7 @@ def test_everything_a_mapping_can_say(tmp_path: Path) -> None:
     assert np.allclose(force[:, run.speeds.index("elbow")], -0.5 * T, **near)
     assert np.count_nonzero(force.any(axis=0)) == 1
     assert run.provenance.simulator == "RigSim 3"
-    assert run.provenance.notes["ignored"] == "temperature"
+    assert run.provenance.ignored == ("temperature",)
 
 
 def test_explain_says_how_each_column_is_read(tmp_path: Path) -> None:

@@ -33,9 +33,9 @@ def test_a_motion_in_degrees_with_speeds_by_splines(tmp_path: Path) -> None:
     assert np.array_equal(run.coordinate("tx"), np.sin(T))
     # Splines of degree 5: the derivative errs by O(h⁵), at the ends by a larger constant.
     assert np.allclose(run.speed("tilt"), -3 * np.sin(3 * T), atol=3**6 * 0.005**5)
-    assert run.provenance.notes["derived"] == "u"
-    assert run.provenance.notes["ignored"] == "toe"
-    assert "tilt: deg" in run.provenance.notes["converted"]
+    assert list(run.provenance.derived) == ["u"]
+    assert run.provenance.ignored == ("toe",)
+    assert "tilt: deg" in run.provenance.converted
 
 
 @pytest.mark.parametrize("old", [True, False])
@@ -51,7 +51,7 @@ def test_states(old: bool, tmp_path: Path) -> None:
     run = read_trajectory(path)
     assert run.coordinates == run.speeds == ("tilt", "tx")
     assert np.allclose(run.u[:, 1], np.cos(T), atol=1e-15)
-    assert run.provenance.notes == {"ignored": "/forceset/soleus/activation"}
+    assert run.provenance.ignored == ("/forceset/soleus/activation",)
 
 
 def test_what_degrees_mean_may_come_from_a_mapping(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def sample(rows: int = 1000) -> Trajectory:
         integrals={"wang": rng.random(rows)},
         coordinates=("a", "b"),
         speeds=("a", "b"),
-        provenance=Provenance("deltac", notes={"held": "damper a"}),
+        provenance=Provenance("deltac", held=("damper a",)),
     )
 
 

@@ -95,7 +95,7 @@ def test_a_unit_that_differs_is_named_and_can_be_put_right(
     assert np.allclose(again.q, right().q, rtol=1e-12) and np.allclose(
         again.u, right().u, rtol=1e-12
     )
-    assert again.provenance.notes["corrected"] == kind
+    assert again.provenance.repairs == (kind,)
     assert suspicions(again, names) == []
 
 

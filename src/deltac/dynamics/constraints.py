@@ -177,6 +177,10 @@ class Scene:
         return v + cross(w, x - o)
 
 
+NO_SINE = 1e-280
+"""Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
+
+
 def _entries(column: SX) -> list[SX]:
     return [column[k] for k in range(column.shape[0])]
 
@@ -224,8 +228,14 @@ def _point_on(scene: Scene, c: PointOn) -> list[SX]:
 
 
 def _angle(scene: Scene, c: Angle) -> list[SX]:
-    cosine = ca.dot(scene.axis(c.body1, c.axis1), scene.axis(c.body2, c.axis2))
-    return [cosine - ca.cos(scene.laws((c.angle,)))]
+    """α − angle in rad, α by the sine and cosine: the cosine alone loses it, and its slope, towards 0 and π.
+
+    The row then has the size of a turn whatever the angle, and its multiplier is a moment.
+    """
+    first, second = scene.axis(c.body1, c.axis1), scene.axis(c.body2, c.axis2)
+    normal = cross(first, second)
+    sine = ca.sqrt(ca.dot(normal, normal) + NO_SINE)
+    return [ca.atan2(sine, ca.dot(first, second)) - scene.laws((c.angle,))]
 
 
 def _holonomic(scene: Scene, c: Holonomic) -> list[SX]:

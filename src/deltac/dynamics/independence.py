@@ -23,13 +23,15 @@ RANK_TOLERANCE = 1e-8
 class Independence:
     """Independent and redundant rows, and the degrees of freedom left.
 
-    `singular` tells that the configuration has a smaller rank than its neighbourhood.
+    `singular` tells that the configuration has a smaller rank than its neighbourhood. `margin` is the share
+    of the least independent row that the others do not explain: 1 at right angles in the mass metric.
     """
 
     independent: tuple[int, ...]
     redundant: tuple[int, ...]
     freedom: int
     singular: bool
+    margin: float = 1.0
 
 
 def independence(
@@ -57,7 +59,7 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         return M, G, phi
 
     M, _, _, G, W = equations.ties(t, q, still, p)
-    here = chosen = _independent(M, G)
+    (here, margin) = (chosen, _) = _independent(M, G)
     rng, tied = np.random.default_rng(1), least_squares(M, G)
     for _ in range(2):
         # Along a direction that the constraints leave free (to first order), then back onto them.
@@ -67,14 +69,19 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
         M_near, G_near, phi_near = at(near)
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < 1e-9:
-            there = _independent(M_near, G_near)
+            there, _ = _independent(M_near, G_near)
             chosen = there if len(there) > len(chosen) else chosen
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
-    return Independence(chosen, redundant, n - len(chosen), len(chosen) > len(here))
+    singular = len(chosen) > len(here)
+    return Independence(chosen, redundant, n - len(chosen), singular, margin)
 
 
-def _independent(M: Array, G: Array) -> tuple[int, ...]:
-    """Rows of G that span its range, found by pivoted QR in the mass metric, in their own order."""
+def _independent(M: Array, G: Array) -> tuple[tuple[int, ...], float]:
+    """Rows of G that span its range, in their own order, and what the last of them adds.
+
+    By QR with column pivoting in the mass metric: it takes the row first that is explained least by those
+    taken before, so that a small diagonal entry means that *all* rows left are nearly dependent.
+    """
     from scipy.linalg import qr, solve_triangular
 
     scaled = solve_triangular(np.linalg.cholesky(M), without_rounding(G).T, lower=True)
@@ -82,8 +89,9 @@ def _independent(M: Array, G: Array) -> tuple[int, ...]:
     present = length > RANK_TOLERANCE * max(1e-300, length.max(initial=0.0))
     scaled = np.where(present, scaled / np.where(present, length, 1.0), 0.0)
     _, R, order = qr(scaled, mode="economic", pivoting=True)
-    rank = int((np.abs(np.diag(R)) > RANK_TOLERANCE).sum())
-    return tuple(sorted(int(k) for k in order[:rank]))
+    added = np.abs(np.diag(R))
+    rank = int((added > RANK_TOLERANCE).sum())
+    return tuple(sorted(int(k) for k in order[:rank])), float(added[:rank].min(initial=1.0))
 
 
 def row_names(rows: Rows, places: Sequence[int]) -> str:

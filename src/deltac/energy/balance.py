@@ -35,6 +35,7 @@ from deltac.energy.terms import (
 )
 from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -47,6 +48,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def balance(
     model: ModelLike,
     run: Trajectory,

@@ -74,14 +74,14 @@ def _held(run: Rows) -> set[str]:
 
     In a log with fewer rows than steps such a force changed in between, as any other.
     """
-    step, held = run.provenance.step, run.provenance.notes.get("held", "")
+    step, held = run.provenance.step, run.provenance.held
     if (
         not held
         or step is None
         or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01)
     ):
         return set()
-    return set(filter(None, held.split(";")))
+    return set(held)
 
 
 def _check_names(mechanism: Mechanism, run: Rows) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import heyoka as hy
 
 from deltac.arrays import Array
+from deltac.interrupts import waiting
 from deltac.kernels.cache import compiled, prepare_heyoka
 from deltac.kernels.lowering import to_heyoka
 from deltac.kernels.simd import simd_width
@@ -23,7 +24,9 @@ class HeyokaEvaluator:
         """Compile a function of dense columns (x, p)."""
         self.width = simd_width()
         source = (prepare_heyoka(), self.width, inline, function.serialize())
-        self._compiled: Any = compiled(repr(source), lambda: self._made(function, inline))
+        self._compiled: Any = compiled(
+            repr(source), lambda: waiting(lambda: self._made(function, inline))
+        )
         # heyoka counts parameters up to the last one that occurs, and takes no more than that.
         self._n_parameters: int = self._compiled.nparams
         self._uses_all = self._n_parameters == function.nnz_in(1)

@@ -9,7 +9,6 @@ forward pass, and the replayed state must be the one that MuJoCo reached.
 from __future__ import annotations
 
 import copy
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
@@ -265,14 +265,6 @@ class MujocoRecorder:
     def _provenance(self, implicit: bool, channels: tuple[str, ...], message: str) -> Provenance:
         model = self._model
         solver = next(n for n, v in integrator_names().items() if v == model.opt.integrator)
-        notes = {
-            "stage": STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
-            "held": ";".join(channels if solver != "rk4" else self._varied_channels(channels)),
-            "looked_for": ";".join(OCCASIONAL),
-            "acted": ";".join(n for n in channels if n.partition(" ")[0] in OCCASIONAL),
-            "strengths": json.dumps(motor_strengths(model)),
-            "replay": f"every step was replayed; largest difference {self._off:.3g}",
-        }
         steps = self._steps or {float(model.opt.timestep)}
         return Provenance(
             simulator=f"MuJoCo {self._mujoco.mj_versionString()}",
@@ -281,7 +273,12 @@ class MujocoRecorder:
             model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
             completed=not message,
             message=message,
-            notes=notes,
+            stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
+            held=tuple(channels if solver != "rk4" else self._varied_channels(channels)),
+            looked_for=tuple(OCCASIONAL),
+            acted=tuple(n for n in channels if ChannelName.parse(n).kind in OCCASIONAL),
+            strengths=motor_strengths(model),
+            notes={"replay": f"every step was replayed; largest difference {self._off:.3g}"},
         )
 
     def _varied_channels(self, channels: tuple[str, ...]) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import chosen_map
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair import sandbox
@@ -62,6 +63,7 @@ PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
 
+@interruptible()
 def repair_equations(
     model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,

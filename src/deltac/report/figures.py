@@ -302,7 +302,7 @@ def audit_figure(
         flows, left = _stacked(figure, [2.2, 1.0], [0.2])
         stride = max(1, len(ledger.t) // POINTS)
         _flows(flows, ledger, stride)
-        _left_over(left, ledger, energy_error, function, allowed, stride)
+        _energy_error(left, ledger, energy_error, function, allowed, stride)
         left.set_xlabel("time t (s)")
         for panel in (flows, left):
             panel.yaxis.set_label_coords(-0.52 / 6.74, 0.5)
@@ -335,7 +335,7 @@ def _flows(panel: Axes, ledger: Ledger, stride: int) -> None:
     panel.legend(loc="best", fontsize=7.5, ncols=2, frameon=True, framealpha=0.8, edgecolor="none")
 
 
-def _left_over(
+def _energy_error(
     panel: Axes, ledger: Ledger, energy_error: Array, function: str, allowed: float, stride: int
 ) -> None:
     t, left = ledger.t[::stride], energy_error[::stride]

@@ -82,7 +82,7 @@ def recorded(
         name: force[:rows] for name, force in logged_forces(flow, seen, motion.inputs).items()
     }
     if note:
-        provenance = replace(provenance, notes={**provenance.notes, "singular": note})
+        provenance = replace(provenance, singular=note)
     table = (motion.x[:rows, summed] - motion.x[0, summed]).T
     return Trajectory(
         t=motion.t[:rows],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -13,8 +12,10 @@ from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.system import trace
-from deltac.errors import InputError
+from deltac.errors import InputError, warn_user
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, opened
@@ -101,6 +102,7 @@ RECORD = Record()
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
+@interruptible()
 def simulate(
     model: ModelLike,
     state: StateLike = None,
@@ -226,7 +228,7 @@ def simulate(
         motion = explained(flow, found, duration / steps, p, x0, motion)
     motion = while_assembled(flow, motion, p)
     if motion.message:
-        warnings.warn(motion.message, SimulationStoppedWarning, stacklevel=2)
+        warn_user(motion.message, SimulationStoppedWarning)
     if flow.correcting:
         check_correction_held(flow, motion.t, motion.x, p)
     provenance = Provenance(
@@ -238,7 +240,7 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        notes=_notes(mechanism, equations, controller, flow, events, coordinates),
+        **_circumstances(mechanism, equations, controller, flow, events, coordinates),
     )
     run = recorded(mechanism, flow, made.observe, motion, p, provenance)
     if events is None:
@@ -340,26 +342,28 @@ def _stepper(
     return ScipySteps(flow, solver, rate, p, options.tolerance, compiled=compiled)
 
 
-def _notes(
+def _circumstances(
     mechanism: Mechanism,
     equations: Equations | None,
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
     coordinates: CoordinateMap | None,
-) -> dict[str, str]:
+) -> dict[str, Any]:
+    """What is said in the provenance of how the run was made."""
     notes: dict[str, str] = {}
     if coordinates is not None:
         notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
-    if flow.correcting:
-        notes["corrected"] = "energy"
-    if events is not None and events.ended:
-        notes["ended"] = events.ended
-    if equations is not None:
-        notes["equations"] = equations.name
+    held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
-        notes["held"] = ";".join(f"actuator {motor.name}" for motor in mechanism.motors)
-    return notes
+        held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
+    return {
+        "corrected": "energy" if flow.correcting else "",
+        "ended": "" if events is None else events.ended,
+        "equations": "" if equations is None else equations.name,
+        "held": held,
+        "notes": notes,
+    }
 
 
 def _as_before(

@@ -97,7 +97,7 @@ def suspicions(
     """
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     found = list(_gaps(run.t))
-    if len(run) < 4 or "u" in run.provenance.notes.get("derived", "").split(";"):
+    if len(run) < 4 or "u" in run.provenance.derived:
         return found  # u was derived from q: they agree by construction
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     fits = {(i, j): _fit(*_increments(run, i, j)) for i, j in kinematics.rates}
@@ -133,15 +133,14 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
         q[:, i : i + 4] = q[:, [i + 3, i, i + 1, i + 2]]
     speed = np.array([factor(f"u.{name}", 1.0) for name in run.speeds])
     udot = None if run.udot is None else run.udot * speed
-    notes = dict(run.provenance.notes)
-    notes["corrected"] = ";".join(filter(None, (notes.get("corrected"), suspicion.kind)))
+    repairs = (*run.provenance.repairs, suspicion.kind)
     return replace(
         run,
         t=run.t * factor("time", 1.0),
         q=q,
         u=run.u * speed,
         udot=udot,
-        provenance=replace(run.provenance, notes=notes),
+        provenance=replace(run.provenance, repairs=repairs),
     )
 
 

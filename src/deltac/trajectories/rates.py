@@ -9,7 +9,6 @@ sample: far above the error where that falls with h, and of its size where noise
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -24,8 +23,8 @@ _FEWEST = 4
 
 def derived_speeds(
     columns: Mapping[str, FloatArray], names: MechanismNames | None
-) -> tuple[dict[str, FloatArray], str]:
-    """The columns ``u.<speed>`` that belong to the columns ``q.<coordinate>``, and their error (JSON).
+) -> tuple[dict[str, FloatArray], dict[str, float]]:
+    """The columns ``u.<speed>`` that belong to the columns ``q.<coordinate>``, and the error of each.
 
     Raises InputError for too few rows, or times that do not increase.
     """
@@ -37,15 +36,14 @@ def derived_speeds(
     kinematics = _complete(coordinates, speeds)
     u = _speeds(t, q, kinematics, len(speeds))
     error = _error(t, u, lambda s: _speeds(t[s], q[s], kinematics, len(speeds)))
-    text = json.dumps({"u": dict(zip(speeds, error, strict=True))})
-    return {f"u.{name}": u[:, index] for index, name in enumerate(speeds)}, text
+    found = {f"u.{name}": u[:, index] for index, name in enumerate(speeds)}
+    return found, {name: float(e) for name, e in zip(speeds, error, strict=True)}
 
 
 def with_accelerations(run: Trajectory) -> Trajectory:
-    """The run with u̇ derived from u, marked in ``provenance.notes``; as it is if it has u̇.
+    """The run with u̇ derived from u, marked in ``provenance.derived``; as it is if it has u̇.
 
-    ``notes["derived"]`` lists what was derived, joined by semicolons, and ``notes["derived_error"]``
-    holds, as JSON, for each an estimate of the largest error of every speed (m/s², rad/s²).
+    ``provenance.derived["udot"]`` has an estimate of the largest error of every speed's (m/s², rad/s²).
 
     Raises InputError for fewer than four rows.
     """
@@ -56,18 +54,15 @@ def with_accelerations(run: Trajectory) -> Trajectory:
     _check(run.t, run.u, "udot.<speed>")
     udot = _rate(run.t, run.u)
     error = _error(run.t, udot, lambda s: _rate(run.t[s], run.u[s]))
-    notes = dict(run.provenance.notes)
-    errors = json.loads(notes.get("derived_error", "{}"))
-    errors["udot"] = dict(zip(run.speeds, error, strict=True))
-    notes["derived"] = ";".join(filter(None, (notes.get("derived"), "udot")))
-    notes["derived_error"] = json.dumps(errors)
-    return replace(run, udot=udot, provenance=replace(run.provenance, notes=notes))
+    errors = {name: float(e) for name, e in zip(run.speeds, error, strict=True)}
+    derived = {**run.provenance.derived, "udot": errors}
+    return replace(run, udot=udot, provenance=replace(run.provenance, derived=derived))
 
 
 def derived_error(run: Trajectory, what: str = "u") -> FloatArray | None:
     """The estimated largest errors (nu,) of derived "u" or "udot"; None when it was measured."""
-    errors = json.loads(run.provenance.notes.get("derived_error", "{}")).get(what)
-    return None if errors is None else np.array([errors[name] for name in run.speeds], np.float64)
+    errors = run.provenance.derived.get(what)
+    return None if not errors else np.array([errors[name] for name in run.speeds], np.float64)
 
 
 def angular_velocity(p: FloatArray, pdot: FloatArray) -> FloatArray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import json
 import math
 import operator
 import unicodedata
@@ -36,7 +38,20 @@ class Provenance:
     model      name of the model
     model_hash fingerprint of the model, to tell whether a ledger uses the same one
     completed  False when the run stopped before its end; `message` then says why
+    ended      the event of the user's that ended it, in words
+    equations  name of equations by hand that were integrated in place of the model's
+    corrected  what the solver corrected after each step: "energy"
+    singular   where the constraints were dependent, in words
+    held       channels whose forces were constant over each step; None where nobody said
+    stage      of which instant accelerations and forces are, in words of a recorder
+    looked_for kinds of channels that a recorder logs where they act; `acted`: channels that did
+    strengths  channel of an actuator -> its generalized force at unit control, by speed
+    derived    "u", "udot": what was derived from the other columns -> largest error by speed
+    converted  columns that a reader converted, with their units; `ignored`: those it did not use
+    repairs    slips of the log that were undone, such as "degrees"
     notes      anything else worth keeping, text by text
+
+    What logs of schema version 1 and 2 have of these is among their notes, and is put in its place.
 
     Raises InputError for a value of the wrong type or an impossible step or tolerance.
     """
@@ -49,6 +64,19 @@ class Provenance:
     model_hash: str | None = None
     completed: bool = True
     message: str = ""
+    ended: str = ""
+    equations: str = ""
+    corrected: str = ""
+    singular: str = ""
+    held: tuple[str, ...] | None = None
+    stage: str = ""
+    looked_for: tuple[str, ...] = ()
+    acted: tuple[str, ...] = ()
+    strengths: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
+    derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
+    converted: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -69,10 +97,25 @@ class Provenance:
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        _set(self, "notes", MappingProxyType(dict(self.notes)))
+        _take_from_notes(self)
+        for name in ("ended", "equations", "corrected", "singular", "stage"):
+            if not isinstance(getattr(self, name), str):
+                raise _unfit(name, getattr(self, name), "text")
+        for name in ("held", "looked_for", "acted", "converted", "ignored", "repairs"):
+            values = getattr(self, name)
+            if values is None and name == "held":
+                continue
+            if not isinstance(values, list | tuple) or not all(isinstance(v, str) for v in values):
+                raise _unfit(name, values, "a list of names")
+            _set(self, name, tuple(values))
+        for name in ("strengths", "derived", "notes"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise _unfit(name, getattr(self, name), "a mapping")
+            _set(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild(self, notes=dict(self.notes))
+        mappings = ("strengths", "derived", "notes")
+        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -277,6 +320,38 @@ class Trajectory:
         from deltac.trajectories.formats.files import write_trajectory
 
         write_trajectory(self, path)
+
+
+def _take_from_notes(provenance: Provenance) -> None:
+    """Put the notes of older logs in their places; text that is none of theirs stays a note."""
+    notes = dict(provenance.notes)
+    for name in ("ended", "equations", "singular", "stage"):
+        if name in notes and not getattr(provenance, name):
+            _set(provenance, name, notes.pop(name))
+    for name in ("held", "looked_for", "acted", "converted", "ignored"):
+        if name in notes and not getattr(provenance, name):
+            _set(provenance, name, tuple(filter(None, notes.pop(name).split(";"))))
+    # One key had two meanings: what a solver corrects, and what a reader put right.
+    for text in filter(None, notes.pop("corrected", "").split(";")):
+        if text == "energy":
+            _set(provenance, "corrected", text)
+        else:
+            _set(provenance, "repairs", (*provenance.repairs, text))
+    with contextlib.suppress(ValueError, TypeError, AttributeError):  # notes of somebody else's
+        strengths = json.loads(notes.get("strengths", "{}"))
+        found = {str(n): [float(x) for x in values] for n, values in strengths.items()}
+        _set(provenance, "strengths", {**found, **provenance.strengths})
+        notes.pop("strengths", None)
+    with contextlib.suppress(ValueError, TypeError, AttributeError):
+        errors = json.loads(notes.get("derived_error", "{}"))
+        names = filter(None, notes.get("derived", "").split(";"))
+        _set(
+            provenance,
+            "derived",
+            {n: dict(errors.get(n, {})) for n in names} | {**provenance.derived},
+        )
+        notes.pop("derived", None), notes.pop("derived_error", None)
+    _set(provenance, "notes", notes)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

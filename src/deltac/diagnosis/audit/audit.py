@@ -20,6 +20,7 @@ from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
@@ -233,6 +234,7 @@ _BEYOND_TOLERANCE = (
 )
 
 
+@interruptible()
 def audit(
     model: ModelLike,
     log: Any,
@@ -336,7 +338,7 @@ def _function(ledger: Ledger) -> str:
 
 
 def _derived(run: Trajectory, what: str) -> bool:
-    return what in run.provenance.notes.get("derived", "").split(";")
+    return what in run.provenance.derived
 
 
 def _reach(work: Array) -> float:

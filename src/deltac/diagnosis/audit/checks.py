@@ -309,8 +309,7 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     if import_report is None:
         return []
     channels = re.findall(r"channel '([^']+)'", " ".join(str(r) for r in import_report.ignored))
-    notes = run.provenance.notes
-    looked_for, acted = (notes.get(n, "").split(";") for n in ("looked_for", "acted"))
+    looked_for, acted = run.provenance.looked_for, run.provenance.acted
     missing: list[str] = []
     for name in dict.fromkeys(channels):
         generic = name.partition("<")[0]

@@ -127,7 +127,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
     """The log with its work taken as an identified integrator took it: by forces held over each step."""
     run, scheme = log.run, step.scheme
     moving = [n for n, f in run.forces.items() if np.any(f[1:] != f[:-1])]
-    known = work or run.integrals or run.events or "held" in run.provenance.notes
+    known = work or run.integrals or run.events or run.provenance.held is not None
     if (
         scheme is None
         or scheme.forces == "linear"
@@ -139,8 +139,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
     h = np.diff(run.t)
     if scheme.name not in EXPLICIT or float(np.ptp(h)) > 1e-6 * float(h.min()):
         return log
-    notes = {**run.provenance.notes, "held": ";".join(run.forces)}
-    told = replace(run.provenance, step=float(np.median(h)), notes=notes)
+    told = replace(run.provenance, step=float(np.median(h)), held=tuple(run.forces))
     return balanced(mechanism, replace(run, provenance=told), work, log.findings, log.comparisons)
 
 

@@ -19,6 +19,7 @@ from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
@@ -125,6 +126,7 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
 
 
 @renamed_keywords(mechanism="model")
+@interruptible()
 def localise(
     model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
 ) -> Localisation:

@@ -24,6 +24,7 @@ from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_wor
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -153,6 +154,7 @@ UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
 
+@interruptible()
 def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
     """Name the few changes of a model that explain what a log leaves of its equations of motion.
 
@@ -190,7 +192,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
     own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
-    derived = "udot" in run.provenance.notes.get("derived", "").split(";")
+    derived = "udot" in run.provenance.derived
     found = explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())

@@ -421,7 +421,7 @@ def _centred(run: Trajectory, evaluator: Evaluator, logged: Array) -> Array:
     if step is None or not np.isclose(np.median(np.diff(run.t)), step, rtol=0.01, atol=0.0):
         return logged
     made = logged.copy()
-    for name in run.provenance.notes.get("held", "").split(";"):
+    for name in run.provenance.held or ():
         where = evaluator.log.columns.get(name)
         if where is not None:
             made[1:, where] = 0.5 * (logged[1:, where] + logged[:-1, where])

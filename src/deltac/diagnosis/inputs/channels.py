@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -136,7 +134,7 @@ class Gear:
 def other_gears(run: Trajectory, import_report: ImportReport | None) -> list[Gear]:
     """Motors of which run and model tell different strengths."""
     found: list[Gear] = []
-    theirs, ours = _strengths(run), import_report.strengths if import_report else {}
+    theirs, ours = run.provenance.strengths, import_report.strengths if import_report else {}
     for name in sorted(theirs.keys() & ours.keys()):
         logged, model = np.array(theirs[name]), np.array(ours[name])
         if logged.shape != model.shape or not np.allclose(logged, model, rtol=SAME, atol=0.0):
@@ -146,23 +144,14 @@ def other_gears(run: Trajectory, import_report: ImportReport | None) -> list[Gea
 
 def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ...]:
     """What an audit does not see of actuators whose control law was not compared."""
-    compared = _strengths(run).keys() & (import_report.strengths if import_report else {})
-    logged = [n for n in run.forces if n.startswith("actuator ")]
-    unknown = [n for n in logged if n.removeprefix("actuator ") not in compared]
+    compared = run.provenance.strengths.keys() & (import_report.strengths if import_report else {})
+    unknown = [n for n in run.forces if n.kind == "actuator" and n.element not in compared]
     if not unknown or import_report is None:
         return ()
     shown = ", ".join(map(repr, unknown[:3])) + (", …" if len(unknown) > 3 else "")
     return (
         f"a wrong gear, gain or control in the model: forces of {shown} are taken from the log",
     )
-
-
-def _strengths(run: Trajectory) -> Mapping[str, Sequence[float]]:
-    try:
-        held = json.loads(run.provenance.notes.get("strengths", "{}"))
-        return {str(n): [float(x) for x in values] for n, values in held.items()}
-    except (ValueError, TypeError, AttributeError):
-        return {}  # a note of somebody else's
 
 
 def _factor(logged: np.ndarray, model: np.ndarray) -> float | None:

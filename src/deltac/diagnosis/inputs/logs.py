@@ -228,9 +228,7 @@ def held_between_rows(log: Log) -> float:
     run, step = log.run, log.run.provenance.step
     if step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
         return 0.0
-    held = [
-        run.forces[n] for n in run.provenance.notes.get("held", "").split(";") if n in run.forces
-    ]
+    held = [run.forces[n] for n in run.provenance.held or () if n in run.forces]
     mean = 0.5 * (run.u[1:] + run.u[:-1])
     late = sum((np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in held), np.zeros(len(mean)))
     return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
@@ -239,7 +237,7 @@ def held_between_rows(log: Log) -> float:
 def _work(run: Trajectory) -> str | None:
     """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
     step = run.provenance.step
-    held = set(run.provenance.notes.get("held", "").split(";"))
+    held = set(run.provenance.held or ())
     if run.integrals or not run.forces or step is None or not held.issuperset(run.forces):
         return None
     every_step = np.allclose(np.diff(run.t), step, rtol=1e-6, atol=0.0)

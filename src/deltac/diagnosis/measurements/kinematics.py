@@ -329,7 +329,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
 
     Runs whose speeds were derived from the coordinates are taken as they are.
     """
-    derived = "u" in run.provenance.notes.get("derived", "").split(";")
+    derived = "u" in run.provenance.derived
     if derived or len(run) < LEAST_ROWS:
         return Cleaned(run, (), {})
     found: list[Finding] = []
@@ -347,7 +347,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
 
 def trusted(run: Trajectory) -> bool:
     """Whether it is known how the rows came about: our own runs, and those of our MuJoCo recorder."""
-    return run.provenance.simulator == "deltac" or "stage" in run.provenance.notes
+    return run.provenance.simulator == "deltac" or bool(run.provenance.stage)
 
 
 def _rows(run: Trajectory, keep: Mask) -> Trajectory:

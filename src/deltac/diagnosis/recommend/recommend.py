@@ -24,6 +24,7 @@ from deltac.diagnosis.recommend.work_precision import (
     Trials,
 )
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.equations import Controller, Equations
 
@@ -43,6 +44,7 @@ SAFETY = 1.1
 
 
 @renamed_keywords(control="controller")
+@interruptible()
 def recommend(
     model: ModelLike,
     state: StateLike = None,

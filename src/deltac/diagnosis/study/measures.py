@@ -174,7 +174,7 @@ def _measured(run: Trajectory, *, trusted: bool) -> bool:
         return False
     if trusted:
         return True
-    if "udot" in run.provenance.notes.get("derived", "").split(";"):
+    if "udot" in run.provenance.derived:
         return False
     return not _differences(run)
 

@@ -335,7 +335,7 @@ def _held_unknown(log: Log) -> float:
     of every step has that error too, but there it falls with the step.
     """
     run, step = log.run, log.run.provenance.step
-    told = "held" in run.provenance.notes or run.provenance.simulator == "deltac"
+    told = run.provenance.held is not None or run.provenance.simulator == "deltac"
     if told or not run.forces or len(run) < 2:
         return 0.0
     spacing = float(np.median(np.diff(run.t)))

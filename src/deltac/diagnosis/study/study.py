@@ -32,6 +32,7 @@ from deltac.diagnosis.study.runs import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
@@ -414,6 +415,7 @@ SAMPLES = 200
 
 
 @renamed_keywords(control="controller")
+@interruptible()
 def study(
     model: ModelLike,
     state: StateLike | Any = None,

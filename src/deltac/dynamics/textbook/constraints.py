@@ -180,7 +180,8 @@ def _angle(now: Scene, c: Angle) -> Rows:
     a1, a1_dot = now.axis(c.body1, c.axis1)
     a2, a2_dot = now.axis(c.body2, c.axis2)
     (angle,), (opening,) = now.laws((c.angle,))
-    return [a1 @ a2 - np.cos(angle)], [a1_dot @ a2 + a1 @ a2_dot + np.sin(angle) * opening]
+    cosine, cosine_dot = a1 @ a2, a1_dot @ a2 + a1 @ a2_dot
+    return [np.arccos(cosine) - angle], [-cosine_dot / np.sqrt(1 - cosine**2) - opening]
 
 
 def _holonomic(now: Scene, c: Holonomic) -> Rows:

@@ -13,6 +13,7 @@ import numpy as np
 
 from deltac.diagnosis.check.check import chosen_map
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
@@ -158,6 +159,7 @@ def _examples(trials: Sequence[Trial]) -> str:
     return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
 
 
+@interruptible()
 def mutate_equations(
     model: ModelLike,
     rhs: str | Path | Callable[..., Any] | Equations,

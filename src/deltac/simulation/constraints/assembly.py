@@ -15,6 +15,7 @@ from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence, row_names
 from deltac.errors import InputError, closest
+from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -43,6 +44,7 @@ class Assembly:
 
 
 @renamed_keywords(mechanism="model")
+@interruptible()
 def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
     """Find coordinates and speeds near a guess that satisfy every constraint.
 

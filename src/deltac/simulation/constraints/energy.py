@@ -8,7 +8,6 @@ this does is booked like that of a projection, so ΔC tells what the run would h
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import casadi as ca
@@ -19,6 +18,7 @@ from deltac.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
+from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import projection
 from deltac.simulation.flow import Flow
@@ -67,12 +67,11 @@ def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
     found = _balance(flow)(t=t, x=x, **given)
     left, scale = float(np.abs(found["left"]).max()), float(np.abs(found["K"]).max())
     if not left <= NOTICED * scale:
-        warnings.warn(
+        warn_user(
             f"the correction of the energy could not keep up: K + V is off by up to {left:.3g} J of "
             f"{scale:.3g} J in motion. The step is too large for the motion; take a smaller one, or a solver "
             "of higher order",
             EnergyLeftWarning,
-            stacklevel=3,
         )
 
 

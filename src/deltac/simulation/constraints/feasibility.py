@@ -22,6 +22,14 @@ START_TOLERANCE = 1e-6
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""
 
 
+NEARLY_DEPENDENT = 1e-5
+"""Independent share of a constraint row below which a run is refused.
+
+The compiled factorisation squares it, and hands over to least squares at 3e-6, which leave out what is
+independent to less than 1e-4: between exactly dependent rows and this, the two differ by more than rounding.
+"""
+
+
 def constraint_start(
     mechanism: Mechanism,
     state: State,
@@ -58,6 +66,14 @@ def constraint_start(
             f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
     found = independence(motion, state.t, q, p)
+    if found.margin < NEARLY_DEPENDENT and not found.singular:
+        raise InputError(
+            f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
+            f"{', '.join(dict.fromkeys(motion.rows.names))} is independent of the others only to "
+            f"{found.margin:.1g} of itself, so that no motion can be trusted, with it or without it. "
+            "Where it should follow from the others, deltac.assemble(mechanism, state) makes the state "
+            "exact; else move it away from them"
+        )
     if found.freedom == 0 and equations is None:
         raise InputError(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"

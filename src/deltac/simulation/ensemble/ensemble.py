@@ -20,6 +20,7 @@ from deltac.arrays import Array
 from deltac.caching import LRUCache, derived
 from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError
+from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, spread
 from deltac.mechanism.mechanism import Mechanism
@@ -113,6 +114,7 @@ class Ensemble:
 
 
 @renamed_keywords(mechanism="model")
+@interruptible()
 def simulate_ensemble(
     model: ModelLike,
     states: States | StateLike,

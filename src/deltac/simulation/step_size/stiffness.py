@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 from functools import lru_cache
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
+from deltac.errors import warn_user
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.protocol import Motion
@@ -120,9 +120,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
     if motion.message:
         return replace(motion, message=f"{motion.message}. {words}")
     if _growth(solver, h * rate) > DOUBLED:
-        warnings.warn(
-            f"the run does not follow the mechanism. {words}", StiffStepWarning, stacklevel=3
-        )
+        warn_user(f"the run does not follow the mechanism. {words}", StiffStepWarning)
     return motion
 
 

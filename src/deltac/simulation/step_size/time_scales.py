@@ -9,7 +9,6 @@ A touch to come must be resolved by implicit steps too. What a step may be is to
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +23,7 @@ from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
-from deltac.errors import InputError
+from deltac.errors import InputError, warn_user
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
@@ -84,12 +83,11 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
     ]
     longest, worst = min(limits, key=lambda limit: limit[0], default=(math.inf, None))
     if worst is not None and step > longest:
-        warnings.warn(
+        warn_user(
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
             f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
             "longer ones",
             StiffStepWarning,
-            stacklevel=3,
         )
 
 

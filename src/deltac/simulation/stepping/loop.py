@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.interrupts import check_interrupted
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.events.run import EventRun
@@ -105,6 +106,7 @@ class Loop:
         return bool(self.message or (events is not None and (events.message or events.ended)))
 
     def _report(self, start: float) -> None:
+        check_interrupted()
         if self.progress is None:
             return
         done = (self.t - start) / (self.end - start)
@@ -264,6 +266,6 @@ class Loop:
 
 def _blown_up(bad: float, last: float) -> str:
     return (
-        f"stopped: the state is not finite at t = {bad:.9g} s; it was last finite at t = {last:.9g} s. "
-        "A smaller step may help"
+        f"stopped at t = {last:.9g} s: the state is not finite at t = {bad:.9g} s; it was last finite at "
+        f"t = {last:.9g} s. A smaller step or tolerance may help"
     )

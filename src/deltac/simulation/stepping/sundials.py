@@ -16,6 +16,7 @@ from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
+from deltac.interrupts import check_interrupted
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import Form, Point, Settings
@@ -55,6 +56,7 @@ class SundialsSteps:
         try:
             return Step(t, x, until, exact(until), exact)
         except RuntimeError as error:
+            check_interrupted()
             raise StepFailed(
                 f"{_reason(error)}{_speed(self._flow, x)}; what was computed so far is kept. Look at the "
                 "laws there: one that grows without bound, jumps, or ceases to be defined; or try a larger "
@@ -82,6 +84,7 @@ class SundialsSteps:
         try:
             found = self._integrate(x, grid.time(k), count * grid.step, count, self._p)
         except RuntimeError:
+            check_interrupted()
             self._failed = True  # from here one by one: how far does it get?
             return None
         for place in [] if self._flow.own is not None else quaternions(self._flow.system.mechanism):

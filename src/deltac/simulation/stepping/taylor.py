@@ -13,6 +13,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
+from deltac.interrupts import waiting
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid
@@ -167,7 +168,7 @@ def _taylor_method(
             list(zip(names, rates)), nowhere, fp_type=real, compact_mode=True, **options
         )
 
-    return compiled(repr(source), made)
+    return compiled(repr(source), lambda: waiting(made))
 
 
 def _require_smooth(flow: Flow, function: Any) -> None:

@@ -98,7 +98,7 @@ def read_trajectory(
     `mapping`, a TOML file (see `mapping`), says which columns are what, in which units.
     `mechanism_names`, a mechanism or its names, says which coordinates are needed and which are
     angles. Without either the columns have the names of the schema (see `from_columns`). A log
-    without any speeds gets them from splines, see `derive`; ``provenance.notes`` says so.
+    without any speeds gets them from splines, see `derive`; ``provenance.derived`` says so.
 
     Raises InputError that names the file and, where it applies, column and row.
     """

@@ -30,7 +30,7 @@ SCHEMA_VERSION = 3
 """Raised whenever a reader of the old version would misread or refuse the new one.
 
 Version 2 has the entry `events`, without which speeds that jump would be integrated across. Version 3 has
-the entry `works`.
+the entry `works`, and entries of the provenance that were notes before.
 """
 
 UNITS: Mapping[str, str] = {
@@ -335,7 +335,16 @@ def _read_events(metadata: Mapping[str, Any] | None, t: FloatArray) -> tuple[Occ
 
 def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
     values = {f.name: getattr(provenance, f.name) for f in fields(provenance)}
-    return values | {"notes": dict(provenance.notes)}
+    values |= {name: dict(values[name]) for name in ("strengths", "derived", "notes")}
+    # What nobody said is not written, so that headers stay short; that nothing was held is said.
+    return {n: v for n, v in values.items() if n in _ALWAYS or v or (n == "held" and v is not None)}
+
+
+_ALWAYS = (
+    *("simulator", "solver", "step", "tolerance", "model", "model_hash", "completed", "message"),
+    "notes",
+)
+"""Entries of the provenance that every header has."""
 
 
 def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:

@@ -245,14 +245,18 @@ _ELSEWHERE = {
 
 
 def find_solver(name: object) -> Solver:
-    """The solver of that name or alias (capitals do not count); UnknownName lists all of them."""
+    """The solver of that name or alias; UnknownName lists all of them.
+
+    Capitals count only where they must: `DOP853` chooses its steps, `dop853` does not.
+    """
     if not isinstance(name, str):
         raise WrongType(
             f"solver is {name!r}; expected a name, such as 'ode5', or an object such as "
             "deltac.solvers.Scipy('DOP853', tolerance=1e-9)"
         )
-    known = {n.lower(): s for n, s in (*SOLVERS.items(), *_BY_ALIAS.items())}
-    solver = known.get(name.lower())
+    known = {**_BY_ALIAS, **SOLVERS}
+    alike = {n: s for n, s in known.items() if n.lower() == name.lower()}
+    solver = known.get(name) or (next(iter(alike.values())) if len(alike) == 1 else None)
     if solver is None:
         listed = ", ".join(
             s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()

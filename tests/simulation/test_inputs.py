@@ -57,7 +57,7 @@ def test_options(options: dict[str, Any], words: list[str]) -> None:
         (lambda: dc.solvers.by_name("ode5", None, 0.5), ["spectral_radius", "GeneralizedAlpha"]),
         (lambda: dc.solvers.Scipy("RK45", 0.0), ["tolerance is 0.0"]),
         (lambda: dc.solvers.Scipy("CVODES"), ["'CVODES'", "Sundials(...)", "name, tolerance"]),
-        (lambda: dc.solvers.FixedStep("radau"), ["'radau'", "did you mean 'Radau'"]),
+        (lambda: dc.solvers.FixedStep("radua"), ["'radua'", "did you mean 'Radau'"]),
         (lambda: dc.solvers.FixedStep("Radau"), ["'Radau'", "Scipy(...)"]),
         (lambda: dc.solvers.Sundials("ode4"), ["'ode4'", "FixedStep(...)"]),
         (lambda: dc.solvers.Taylor("tight"), ["tolerance is 'tight'"]),
@@ -71,6 +71,15 @@ def test_option_objects_name_the_solver_that_takes_what_was_given(
         make()
     for word in words:
         assert word in str(caught.value)
+
+
+def test_capitals_count_where_two_solvers_differ_by_them_alone() -> None:
+    """DOP853 is adaptive, dop853 of fixed steps; elsewhere they are a matter of taste."""
+    assert dc.solvers.by_name("DOP853") == dc.solvers.Scipy("DOP853")
+    assert dc.solvers.by_name("dop853") == dc.solvers.FixedStep("ode8")
+    assert dc.solvers.by_name("radau") == dc.solvers.Scipy("Radau")
+    with pytest.raises(InputError, match="unknown solver 'Dop853'"):
+        dc.solvers.by_name("Dop853")
 
 
 @pytest.mark.parametrize(

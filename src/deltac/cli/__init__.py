@@ -24,6 +24,7 @@ from deltac.cli import (
     problems,
     recommend,
     reproduce,
+    states,
     study,
 )
 from deltac.errors import InputError
@@ -61,6 +62,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Check equations of motion at random states; repair them.",
         "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
     ),
+    "states": (
+        "Write states for a program in another language, to be checked.",
+        "deltac states double-pendulum --out states.csv\n  deltac check double-pendulum states.csv",
+    ),
     "recommend": (
         "Find the cheapest solver and step that keep a tolerance.",
         "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
@@ -83,6 +88,7 @@ PAGES = {
     "describe": "guide",
     "reproduce": "thesis",
     "mutate": "repair",
+    "states": "other-languages",
     "cache": "guide",
 }
 """Pages of the documentation that are not named like their command."""
@@ -98,7 +104,7 @@ app = typer.Typer(
 )
 for module in (
     *(examine, audit, study, recommend, check, mutate),
-    *(describe, problems, reproduce, cache),
+    *(describe, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
     short, examples = COMMANDS[command]

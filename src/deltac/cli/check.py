@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -24,7 +24,8 @@ def command(
         str,
         typer.Argument(
             metavar="FILE.py:FUNCTION",
-            help="A function of (t, q, u) that returns u̇, one of (t, y) that returns ẏ, or dc.Equations.",
+            help="A function of (t, q, u) that returns u̇, one of (t, y) that returns ẏ, dc.Equations; "
+            "LIBRARY.so:FUNCTION; or a table of `deltac states`, filled in.",
         ),
     ],
     coordinates: Annotated[
@@ -63,6 +64,8 @@ def command(
     from deltac.diagnosis.check.check import TOLERANCE, check_equations
     from deltac.diagnosis.inputs.equations import load_equations, load_map
 
+    if equations.lower().endswith(".csv"):
+        _check_table(model, equations, coordinates, tolerance, form.unless(as_json))
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
@@ -93,6 +96,17 @@ def command(
         write_text(repaired.fixes[0].diff, write)
     more = [report for report in (repaired, refused) if report is not None]
     deliver(found, form.unless(as_json), *more, name=equations)
+
+
+def _check_table(
+    model: str, table: str, coordinates: str | None, tolerance: float | None, form: Form
+) -> NoReturn:
+    """Check the accelerations that a table has."""
+    from deltac.diagnosis.check.table import check_table
+    from deltac.diagnosis.inputs.equations import load_map
+
+    chosen = None if coordinates is None else load_map(coordinates)
+    deliver(check_table(model, table, coordinates=chosen, tolerance=tolerance), form, name=table)
 
 
 def _repair(

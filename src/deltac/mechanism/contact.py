@@ -9,7 +9,7 @@ from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Part, Scope, constructor
+from deltac.mechanism.scope import Element, Scope, constructor
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
@@ -17,7 +17,7 @@ Model = Literal["hunt-crossley", "kelvin-voigt"]
 
 
 @dataclass(frozen=True)
-class Contact(Part):
+class Contact(Element):
     """Compliant contact. Channels ``spring <name>`` (potential), ``contact``, ``friction <name>``.
 
     At every contact point of the two shapes (`dynamics.gaps` lists them) with overlap x = −g > 0:

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 from deltac.errors import ModelError, UnknownName, closest
-from deltac.mechanism.contact import Contact
-from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.laws import as_law, symbol_names
 from deltac.mechanism.quantities import (
     ZERO,
@@ -22,11 +20,11 @@ from deltac.mechanism.quantities import (
     positive,
     vector,
 )
-from deltac.mechanism.scope import Part, Scope, constructor, require_count
+from deltac.mechanism.scope import Element, Scope, constructor, require_count
 
 
 @dataclass(frozen=True)
-class JointSpring(Part):
+class JointSpring(Element):
     """Elastic force of a joint. Channel ``spring <name>`` (potential).
 
     Linear: V = ½ k (q − q0)² for each coordinate (J), generalized force −k (q − q0) (N·m or N); for a
@@ -64,7 +62,7 @@ class JointSpring(Part):
 
 
 @dataclass(frozen=True)
-class JointDamper(Part):
+class JointDamper(Element):
     """Viscous force of a joint: −c u for each speed (N·m or N). Channel ``damper <name>``.
 
     `damping` c (N·m·s/rad or N·s/m) is a law, one for each speed; c >= 0 takes energy out. A number below
@@ -90,7 +88,7 @@ class JointDamper(Part):
 
 
 @dataclass(frozen=True)
-class JointTorque(Part):
+class JointTorque(Element):
     """Generalized force of a motor on a joint's speeds (N·m or N). Channel ``actuator <name>``.
 
     `torque` holds a law of t, q, u for each speed, positive in the direction of the speed, acting on
@@ -113,7 +111,7 @@ class JointTorque(Part):
 
 
 @dataclass(frozen=True)
-class PointForce(Part):
+class PointForce(Element):
     """A force at a point of a body and a moment on it. Channel ``applied <name>``.
 
     `force` (N) and `moment` (N·m) are three laws of t, q, u each; components in the world frame, or
@@ -138,7 +136,7 @@ class PointForce(Part):
 
 
 @dataclass(frozen=True)
-class SpringDamper(Part):
+class SpringDamper(Element):
     """Spring and damper between two points. Channels ``spring <name>`` (potential), ``damper <name>``.
 
     With the distance d of the points, V = ½ k (d − d0)² (J) and the tension is k (d − d0) + c ḋ (N),
@@ -184,7 +182,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Tendon(Part):
+class Tendon(Element):
     """A cord with spring and damper. Channels ``spring <name>`` (potential), ``damper <name>``.
 
     Its length is l = Σ c_i q_i over `coordinates` (of joints whose speeds are their rates) plus the
@@ -236,7 +234,7 @@ class Tendon(Part):
 
 
 @dataclass(frozen=True)
-class GravityCompensation(Part):
+class GravityCompensation(Element):
     """Upward forces that carry a fraction of bodies' weights. Channel ``applied <name>``.
 
     `fractions` are (body, c): the force −c m g acts at the body's mass centre (N; c = 1 carries all of it).
@@ -260,20 +258,6 @@ def _spring_kinds(*laws: Any) -> tuple[str, ...]:
     """Kinds of a spring's channels: ∂V/∂t of laws of time flows through ``prescribed``."""
     in_time = any("t" in symbol_names(law) for law in laws if law is not None)
     return ("spring", "prescribed") if in_time else ("spring",)
-
-
-Element: TypeAlias = (
-    JointSpring
-    | JointDamper
-    | JointTorque
-    | PointForce
-    | SpringDamper
-    | Tendon
-    | GravityCompensation
-    | JointFriction
-    | PointFriction
-    | Contact
-)
 
 
 @constructor

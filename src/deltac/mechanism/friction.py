@@ -21,7 +21,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor, require_count
+from deltac.mechanism.scope import GROUND, Element, Scope, constructor, require_count
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
@@ -78,7 +78,7 @@ class FrictionLaw:
 
 
 @dataclass(frozen=True)
-class JointFriction(Part):
+class JointFriction(Element):
     """Friction of a joint, one law for each speed: −f(|u|) sign u (N·m or N). Channel ``friction <name>``.
 
     `laws` act on the speeds one by one, in the joint's own directions; they do not depend on the joint's
@@ -102,7 +102,7 @@ class JointFriction(Part):
 
 
 @dataclass(frozen=True)
-class PointFriction(Part):
+class PointFriction(Element):
     """Friction at a point of a body that slides along a plane. Channel ``friction <name>``.
 
     With the velocity v of the body's point relative to the material of `on` in the same place, and its

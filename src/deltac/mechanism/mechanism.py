@@ -15,11 +15,11 @@ from deltac.mechanism.bodies import Body
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
-from deltac.mechanism.forces import Element, JointDamper, JointSpring, JointTorque
+from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.scope import GROUND, Element, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
 
 if TYPE_CHECKING:

@@ -47,7 +47,8 @@ def _function(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
         if all(p.default is not p.empty for p in parameters):
             made = value()
             value = made if callable(made) else value
-    return getattr(value, "rhs", value)
+    found: Callable[..., Any] = getattr(value, "rhs", value)
+    return found
 
 
 def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -> list[Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
-from deltac.diagnosis.check.location import Blame, blame
+from deltac.diagnosis.check.location import Blame, blame, blame_at
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -308,13 +308,67 @@ def check_equations(
     )
 
 
+def check_states(
+    test: EquationTest,
+    udot: Array,
+    qdot: Array | None,
+    *,
+    name: str,
+    tolerance: float | None = None,
+    rounding: float = 0.0,
+) -> EquationCheck:
+    """`check_equations` of accelerations (n, B), perhaps with q̇ (nq, B), that are known at some states only.
+
+    `rounding` is what the digits leave open of them, relative.
+    """
+    accepted = max(TOLERANCE, rounding) if tolerance is None else tolerance
+    residuals = test(udot)
+    limit = np.full(len(test.speeds), accepted)
+    rates = {} if qdot is None else _misses(test, qdot)
+    kind, confidence = _judged(residuals, limit, accepted, True, rates)
+    wrong = kind == "equation-error"
+    seen = _seen(residuals, limit, test.kane.rows.names if len(test.gamma) else ())
+    if rates:
+        missed = max(rates.values())
+        seen = (*seen, Seen("coordinate rates", missed, missed > accepted))
+    rough = np.zeros(len(test.speeds))
+    evidence = _evidence(residuals, rough, limit, accepted, seen, test, udot, wrong)
+    limits = (*LIMITS, "what the function gives at other states than those of the table")
+    return EquationCheck(
+        verdict=Verdict(
+            kind,
+            confidence,
+            (*evidence, *_of_rates(rates, accepted)),
+            (),
+            limits,
+            meaning=MEANINGS[kind],
+        ),
+        blame=blame_at(test, udot, limit) if wrong else (),
+        seen=seen,
+        example=None,
+        states=test.states,
+        udot=udot,
+        residuals=residuals,
+        test=test,
+        roughness=rough,
+        tolerance=accepted,
+        coordinates=test.kane.coordinates,
+        name=name,
+        vectorised=False,
+        rates=rates,
+    )
+
+
 def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
     """How far q̇ is off, by coordinate, relative; empty where the function does not return it."""
     if caller.vectorised:
         return {}
     found, _ = caller.whole(test.states)
-    if not len(found):
-        return {}
+    return _misses(test, found) if len(found) else {}
+
+
+def _misses(test: EquationTest, found: Array) -> dict[str, float]:
+    """How far rates q̇ (nq, B) are off, by coordinate, relative."""
     size = np.sqrt(np.mean(test.rates**2, axis=1))
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
     off = np.abs(found - test.rates).max(axis=1) / size
@@ -544,10 +598,13 @@ def _other_coordinates(
             test = EquationTest(kane, states)
             caller = Caller(equations.rhs, equations.name)
             caller.find_form(test, len(model.mechanism.motors))
-            relative = test.relative(caller(states))
+            udot = caller(states)
+            relative, residuals = test.relative(udot), test(udot)
         except InputError:
             continue
-        if float(relative.max(initial=0.0)) < TOLERANCE:
+        # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
+        kept = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
+        if kept and float(relative.max(initial=0.0)) < TOLERANCE:
             return (
                 Finding(
                     "coordinates",

@@ -115,6 +115,28 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
     return tuple(made)
 
 
+def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
+    """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
+    relative = test.relative(udot).max(axis=1, initial=0.0)
+    residual, wrong, typical = test.residual(udot), udot - test.acceleration, test.typical(udot)
+    units, rates = _units(test)
+    tied = bool(len(test.gamma))
+    return tuple(
+        Blame(
+            speed=test.speeds[k],
+            number=k + 1,
+            relative=_rms(residual[k]) / float(typical[k]),
+            residual=_rms(residual[k]),
+            unit=units[k],
+            acceleration=_rms(wrong[k]),
+            acceleration_unit=rates[k],
+            terms=() if tied else explain_residual(test, residual[k], udot, k),
+        )
+        for k in map(int, np.argsort(-relative))
+        if relative[k] > limit[k]
+    )
+
+
 def _terms(
     caller: Caller, test: EquationTest, row: int, depends: tuple[str, ...] | None
 ) -> tuple[Match, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import inspect
 from collections.abc import Callable
@@ -9,18 +10,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import SourceError, WrongType
+import numpy as np
+
+from deltac.errors import FileError, SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
 from deltac.simulation.equations import Equations
+
+LIBRARIES = (".so", ".dll", ".dylib")
+"""How the names of shared libraries end."""
 
 
 def load_equations(text: str) -> Equations | Callable[..., Any]:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
     The name may have dots: `CartPole.rates` is a method of an object that is made without arguments. A
-    function without parameters is asked for the equations. Raises InputError for anything else.
+    function without parameters is asked for the equations. ``LIBRARY.so:NAME`` is a function of a shared
+    library, see `docs/other-languages.md`. Raises InputError for anything else.
     """
+    file, _, symbol = text.rpartition(":")
+    if file.endswith(LIBRARIES):
+        return _of_library(Path(file), symbol)
     path, name = _divided(text, "equations", "FUNCTION")
     first, *rest = name.split(".")
     found = _asked(_member(from_file(path, first, "equations"), rest, text), text)
@@ -32,6 +42,29 @@ def load_equations(text: str) -> Equations | Callable[..., Any]:
             "dc.Equations"
         )
     return _staying(found, text)
+
+
+def _of_library(path: Path, name: str) -> Callable[..., Any]:
+    """The function ``void f(double t, const double *q, const double *u, double *udot)`` of a library."""
+    if not path.is_file():
+        raise FileError(f"equations {path}:{name}: no file {path}")
+    try:
+        function = getattr(ctypes.CDLL(str(path.resolve())), name)
+    except (OSError, AttributeError) as error:
+        raise SourceError(f"equations {path}:{name}: {error}") from error
+    numbers = ctypes.POINTER(ctypes.c_double)
+    function.argtypes, function.restype = (ctypes.c_double, numbers, numbers, numbers), None
+
+    def rhs(t: float, q: Any, u: Any) -> Any:
+        q, u = (np.ascontiguousarray(x, dtype=np.float64) for x in (q, u))
+        if u.ndim != 1:
+            raise TypeError("one state at a time")
+        udot = np.full(len(u), np.nan)
+        function(float(t), *(x.ctypes.data_as(numbers) for x in (q, u, udot)))
+        return udot
+
+    rhs.__name__ = name
+    return rhs
 
 
 def _member(found: Any, names: list[str], text: str) -> Any:

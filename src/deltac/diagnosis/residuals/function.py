@@ -154,7 +154,7 @@ class Caller:
                 f"{', '.join(states.speeds)}. State: {_state(states, k)}"
             )
         if real.shape == (n + len(states.q),):
-            rates, accelerations = self.form.split(real, len(states.q), n)
+            rates, accelerations = self.form.split(list(real), len(states.q), n)
             return np.array([*rates, *accelerations])
         if real.shape != (n,):
             hint = ""

@@ -132,7 +132,8 @@ class Kane:
         if not slopes:
             return found
         # By orthogonal factors: the symbols' normal equations lose half of the digits.
-        return times(np.linalg.pinv(matrices(slopes[0], len(found), len(own_q))), found)
+        back: Array = np.asarray(np.linalg.pinv(matrices(slopes[0], len(found), len(own_q))))
+        return times(back, found)
 
 
 def times(A: Array, x: Array) -> Array:

@@ -102,7 +102,7 @@ def _of_all(
     ]
     siblings = _siblings(module, read)
     for scope in scopes:
-        target = scope if isinstance(scope, ast.FunctionDef) else ast.FunctionDef("", body=[scope])
+        target = scope if isinstance(scope, ast.FunctionDef) else _alone(scope)
         known = _known(module, scope, target)
         for parent, field, node in _slots(scope):
             inside = any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
@@ -117,6 +117,14 @@ def _of_all(
                 if mutant is not None:
                     found.setdefault(mutant.text, mutant)
     return list(found.values())
+
+
+def _alone(statement: ast.stmt) -> ast.FunctionDef:
+    """A statement as the body of a function."""
+    made = ast.parse("def f(): pass").body[0]
+    assert isinstance(made, ast.FunctionDef)
+    made.body = [statement]
+    return made
 
 
 def _span(node: ast.AST) -> Span:

@@ -545,8 +545,9 @@ class _Reader:
     def named_constant(self, value: float, name: str) -> Slot:
         """A constant that has no text: known, and varied, by its name."""
         key = ("live", name)
-        if key in self.lives:
-            return self.lives[key]
+        known = self.lives.get(key)
+        if isinstance(known, Slot):
+            return known
         node, self.tape.node = self.tape.node, None
         given = self.override.get(key)
         slot = self.tape.given(

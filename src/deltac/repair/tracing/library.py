@@ -356,7 +356,8 @@ def _made(name: str) -> Call:
 
 def _eye(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
     sizes = [plain(a) for a in arguments[:2]]
-    return np.eye(*sizes, k=plain(named.get("k", 0))).astype(object)
+    rows, columns = sizes[0], sizes[-1]
+    return np.eye(rows, columns, k=plain(named.get("k", 0))).astype(object)
 
 
 def _array(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:

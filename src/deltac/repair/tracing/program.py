@@ -20,6 +20,9 @@ from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
 
+PLAIN = 12
+"""Whole numbers up to this are nobody's parameter by their value alone."""
+
 SAME = 1e-9
 """A constant of the function that is within this (relative) of a parameter of its name is that one."""
 
@@ -282,7 +285,7 @@ def named_parameters(
     if by_value:
         free = {name: value for name, value in known.items() if name not in links.values()}
         for name, value in own.items():
-            if name in links or float(2 * value).is_integer():
+            if name in links or (value.is_integer() and abs(value) <= PLAIN):
                 continue
             alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
             twins = [n for n, v in own.items() if abs(v - value) <= SAME * abs(v)]

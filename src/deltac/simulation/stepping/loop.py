@@ -266,6 +266,6 @@ class Loop:
 
 def _blown_up(bad: float, last: float) -> str:
     return (
-        f"stopped: the state is not finite at t = {bad:.9g} s; it was last finite at t = {last:.9g} s. "
-        "A smaller step may help"
+        f"stopped at t = {last:.9g} s: the state is not finite at t = {bad:.9g} s; it was last finite at "
+        f"t = {last:.9g} s. A smaller step or tolerance may help"
     )

@@ -62,7 +62,7 @@ def interpret(
     readings = [_reading(target, source, raw, mapping, known) for target, source in sources.items()]
     _check_mixed(readings)
     used = {reading.column for reading in readings}
-    strict = _strict(raw, mapping)
+    strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
     for name in raw.columns:
         if name not in used:
             why = "not a name of the log schema" if strict else "ignored: nothing says what it is"
@@ -86,7 +86,8 @@ def to_trajectory(
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
     ignored = [r.column for r in readings if not r.meaning]
-    if _strict(raw, mapping):  # from_columns refuses by name what it does not know
+    by_name = all(r.column == r.meaning for r in readings if r.meaning)
+    if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
         columns = {name: columns.get(name, values) for name, values in raw.columns.items()}
         ignored = [name for name in ignored if name not in columns]
     derived: dict[str, dict[str, float]] = {}
@@ -147,6 +148,10 @@ def _sources(
             if name in raw.skipped:
                 raise LogError(raw.skipped[name])
             sources[meaning] = Source(name)
+    if names is not None and mapping is None:
+        for target, column in _by_layout(raw, names).items():
+            if column not in {source.column for source in sources.values()}:
+                sources.setdefault(target, Source(column))
     if names is None and _strict(raw, mapping):
         return sources  # from_columns says what is missing
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
@@ -158,6 +163,38 @@ def _sources(
             f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
         )
     return sources
+
+
+def _by_layout(raw: RawLog, names: MechanismNames) -> dict[str, str]:
+    """Schema column -> column of arrays that programs log without names, by what they are called and width.
+
+    Time is ``time``, ``t`` or ``tout``; all coordinates are the columns of ``qpos`` or ``q``, all speeds
+    those of ``qvel``, ``v``, ``qd`` …, in the mechanism's order; ``x``, ``state`` or ``yout`` may hold both.
+    Only what is there once, and has just as many columns, is taken.
+    """
+    groups: dict[str, list[str]] = {}
+    for column in raw.columns:
+        found = re.fullmatch(r"(.+)\[\d+\]", column)
+        groups.setdefault(found[1] if found else column, []).append(column)
+    coordinates, speeds = list(names.coordinates), list(names.speeds)
+    q, u = [f"q.{name}" for name in coordinates], [f"u.{name}" for name in speeds]
+    layouts = (
+        (("time", "t", "tout"), ["time"]),
+        (("qpos", "q"), q),
+        (("qvel", "v", "u", "qd", "dq", "qdot"), u),
+        (("qacc", "vdot", "qdd", "ddq", "udot"), [f"udot.{name}" for name in speeds]),
+        (("x", "xout", "state", "yout"), [*q, *u]),
+    )
+    meant: dict[str, str] = {}
+    for keys, targets in layouts:
+        fitting = [
+            columns
+            for group, columns in groups.items()
+            if re.split(r"[./]", group)[-1].lower() in keys and len(columns) == len(targets)
+        ]
+        if len(fitting) == 1 and not meant.keys() & set(targets):
+            meant |= dict(zip(targets, fitting[0], strict=True))
+    return meant
 
 
 def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:

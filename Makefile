@@ -17,7 +17,7 @@ BENCH := $(VENV)/.deltac-bench
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-repair \
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
 	bench-correction bench-explain fuzz torture docs clean
 
 help:  ## list the targets
@@ -57,6 +57,9 @@ bench: $(BENCH)  ## the benchmarks, beside other simulators
 
 bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false verdicts
 	$(PY) benchmarks/verdict.py $(ARGS)
+
+bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: false alarms and misses
+	$(PY) benchmarks/foreign/bench.py $(ARGS)
 
 bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
 	$(PY) benchmarks/correction.py $(ARGS)

@@ -41,6 +41,7 @@ _RENAMED: dict[str, str] = {
 } | {
     "rotation": "deltac.rotation_matrix",
     "Advice": "deltac.Recommendation",
+    "Mutation": "deltac.MutationReport",
     "EnergyLeft": "deltac.EnergyLeftWarning",
     "StiffStep": "deltac.StiffStepWarning",
     "SimulationStopped": "deltac.SimulationStoppedWarning",

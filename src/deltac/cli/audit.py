@@ -47,6 +47,10 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
+    ] = False,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
@@ -81,14 +85,19 @@ def command(
                     _case(
                         each,
                         lambda path: audit(
-                            model, path, tolerance=tolerance, work=work, mapping=mapping
+                            model,
+                            path,
+                            tolerance=tolerance,
+                            work=work,
+                            mapping=mapping,
+                            strict=strict,
                         ),
                     )
                 )
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
     with progress_bar(f"auditing {log.name}"):
-        found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping)
+        found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
@@ -149,5 +158,5 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 def _draw(found: Audit, title: str, path: Path) -> None:
     from deltac.report import audit_figure
 
-    allowed = found.tolerance * found.ledger.energy_exchanged
+    allowed = found.tolerance * found.beside
     write(audit_figure(title, found.ledger, found.energy_error, found.function, allowed), path)

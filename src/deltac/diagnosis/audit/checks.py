@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
@@ -257,9 +258,11 @@ def violations(
         if what in ("coordinate", "speed"):
             column = run.q if what == "coordinate" else run.u
             entries = mechanism.coordinates if what == "coordinate" else mechanism.speeds
-            span = float(np.abs(column[:, entries.of(element)]).max(initial=0.0))
-            if worst > 1e-9 * max(span, 1.0):
-                grave: Weight = "cause" if worst > tolerance * max(span, 1e-12) else "note"
+            own = column[:, entries.of(element)]
+            span = float(np.abs(own).max(initial=0.0))
+            digits = 2.0 * float(scatter(own).max(initial=0.0))  # which the log may depart by
+            if worst > 1e-9 * max(span, 1.0) + digits:
+                grave: Weight = "cause" if worst > tolerance * span + 4.0 * digits else "note"
                 found.append(
                     Finding(
                         "prescribed-departs",
@@ -281,24 +284,56 @@ def violations(
                     element,
                 )
             )
-        elif what in ("position", "velocity") and worst > 1e-6:
+        elif what in ("position", "velocity") and worst > 1e-6 + _digits(run, what):
             moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
-            large = worst > tolerance * float(moved.max(initial=0.0))
-            drifted = float(values[0]) < 0.5 * worst
+            large = worst > tolerance * float(moved.max(initial=0.0)) + 4.0 * _digits(run, what)
+            along = _follows(run, values) if what == "position" else ""
+            drifted = float(values[0]) < 0.5 * worst and not along
+            how = ", more and more" if drifted else " from the start on"
+            if along:
+                evidence += (
+                    f"; in proportion to {along!r}, which a wrong ratio does and a drift does not"
+                )
             found.append(
                 Finding(
                     "constraint-drift" if drifted else "constraint-violation",
-                    f"constraint {element!r} is violated on {what} level"
-                    + (", more and more" if drifted else " from the start on" if large else ""),
+                    f"constraint {element!r} is violated on {what} level{'' if along else how}",
                     evidence,
                     "Use a projection or a smaller step, or log the constraint's force if it is soft"
-                    if drifted or not large
+                    if drifted
                     else "Check the constraint's geometry in the model, and offsets of logged coordinates",
                     "cause" if large else "note",
                     element,
                 )
             )
     return found
+
+
+def _digits(run: Trajectory, what: str) -> float:
+    """What digits and noise of the log may violate a constraint by, about; m, rad or per second."""
+    of_q = float(scatter(run.q).max(initial=0.0))
+    if what == "position":
+        return 4.0 * of_q
+    return 4.0 * (
+        float(scatter(run.u).max(initial=0.0)) + of_q * float(np.abs(run.u).max(initial=0.0))
+    )
+
+
+def _follows(run: Trajectory, values: Array) -> str:
+    """The coordinate that a violation is proportional to, where time explains it far less; "" if none is."""
+
+    def left(x: Array) -> float:
+        size = float(x @ x)
+        rest = values - x * (float(x @ values) / size) if size > 0.0 else values
+        return float(np.linalg.norm(rest))
+
+    total, passed = float(np.linalg.norm(values)), run.t - run.t[0]
+    by_time = min(left(passed), left(passed**2))
+    for name, column in zip(run.coordinates, run.q.T):
+        by_column = min(left(np.abs(column)), left(np.abs(column - column[0])))
+        if by_column < 0.05 * total and by_column < 0.2 * by_time:
+            return name
+    return ""
 
 
 def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[str]:

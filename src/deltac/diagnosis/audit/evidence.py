@@ -23,7 +23,7 @@ from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import Accelerations, accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step
+from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
-SECONDS = 30.0
+SECONDS = 12.0
 """Time that the search for causes may take."""
 
 AGREE = 4.0
@@ -119,7 +119,7 @@ def gather(
 
 def _late(log: Log) -> float:
     """By how many rows coordinates are ahead of their speeds, over all of them."""
-    lates = [c.late for c in log.comparisons.values() if c.off < 0.1]
+    lates = [c.late for c in log.comparisons.values() if c.off < 0.1 and c.instant]
     return float(np.median(lates)) if lates else 0.0
 
 
@@ -130,7 +130,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
     known = work or run.integrals or run.events or run.provenance.held is not None
     if (
         scheme is None
-        or scheme.forces == "linear"
+        or scheme.forces == "smooth"
         or not moving
         or known
         or log.consecutive is not run
@@ -146,7 +146,7 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:
     """The log with its forces one row earlier, where those of a row belong to the step that led to it."""
     run = log.run
-    moved = replace(run.every(1).between(run.t[0], run.t[-2]), integrals={})
+    moved = replace(run.every(1).between(run.t[0], run.t[-2]), integrals={}, works={})
     moved = replace(moved, forces={n: f[1:] for n, f in run.forces.items()})
     finding = Finding(
         "forces-one-row-late",
@@ -181,6 +181,8 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         doubt = np.maximum(doubt, BESIDE * step.bar)
+    # What filters leave at the ends of a log is not all along it.
+    doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
     proven = step is not None and step.closes
     if proven and (terms.significant.any() or terms.doubtful.any()):

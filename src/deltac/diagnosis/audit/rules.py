@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.diagnosis.audit.evidence import Evidence, beyond
+from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
@@ -30,6 +31,9 @@ IDLE = 2.0
 
 FAR = 3.0
 """How many tolerances a residual without a known cause must be to accuse the equations."""
+
+LOWERING = ("constraint-violation",)
+"""Notes that lower the confidence in a motion that is consistent otherwise."""
 
 HALF = 0.5
 """Share of what is left that the residual must account for to be its cause."""
@@ -117,7 +121,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     small = any(f.kind == "small-but-real" for f in findings)
 
     def verdict(kind: Kind, confidence: Confidence, *said: str) -> Verdict:
-        if small:
+        if small or (kind == "consistent" and any(f.kind in LOWERING for f in findings)):
             confidence = "medium" if confidence == "high" else "low"
         return Verdict(kind, confidence, tuple(x for x in said if x), findings)
 
@@ -151,10 +155,12 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("equation-error", "medium", balance, *equations)
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
-    elif (
-        small and step is not None and step.spent >= HALF * measures.left > HALF * measures.allowed
-    ):
-        return verdict("equation-error", "medium", balance, *equations)
+    elif small and step is not None and measures.left > measures.allowed + measures.bar:
+        # Whose error the energy is cannot be told apart; but that equations are wrong is known.
+        explained = any(f.kind in PREFERENCE for f in findings)
+        if explained or step.spent >= HALF * measures.left:
+            return verdict("equation-error", "medium", balance, *equations)
+        return verdict("unresolved", "medium", balance, *equations, _open(step))
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
     if measures.energy_exchanged <= NOTHING * measures.scale:

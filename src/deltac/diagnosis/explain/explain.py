@@ -22,7 +22,9 @@ from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, search
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
 from deltac.diagnosis.inputs.logs import in_model_order
+from deltac.diagnosis.measurements.kinematics import accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import Sampled
+from deltac.diagnosis.residuals.one_step import one_step
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
@@ -193,10 +195,22 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
     derived = "udot" in run.provenance.derived
-    found = explanation(mechanism, run, "weak" if run.udot is None or derived else "samples")
+    known = run.udot is not None and not derived
+    if known and (trusted(run) or not accelerations(run).difference):
+        found = explanation(mechanism, run, "samples")
+    else:
+        found = explanation(mechanism, run, "weak", excused=_excused(mechanism, run))
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
+
+
+def _excused(mechanism: Mechanism, run: Trajectory) -> Excused | None:
+    """What an integrator may leave from row to row, which needs no cause."""
+    step = one_step(mechanism, run)
+    if step is None:
+        return None
+    return Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
 
 
 def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:

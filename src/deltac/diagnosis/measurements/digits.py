@@ -26,8 +26,9 @@ def resolution(values: Array) -> Array:
 def _of_column(column: Array) -> Array:
     size = np.abs(column)
     probes = np.unique(column[np.linspace(0, len(column) - 1, PROBES).astype(np.intp)])
+    values = len(probes)
     probes = probes[probes != 0.0]
-    if len(probes) < 3:  # a constant says nothing about its digits
+    if values < 3 or not len(probes):  # a constant says nothing about its digits
         return EPS * size
     readings = [
         half for half in (_significant(size, probes), _decimals(size, probes)) if half is not None

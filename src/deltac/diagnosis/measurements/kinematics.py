@@ -76,6 +76,7 @@ class Comparison:
         start: the row at the start of each interval (I,).
         h: length of each (I,), s.
         steady: whether r is the same all along the log.
+        instant: whether θ is told: the rate changes from row to row by more than its noise.
     """
 
     ratio: float
@@ -88,6 +89,7 @@ class Comparison:
     start: NDArray[np.intp]
     h: Array
     steady: bool
+    instant: bool
 
     @property
     def scaled(self) -> bool:
@@ -155,7 +157,17 @@ def compare(
     systematic = c * _size(C) / _size(I)
     steady = _steady(I[keep], (D - late * L)[keep], r)
     return Comparison(
-        r, SURE * error + systematic, late, left, noise + S, D, I, start, np.diff(t)[start], steady
+        r,
+        SURE * error + systematic,
+        late,
+        left,
+        noise + S,
+        D,
+        I,
+        start,
+        np.diff(t)[start],
+        steady,
+        _size(L) > 4.0 * _size(noise),
     )
 
 
@@ -359,6 +371,7 @@ def _rows(run: Trajectory, keep: Mask) -> Trajectory:
         udot=None if run.udot is None else run.udot[keep],
         forces={n: f[keep] for n, f in run.forces.items()},
         integrals={n: x[keep] for n, x in run.integrals.items()},
+        works={n: x[keep] for n, x in run.works.items()},
     )
 
 
@@ -514,7 +527,7 @@ def _wrong_rates(
 
 def _tells(c: Comparison) -> bool:
     """Whether the rate changes enough from row to row to tell an instant."""
-    return _size(c.told) > 0.0 and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
+    return c.instant and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
 
 
 def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:

@@ -33,6 +33,9 @@ CLEAR = 50.0
 NEGLIGIBLE = 1e-12
 """Share of a momentum that rounding may change over a log."""
 
+IDLE = 1e-3
+"""The terms of an equation count as at least this share of the largest, in the mass metric."""
+
 LEAST = 1e-6
 """Relative residuals below this are not called a mistake: constraint solvers stop there."""
 
@@ -198,11 +201,26 @@ def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
         forces=forces,
         own=own,
         residual=residual,
-        scale=_floored(scale, units),
+        scale=np.maximum(_floored(scale, units), IDLE * _beside(evaluator, samples, scale)),
         precision=_precision(evaluator, everything, rows, residual, scale)
         + _inertial_rounding(evaluator, samples, units),
         evaluator=evaluator,
     )
+
+
+def _beside(evaluator: Evaluator, samples: Sampled, scale: Array) -> Array:
+    """The size (n,) that the terms of each equation would have for the largest accelerations of any.
+
+    An equation in which nothing happens has terms of rounding only; in the mass metric, |terms|/√M, those of
+    all equations can be compared, N and N·m alike.
+    """
+    few = samples.take(np.linspace(0, len(samples.t) - 1, 8).astype(np.intp))
+    inertia = np.empty_like(scale)
+    for k in range(len(scale)):
+        unit = np.zeros_like(few.udot)
+        unit[:, k] = 1.0
+        inertia[k] = np.sqrt(np.abs(evaluator(replace(few, udot=unit))["inertia"][:, k]).mean())
+    return np.asarray(inertia * (scale / np.maximum(inertia, 1e-300)).max(initial=0.0))
 
 
 def _inertial_rounding(evaluator: Evaluator, samples: Sampled, units: Sequence[str]) -> Array:

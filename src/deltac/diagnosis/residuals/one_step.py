@@ -42,11 +42,11 @@ from deltac.trajectories.columns import Kinematics
 WORK = 1e9
 """Instructions that the test may take, about: some seconds. Longer logs are looked at in stretches."""
 
-MOST_ROWS, LEAST_ROWS = 4000, 200
+MOST_ROWS, LEAST_ROWS = 2500, 200
 PIECES = 8
 """Rows of the test, and the number of stretches that they are taken from."""
 
-IDENTIFYING = 240
+IDENTIFYING = 120
 """Steps that identify an integrator."""
 
 CLOSED = 1e-8
@@ -67,11 +67,23 @@ CLEAR = 10.0
 LOCAL = 30.0
 """Error bars beyond which a single window stands out: a few rows must not be accused for less."""
 
-LEAST = 1e-6
-"""Residuals below this share of the terms are no mistake: solvers of constraints stop there."""
+LEAST = 2e-5
+"""Residuals below this share of the terms are not told: solvers stop and filters leave traces there."""
 
 SECOND = ("mixed", "middle", "curve")
 """Scheme columns of second order."""
+
+UNEVEN = 1e-3
+"""Relative differences of intervals from which on a log is not uniform."""
+
+BESIDES = 0.4
+"""Share of the columns of second order that the next order is thought to be, beside what was fitted."""
+
+NEAR = 3
+"""Windows around one that stands out that may show traces of the same."""
+
+MATERIAL = 5e-2
+"""Share of the terms that a force which is missing now and then must be."""
 
 TRIMMED = 0.05
 """Share of the intervals, those with the largest defects, that fits leave out: impacts are few rows."""
@@ -260,7 +272,7 @@ class Scheme:
     """An integrator that closes: its name ("" where several do), and order.
 
     `defect` is what it leaves as a share of the accelerations, `precision` what digits and noise may;
-    `forces` tells which ones it took: those of the "start" or the "end" of a step, or "linear".
+    `forces` tells which ones it took: those of the "start" or the "end" of a step, or "smooth" ones.
     """
 
     name: str
@@ -316,6 +328,8 @@ def identify(
     Both are shares of the accelerations. `late` is θ of q against u, which tells explicit from semi-implicit
     Euler.
     """
+    from scipy.interpolate import make_interp_spline
+
     whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
     if len(whole.t) < 6:
         return None, 1.0, 0.0
@@ -362,22 +376,27 @@ def identify(
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
         for name in _TABLEAUS:
-            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, F, F, h0, on_group=False))
-    if held:
-        offer("trapezoidal@linear", 0.5 * (a00 + a11))
+            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
+    if held:  # or forces that change within a step
+        offer("trapezoidal@smooth", 0.5 * (a00 + a11))
         middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
         mean = 0.5 * (F0 + F1)
         offer(
-            "implicit-midpoint@linear",
+            "implicit-midpoint@smooth",
             model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
         )
-        offer("verlet@linear", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
-        for name in ("explicit-midpoint", "heun"):
+        offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
+        between = make_interp_spline(whole.t, whole.F, k=5)
+        for name in _TABLEAUS:
             offer(
-                name + "@linear", _runge_kutta(model, name, t0, q0, u0, F0, F1, h0, on_group=False)
+                name + "@smooth",
+                _runge_kutta(model, name, t0, q0, u0, lambda c: between(t0 + c * h0[:, 0]), h0),
             )
     if model._quaternions:
-        offer("rk4-on-the-group", _runge_kutta(model, "rk4", t0, q0, u0, F0, F0, h0, on_group=True))
+        offer(
+            "rk4-on-the-group",
+            _runge_kutta(model, "rk4", t0, q0, u0, lambda c: F0, h0, on_group=True),
+        )
 
     Dk = D[k]
     typical = float(np.median(_norm(N, a00))) + float(np.median(_norm(N, Dk))) + 1e-300
@@ -398,7 +417,7 @@ def identify(
     relation = _two_step(model, whole, D, N, k, typical)
     closes = relation.left <= 3.0 * digits + 1e-10
     if closes and relation.named and relation.left < best / DISTINCT:
-        found = Scheme("generalized-alpha", 2, relation.left, digits, "linear")
+        found = Scheme("generalized-alpha", 2, relation.left, digits, "smooth")
         return found, relation.left, digits
     if best > limit:
         return None, min(best, relation.left), digits
@@ -419,19 +438,23 @@ def _norm(N: Array, w: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", w, N, w), 0.0)))
 
 
+def _held(F: Array, c: float) -> Array:
+    """Forces that do not change within a step."""
+    return F
+
+
 def _runge_kutta(
     model: Model,
     name: str,
     t: Array,
     q: Array,
     u: Array,
-    F0: Array,
-    F1: Array,
+    force: Callable[[float], Array],
     h: Array,
     *,
-    on_group: bool,
+    on_group: bool = False,
 ) -> Array:
-    """Mean acceleration of a step of an explicit Runge–Kutta method; forces change linearly from F0 to F1."""
+    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step."""
     rows, b = _TABLEAUS[name]
     slopes_u: list[Array] = []
     slopes_q: list[Array] = []
@@ -449,7 +472,7 @@ def _runge_kutta(
         now = t + c * h[:, 0]
         slopes_q.append(model.rate(now, x, v))
         velocities.append(v)
-        slopes_u.append(model.acceleration(now, x, v, F0 + c * (F1 - F0)))
+        slopes_u.append(model.acceleration(now, x, v, force(c)))
     return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
 
 
@@ -523,7 +546,7 @@ class OneStep:
             terms (n,).
         bars: what the error bar is made of, by name (n,).
         fitted: coefficients of the scheme columns.
-        hidden: energy (J) that a residual as large as the bar could do in the time of the log.
+        hidden: energy (J) that a mistake could do in the time of the log, of what is left and under noise.
         spent: energy (J) that the residual does in it, without sign.
         rows: how many rows were looked at.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F.
@@ -589,11 +612,17 @@ class OneStep:
         """Windows (W,) that stand far out of their own error bars, where the others do not."""
         if self.closes or not len(self.t):
             return np.zeros(len(self.t), dtype=np.bool_)
-        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + LEAST * self.scale
+        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
         edge = max(1, len(rows) // 50)
         rows[:edge] = rows[-edge:] = False  # filters leave traces there
-        return rows
+        around = np.convolve(rows, np.ones(2 * NEAR + 1), "same") > 0.5
+        quiet = self.residual[~around]
+        # What is left all the time is no contact, however much it varies.
+        silent = len(quiet) > len(rows) // 3 and np.all(
+            _rms(quiet) < CLEAR * self.bar + LEAST * self.scale
+        )
+        return rows if silent else np.zeros_like(rows)
 
 
 def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneStep | None:
@@ -688,6 +717,12 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
         jump = F0.copy()
         jump[:, places] += np.vstack([second, second[-1:]])
         forces += model.acceleration(t0, q0, u0, jump) - a0
+    uneven = float(np.ptp(rows.h)) > UNEVEN * float(np.median(rows.h))
+    if uneven:  # one step of a scheme is another share of each interval
+        share = float(rows.h.min()) / rows.h
+        for name in list(columns):
+            columns[f"{name} by h"] = columns[name] * share
+            bounds[f"{name} by h"] = 2.0 * bounds[name]
     both = model.acceleration(t0, q1, u1, F0) - a0 - columns["q"] - columns["u"]
     middle = model.acceleration(
         0.5 * (t0 + t1),
@@ -777,7 +812,9 @@ def _judged(
     typical = np.concatenate([_norm(p.N, p.a) for p in parts])
     rate = float(np.clip(np.median(change) / max(float(np.median(typical)), 1e-300), 0.0, 1.0))
     first = max((abs(x) for n, x in c.items() if n not in SECOND), default=0.0)
-    seconds = [_sum(np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
+    # As much of them as was fitted is believed to be there, and some besides.
+    fitted = {n: abs(c.get(n, 0.0)) + BESIDES for n in SECOND}
+    seconds = [_sum(fitted[n] * np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
     each: dict[str, list[Array]] = {
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
@@ -832,12 +869,13 @@ def _judged(
     u = np.concatenate([r.u[:-1] for r, _ in pieces])
     left = np.concatenate(raw)
     time = float(run.t[-1] - run.t[0])
-    hidden = float(np.sum(_rms(u) * bar)) * time
+    # What is left may be a mistake altogether, and noise may hide another; the next order is no mistake.
+    hidden = float(np.sum(_rms(u) * np.hypot(2.0 * trimmed(residual), noise_bar))) * time
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     mechanism = model.mechanism
     return OneStep(
         scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
-        _trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
+        trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
         {**bars, "noise": noise_bar, "rounding": rounding},
         partial(_as_forces, model, groups, tuple(c)),
     )  # fmt: skip
@@ -856,12 +894,18 @@ def _as_forces(
     rows = Rows(t, q, u, F)
     found = _defects(model, rows, groups)
     nothing = np.zeros_like(found.w)
-    columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
-    forces = found.N @ columns
+    columns = np.zeros((*found.w.shape, 0))
+    if names:
+        columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
+    # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
+    there, _ = model.matrices(t[1:], q[1:])
+    told, _ = model.matrices(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
+    momentum = np.einsum("tij,tj->ti", there - told, u[:-1]) / rows.h
+    forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
     return np.concatenate([forces, forces[-1:]])
 
 
-def _trimmed(values: Array) -> Array:
+def trimmed(values: Array) -> Array:
     """Root mean square of each column without its largest tenth."""
     if not len(values):
         return np.zeros(values.shape[1])

@@ -1,0 +1,126 @@
+"""q against u without any dynamics: each slip of a log is named, and right logs are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltac import Trajectory
+from deltac.diagnosis.measurements.kinematics import (
+    accelerations,
+    cleaned,
+    coordinates_against_speeds,
+)
+from tests.systems.cart_pole import SCHEMES, CartPole, log
+
+MECHANISM = CartPole().mechanism()
+
+
+def kinds(run: Trajectory) -> list[str]:
+    return [f.kind for f in cleaned(MECHANISM, run).findings]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("every", [1, 5])
+def test_right_logs_have_no_findings(scheme: str, every: int) -> None:
+    assert kinds(log(CartPole(), scheme).every(every)) == []
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 6])
+def test_nor_have_logs_of_few_digits(decimals: int) -> None:
+    run = log(CartPole())
+    assert kinds(replace(run, q=np.round(run.q, decimals), u=np.round(run.u, decimals))) == []
+
+
+@pytest.mark.parametrize(
+    ("scheme", "late"),
+    [("explicit-euler", -0.5), ("semi-implicit-euler", 0.5), ("implicit-euler", 0.5), ("rk4", 0.0)],
+)
+def test_the_instant_of_the_rate_tells_the_scheme(scheme: str, late: float) -> None:
+    """Δq = h u at the start or the end of a step, exactly; of Runge–Kutta's to its order."""
+    for made in coordinates_against_speeds(MECHANISM, log(CartPole(), scheme)).values():
+        assert made.late == pytest.approx(late, abs=1e-9 if late else 1e-3)
+        assert made.ratio == pytest.approx(1.0, abs=1e-9 if late else 1e-6)
+
+
+@pytest.mark.parametrize("factor", [1.01, 1.001, 0.999])
+@pytest.mark.parametrize("scheme", ["explicit-euler", "rk4"])
+def test_a_clock(factor: float, scheme: str) -> None:
+    run = log(CartPole(), scheme)
+    (found,) = cleaned(MECHANISM, replace(run, t=run.t * factor)).findings
+    assert (found.kind, found.weight) == ("clock-scale", "doubt")
+    assert found.factor == pytest.approx(1.0 / factor, abs=2e-5)
+
+
+def test_a_gear_between_coordinate_and_speed() -> None:
+    run = log(CartPole())
+    (found,) = cleaned(MECHANISM, replace(run, q=run.q * [1.0, 0.7])).findings
+    assert (found.kind, found.element) == ("gear-between-q-and-u", "hinge")
+    assert found.factor == pytest.approx(0.7, abs=1e-5)
+
+
+def test_copies_of_rows_are_left_out() -> None:
+    run = log(CartPole())
+    q, u = np.array(run.q), np.array(run.u)
+    for x in (q, u):
+        x[7::7] = x[6::7][: len(x[7::7])]
+    made = cleaned(MECHANISM, replace(run, q=q, u=u))
+    assert [f.kind for f in made.findings] == ["duplicated-rows"]
+    assert len(made.run) == len(run) - len(run.t[7::7])
+
+
+@pytest.mark.parametrize("what", ["q", "u"])
+def test_columns_one_row_late(what: str) -> None:
+    run = log(CartPole())
+    x = getattr(run, what)
+    assert kinds(replace(run, **{what: np.vstack([x[:1], x[:-1]])})) == ["late-rows"]
+
+
+def test_swapped_columns() -> None:
+    run = log(CartPole())
+    assert kinds(replace(run, u=run.u[:, ::-1])) == ["swapped-columns"]
+
+
+def test_a_clipped_column() -> None:
+    run = log(CartPole())
+    limit = 0.6 * np.abs(run.u[:, 1]).max()
+    u = np.column_stack([run.u[:, 0], np.clip(run.u[:, 1], -limit, limit)])
+    made = cleaned(MECHANISM, replace(run, u=u)).findings
+    assert [(f.kind, f.element) for f in made] == [("clipped-column", "hinge")]
+
+
+@pytest.mark.parametrize("scheme", ["semi-implicit-euler", "rk4"])
+def test_spikes_are_left_out(scheme: str) -> None:
+    run = log(CartPole(), scheme)
+    u = np.array(run.u)
+    u[[100, 333], 1] += 4.0
+    made = cleaned(MECHANISM, replace(run, u=u))
+    assert [f.kind for f in made.findings] == ["spikes"]
+    assert len(made.run) == len(run) - 2
+
+
+def test_a_wrapped_angle_is_made_continuous() -> None:
+    run = log(CartPole(drive=30.0), duration=6.0)
+    q = np.array(run.q)
+    spinning = q[:, 1] + 4.0 * run.t
+    u = np.array(run.u) + [0.0, 4.0]
+    wrapped = (spinning + np.pi) % (2 * np.pi) - np.pi
+    made = cleaned(MECHANISM, replace(run, q=np.column_stack([q[:, 0], wrapped]), u=u))
+    assert [f.kind for f in made.findings] == ["wrapped-angle"]
+    off = (made.run.q[:, 1] - spinning) / (2 * np.pi)
+    assert np.abs(off - np.round(off[0])).max() < 1e-9
+
+
+@pytest.mark.parametrize("which", ["backward", "forward", "central"])
+def test_differenced_accelerations_are_recognised(which: str) -> None:
+    run = log(CartPole())
+    D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]
+    udot = {
+        "backward": np.vstack([D[:1], D]),
+        "forward": np.vstack([D, D[-1:]]),
+        "central": np.gradient(run.u, run.t, axis=0),
+    }[which]
+    assert accelerations(replace(run, udot=udot)).difference == which
+    assert accelerations(run).difference == ""

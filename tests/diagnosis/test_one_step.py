@@ -1,0 +1,155 @@
+"""The one-step test: integrators are identified, right logs bear it, wrong models do not.
+
+The oracle is a cart-pole with hand-written equations and integrators.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis.measurements.kinematics import coordinates_against_speeds
+from deltac.diagnosis.residuals.one_step import CLEAR, OneStep, one_step
+from tests.systems.cart_pole import SCHEMES, CartPole, generalized_alpha, log
+
+RIGHT = CartPole()
+MECHANISM = RIGHT.mechanism()
+WRONG = CartPole(gravity=9.81 * 1.02)
+
+
+def made(run: dc.Trajectory) -> OneStep:
+    lates = [c.late for c in coordinates_against_speeds(MECHANISM, run).values()]
+    found = one_step(MECHANISM, run, float(np.median(lates)))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_integrators_are_identified(scheme: str) -> None:
+    """From one log at one step, to rounding (implicit ones to what fixed-point iterations leave)."""
+    step = made(log(RIGHT, scheme, accelerations=False))
+    assert step.scheme is not None and step.scheme.name == scheme
+    assert step.closes and step.scheme.defect < 1e-11
+    assert not step.significant.any()
+
+
+def test_generalized_alpha_is_identified() -> None:
+    step = made(generalized_alpha(RIGHT))
+    assert step.scheme is not None and step.scheme.name == "generalized-alpha"
+    assert step.scheme.defect < 1e-10
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("every", [1, 3])
+def test_wrong_models_are_significant(scheme: str, every: int) -> None:
+    step = made(log(WRONG, scheme, accelerations=False).every(every))
+    assert not step.closes
+    assert step.significant.any()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("every", [2, 5])
+def test_right_logs_of_unknown_substeps_are_borne(scheme: str, every: int) -> None:
+    step = made(log(RIGHT, scheme, accelerations=False, held=scheme == "rk4").every(every))
+    assert float(step.ratio.max()) < 0.5 * CLEAR
+
+
+@pytest.mark.parametrize("form", ["float32", "decimals", "noise", "stale", "non-uniform"])
+def test_imperfect_right_logs_are_borne(form: str) -> None:
+    run = log(RIGHT, "semi-implicit-euler", accelerations=False)
+    rng = np.random.default_rng(1)
+    force = run.forces["actuator motor"]
+    if form == "float32":
+        run = replace(run, q=run.q.astype(np.float32), u=run.u.astype(np.float32))
+    elif form == "decimals":
+        run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))
+    elif form == "noise":
+        run = replace(run, q=run.q + 1e-4 * rng.standard_normal(run.q.shape),
+                      u=run.u + 1e-3 * rng.standard_normal(run.u.shape))  # fmt: skip
+    elif form == "stale":
+        run = replace(run, forces={"actuator motor": np.vstack([force[:1], force[:-1]])})
+    else:
+        kept = np.sort(rng.choice(len(run), int(0.6 * len(run)), replace=False))
+        run = replace(run, t=run.t[kept], q=run.q[kept], u=run.u[kept],
+                      forces={"actuator motor": force[kept]})  # fmt: skip
+    assert float(made(run).ratio.max()) < 0.5 * CLEAR
+
+
+def test_late_forces_are_told() -> None:
+    run = log(RIGHT, "rk4", held=True, accelerations=False)
+    force = run.forces["actuator motor"]
+    late = made(replace(run, forces={"actuator motor": np.vstack([force[:1], force[:-1]])}))
+    assert late.scheme is not None and late.scheme.late_forces
+    right = made(run)
+    assert right.scheme is not None and not right.scheme.late_forces
+
+
+def test_the_error_bar_falls_with_the_step() -> None:
+    """Of an unknown scheme the next order is left, so that the bar falls with h² at least."""
+    coarse, fine = (
+        made(log(RIGHT, "heun", step=h, accelerations=False).every(2)) for h in (0.008, 0.004)
+    )
+    assert np.all(fine.bar < 0.35 * coarse.bar)
+
+
+def test_nothing_free_or_too_few_rows() -> None:
+    assert one_step(MECHANISM, log(RIGHT, duration=0.02)) is None
+
+
+# --- audits of such logs --------------------------------------------------------------------------------
+
+
+def codes(found: dc.Audit) -> set[str]:
+    return {f.code for f in found.findings}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("which", ["backward", "forward", "central", "late", "filtered"])
+def test_accelerations_that_are_none_accuse_nobody(scheme: str, which: str) -> None:
+    run = log(RIGHT, scheme)
+    assert run.udot is not None
+    D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]
+    smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(25) / 25, "same"), 0, run.udot)
+    udot = {
+        "backward": np.vstack([D[:1], D]),
+        "forward": np.vstack([D, D[-1:]]),
+        "central": np.gradient(run.u, run.t, axis=0),
+        "late": np.vstack([run.udot[:1], run.udot[:-1]]),
+        "filtered": smooth,
+    }[which]
+    found = dc.audit(MECHANISM, replace(run, udot=udot))
+    assert found.verdict.kind in ("consistent", "integration-error"), found.verdict.explain()
+    assert codes(found) & {"F-UDOT-DIFFERENCED", "F-UDOT-NOT-OF-THIS-ROW"}
+
+
+def test_algorithmic_accelerations_accuse_nobody() -> None:
+    assert dc.audit(MECHANISM, generalized_alpha(RIGHT)).verdict.kind == "consistent"
+
+
+@pytest.mark.parametrize("scheme", ["semi-implicit-euler", "rk4", "trapezoidal"])
+def test_a_wrong_model_is_seen_without_accelerations(scheme: str) -> None:
+    found = dc.audit(MECHANISM, log(WRONG, scheme, accelerations=False))
+    assert found.verdict.kind == "equation-error", found.verdict.explain()
+    causes = [f for f in found.findings if f.weight == "cause"]
+    assert [f.kind for f in causes] == ["gravity"]
+    assert causes[0].factor == pytest.approx(1.02, abs=1e-3)
+
+
+def test_small_but_real() -> None:
+    """Gravity 0.15 % larger: within the tolerance, far beyond what Runge–Kutta's method leaves."""
+    run = log(CartPole(gravity=9.81 * 1.0015), "rk4", step=0.002, accelerations=False)
+    found = dc.audit(MECHANISM, run)
+    assert found.verdict.kind == "consistent", found.verdict.explain()
+    assert "F-SMALL-BUT-REAL" in codes(found)
+    assert found.verdict.confidence != "high"
+    assert found.exit_code == 0
+    assert dc.audit(MECHANISM, run, strict=True).exit_code == 1
+
+
+def test_integration_error_is_told_without_accelerations() -> None:
+    found = dc.audit(MECHANISM, log(RIGHT, "explicit-euler", step=0.02, accelerations=False))
+    assert (found.verdict.kind, found.verdict.confidence) == ("integration-error", "high")
+    assert found.step is not None and found.step.closes

@@ -41,7 +41,12 @@ def command(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(metavar="FILE.py:FUNCTION", help="Input of a MuJoCo model: (model, data)."),
+        typer.Option(
+            "--controller",
+            "--control",
+            metavar="FILE.py:FUNCTION",
+            help="Input of a MuJoCo model: (model, data).",
+        ),
     ] = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw work against precision (PNG).")

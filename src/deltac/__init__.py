@@ -41,6 +41,7 @@ _RENAMED: dict[str, str] = {
 } | {
     "rotation": "deltac.rotation_matrix",
     "Advice": "deltac.Recommendation",
+    "Mutation": "deltac.MutationReport",
     "EnergyLeft": "deltac.EnergyLeftWarning",
     "StiffStep": "deltac.StiffStepWarning",
     "SimulationStopped": "deltac.SimulationStoppedWarning",
@@ -60,9 +61,12 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _PUBLIC[name]
-    if home == __name__:
-        return import_module(f"{home}.{name}")
-    value = globals()[name] = getattr(import_module(home), name)
+    from deltac.interrupts import interruptible
+
+    with interruptible():  # compiled packages may drop what is raised while they are loaded
+        if home == __name__:
+            return import_module(f"{home}.{name}")
+        value = globals()[name] = getattr(import_module(home), name)
     return value
 
 

@@ -202,7 +202,7 @@ def _pair(mechanism: Mechanism, second: Any) -> Model:
         return Model(mechanism, {"start": Model(mechanism, {}).start(second)})
     if hasattr(second, "starts"):  # what `read_mechanism` returns
         return Model(mechanism, second.starts, import_report=second)
-    raise InputError(
+    raise WrongType(
         f"model: a pair of a Mechanism and {type(second).__name__}; expected (Mechanism, State)"
     )
 

@@ -88,3 +88,17 @@ def test_json() -> None:
 
     known = json.loads(json.dumps(dc.classify("bicycle").to_dict()))
     assert known["freedom"] == 3 and known["joints"][0]["kind"] == "free"
+
+
+def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    from deltac import cli
+
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["describe", "double-pendulum", "--state", "joint1=30deg", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert ended.value.code == 0 and told["kind"] == "holonomic, scleronomic"
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["describe", "no-such-model"])
+    assert ended.value.code == 2

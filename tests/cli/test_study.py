@@ -86,7 +86,7 @@ def test_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         options += ["--logs", str(path)]
     status, out, _ = run("triple-pendulum", *options, capsys=capsys)
     assert status == 1
-    assert "integration-error" in out and "(the solver's own is 1)" in out
+    assert "integration-error" in out and "(nominal order 1)" in out
 
 
 def test_unresolved(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_unresolved(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         f"{model}:still", "--duration", "1", "--steps", "0.1,0.05,0.025", capsys=capsys
     )
     assert status == 3
-    assert "Cannot say, because next to nothing moves" in out
+    assert "The runs do not decide: hardly anything moves" in out
 
 
 @pytest.mark.parametrize(

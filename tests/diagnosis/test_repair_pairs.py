@@ -86,3 +86,17 @@ def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) ->
     repair = Repair("eom.py", "rhs", wrong.wrong, ("a", "b"), (), False, (), (), True, 1.0, found)
     said = " ".join(repair.explain().split())
     assert found[1] in said and "Is it the function" not in said
+
+
+@pytest.mark.slow
+def test_two_mistakes_beside_multipliers_raise_nothing() -> None:
+    """Equations solved together with a multiplier: a solution of them is no number of the tape."""
+    from equations.wild import CASES
+
+    case = next(c for c in CASES if c.name == "segway_kkt")
+    text = Path(f"{case.target.partition(':')[0]}").read_text("utf-8")
+    wrong = mistaken(
+        [("om**2 * np.sin(th)", "om**2 * np.cos(th)"), ("[mw + mb, 0.0", "[mw, 0.0")], text
+    )
+    found = repair_source(Source("eom.py", wrong, "segway"), Target(*case.load()))
+    assert not found.right

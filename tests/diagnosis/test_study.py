@@ -114,7 +114,7 @@ def test_the_mistake_of_figure_4_7_is_blamed_on_coordinate_2(steps: tuple[float,
     assert found.residuals is not None and found.residuals.blamed == (1,)
     if len(steps) > 2:
         assert found.observed_order["wang"].limit > 1.0  # J, as the thesis has it
-        assert "does not go away with the step" in found.verdict.meaning
+        assert "does not vanish as the step is refined" in found.verdict.meaning
 
 
 def test_right_equations_by_hand_are_not_blamed() -> None:
@@ -152,7 +152,7 @@ def test_a_run_in_which_nothing_moves_is_unresolved() -> None:
     mechanism = pendulum()
     found = dc.study(mechanism, mechanism.state(), 1.0, (0.04, 0.02, 0.01))
     assert (found.verdict.kind, found.exit_code) == ("unresolved", 3)
-    assert "next to nothing moves" in found.verdict.meaning
+    assert "hardly anything moves" in found.verdict.meaning
 
 
 # --- findings -------------------------------------------------------------------------------------

@@ -193,7 +193,7 @@ def test_what_hangs_in_the_air_is_seen_by_momentum() -> None:
         steps=STEPS,
     )
     assert found.verdict.kind == "unresolved", "at rest straight down nothing can be told"
-    assert "next to nothing moves" in found.verdict.meaning
+    assert "hardly anything moves" in found.verdict.meaning
 
 
 def test_a_motion_that_runs_away_is_not_one_row_old() -> None:

@@ -270,7 +270,7 @@ def test_a_lost_damper() -> None:
     other = mechanism.with_parameters(c1=0.0, c2=0.0, c3=0.0)
     found = of_logs(other, [log(run) for run in runs])
     assert found.verdict.kind == "equation-error"
-    assert "does not go away with the step: it tends to" in found.verdict.meaning
+    assert "does not vanish as the step is refined: it tends to" in found.verdict.meaning
 
 
 def test_a_lost_gyroscopic_term_is_seen_by_momentum() -> None:

@@ -102,8 +102,8 @@ def test_the_heat_of_a_damped_oscillator(solver: str) -> None:
     run = dc.simulate(mechanism, state, 2.0, step, solver, ("wang",))
     ledger = dc.balance(mechanism, run)
     off = np.abs(ledger.work["damper slide"] + heat(run.t)).max()
-    # The midpoint rule is of second order, (ω h)² of the energy; 1e-9 is tolerated in each step of others.
-    assert off < (1e-4 if solver == "implicit-midpoint" else 2e-7) * heat(run.t)[-1]
+    # The midpoint rule is of second order, (ω h)² of the energy; 1e-9 is tolerated in each of many steps.
+    assert off < (1e-4 if solver == "implicit-midpoint" else 2e-6) * heat(run.t)[-1]
     assert ledger.work_from["damper slide"] == "in-loop"
 
 

@@ -353,3 +353,27 @@ def test_a_slip_that_cannot_be_held_starts_where_it_goes_on() -> None:
     # Without friction it would slip towards +x (W_tn > 0): friction pulls to −x, from first to last.
     rate = W[0, 0] - mu * W[0, 1]
     np.testing.assert_allclose(P, np.array([1.0, -mu, 0.0]) * (1 + e) / rate, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.05, 0.3, 3.0, 1000.0])
+def test_friction_in_a_planar_mechanism_is_that_in_space(friction: float) -> None:
+    """A tangent out of the plane has no mobility; the same body, free in space, moves in the plane too."""
+    slab = dc.body("slab", 1.3, [0.2, 0.3, 0.1])
+    corner = shapes.point("slab", (0.4, -0.3, 0.0))
+    floor = shapes.half_space(normal=(0.0, 1.0, 0.0))
+    hit = dc.events.impact("floor", corner, floor, restitution=0.5, friction=friction)
+    planar = dc.Mechanism([slab], [dc.joints.planar("base", "ground", "slab")], events=[hit])
+    free = dc.Mechanism([slab], [dc.free("base", "slab")], events=[hit])
+    start = planar.state({"base": [0.0, 0.5, 0.0]}, {"base": [0.7, -1.5, 0.4]})
+    placed = free.state(
+        {"base": [0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0]}, {"base": [0.7, -1.5, 0.0, 0.0, 0.0, 0.4]}
+    )
+    flat, spatial = (quiet(m, s, 0.3, 0.01, "ode8") for m, s in ((planar, start), (free, placed)))
+    assert len(flat.events) == len(spatial.events) > 0
+    for one, other in zip(flat.events, spatial.events):
+        assert one.t == pytest.approx(other.t, abs=1e-11)
+        np.testing.assert_allclose(one.u_after, other.u_after[[0, 1, 5]], atol=1e-9)
+        assert (
+            one.energy_lost == pytest.approx(other.energy_lost, abs=1e-9) and one.energy_lost > 0.0
+        )
+    assert_closes(planar, flat, 1e-10)

@@ -73,27 +73,23 @@ def command(
         _explain(model, log, mapping, as_json)
         return
     from deltac.diagnosis.audit.audit import audit
+    from deltac.models import load_model
 
     checked_figure(figure)
     form = form.unless(as_json)
     if len(logs) > 1:
+        loaded = load_model(model)  # first: a model that is none is no error of a log
+
+        def judged(path: Path) -> Report:
+            return audit(
+                loaded, path, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+            )
+
         with progress_bar(f"auditing {len(logs)} logs") as progress:
             cases = []
             for k, each in enumerate(logs):
                 progress(k / len(logs))
-                cases.append(
-                    _case(
-                        each,
-                        lambda path: audit(
-                            model,
-                            path,
-                            tolerance=tolerance,
-                            work=work,
-                            mapping=mapping,
-                            strict=strict,
-                        ),
-                    )
-                )
+                cases.append(_case(each, judged))
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
     with progress_bar(f"auditing {log.name}"):

@@ -185,14 +185,13 @@ def progress_bar(what: str = "") -> Iterator[Progress]:
     columns = (
         BarColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
+        TextColumn("{task.description}{task.fields[left]}"),
         TimeRemainingColumn(),
-        TextColumn("{task.description}"),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
+        task = progress.add_task(what, total=None, left="")
 
         def report(fraction: float) -> None:
-            progress.update(task, total=1.0, completed=fraction)
+            progress.update(task, total=1.0, completed=fraction, left=" time left")
 
         yield report

@@ -41,7 +41,12 @@ def command(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(metavar="FILE.py:FUNCTION", help="Input of a MuJoCo model: (model, data)."),
+        typer.Option(
+            "--controller",
+            "--control",
+            metavar="FILE.py:FUNCTION",
+            help="Input of a MuJoCo model: (model, data).",
+        ),
     ] = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw work against precision (PNG).")
@@ -55,7 +60,7 @@ def command(
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
-    Exit code 0 with a verified advice, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 if the recommendation is verified, 1 if nothing that was tried keeps the tolerance.
     """
     from deltac.diagnosis.recommend.recommend import recommend
     from deltac.models import load_callable

@@ -14,7 +14,7 @@ Kind = Literal["consistent", "integration-error", "equation-error", "unresolved"
 Confidence = Literal["high", "medium", "low"]
 
 MEANINGS: dict[Kind, str] = {
-    "consistent": "The energy balance holds: motion, model and logged forces belong together.",
+    "consistent": "The energy balance holds: motion, model and logged forces are consistent with each other.",
     "integration-error": "The equations hold at the samples, but energy is not kept: the step or the "
     "integrator is to blame, not the model.",
     "equation-error": "The motion does not obey the model's equations: a parameter, a force or a missing "

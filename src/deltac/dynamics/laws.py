@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.laws import Law
 
 SX: TypeAlias = Any
@@ -90,7 +90,7 @@ def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
 def _check_supported(node: Expr) -> None:
     name = type(node).__name__
     if not (_is_number(node) or node.is_Symbol or name in _FORMS or name in FUNCTIONS):
-        raise InputError(f"the function {name} of the law's part {node!s:.200} is not supported")
+        raise ModelError(f"the function {name} of the law's part {node!s:.200} is not supported")
 
 
 def _is_number(node: Expr) -> bool:
@@ -101,7 +101,7 @@ def _print(node: Expr, printed: Mapping[Expr, SX], values: Mapping[str, SX]) -> 
     """One node, its parts being printed already."""
     if node.is_Symbol:
         if node.name not in values:
-            raise InputError(f"a law depends on {node.name!r}{closest(node.name, values)}")
+            raise UnknownName(f"a law depends on {node.name!r}{closest(node.name, values)}")
         return values[node.name]
     if _is_number(node):
         return _constant(node)
@@ -121,7 +121,7 @@ def _print(node: Expr, printed: Mapping[Expr, SX], values: Mapping[str, SX]) -> 
 def _constant(number: Any) -> SX:
     value = float(number)
     if not math.isfinite(value):
-        raise InputError(f"the number {number!s:.80} of a law is not a finite number")
+        raise ModelError(f"the number {number!s:.80} of a law is not a finite number")
     return ca.SX(value)
 
 
@@ -167,7 +167,7 @@ def _integer_power(base: SX, count: int) -> SX:
 def _piecewise(node: Expr, printed: Mapping[Expr, SX]) -> SX:
     *pairs, (otherwise, always) = node.args
     if always != True:  # noqa: E712  SymPy's true is not Python's
-        raise InputError(
+        raise ModelError(
             f"{node!s:.200} has no value where no condition holds; add a last branch (value, True)"
         )
     result = printed[otherwise]

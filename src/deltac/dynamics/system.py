@@ -14,7 +14,7 @@ from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
-from deltac.errors import InputError, closest
+from deltac.errors import UnknownName, closest
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
@@ -152,7 +152,7 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
     """
     for name in vary:
         if name not in mechanism.parameters:
-            raise InputError(
+            raise UnknownName(
                 f"vary: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
             )
     names = tuple(vary)

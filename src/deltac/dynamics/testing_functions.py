@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltac.dynamics.terms import Energies, Terms
-from deltac.errors import InputError, closest
+from deltac.errors import ModelError, UnknownName, closest
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,11 @@ def testing_functions(
         names = (names,)
     for name in names:
         if name not in TESTING_FUNCTIONS:
-            raise InputError(f"unknown testing function {name!r}{closest(name, TESTING_FUNCTIONS)}")
+            raise UnknownName(
+                f"unknown testing function {name!r}{closest(name, TESTING_FUNCTIONS)}"
+            )
     if constrained and "kane-levinson-1988" in names:
-        raise InputError(
+        raise ModelError(
             "'kane-levinson-1988' differentiates the kinetic energy by independent coordinates, which a "
             "mechanism with constraints does not have; use 'kane-levinson-1990'"
         )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.energy.balance import balance
 from deltac.energy.ledger import Ledger
 from deltac.energy.works import Work, exchanged
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Occurrence, Trajectory
 
@@ -63,7 +63,7 @@ def balance_chunks(
         # The row before the core belongs to the chunk before: increments start there.
         core = np.arange(*chunk.core.indices(len(chunk.run)))
         if state is not None and core[0] < OVERLAP:
-            raise InputError(
+            raise LogError(
                 f"chunks share {core[0]} rows, expected {OVERLAP}: scan with overlap={OVERLAP}"
             )
         state = state or _Carry()
@@ -73,7 +73,7 @@ def balance_chunks(
         rows.append(_rows(chunk.run, core[picked]))
         happened |= {(event.t, event.names): event for event in chunk.run.events}
     if state is None:
-        raise InputError("the log has no rows; a balance needs at least two")
+        raise LogError("the log has no rows; a balance needs at least two")
     total = state.exchanged + float(np.ptp(state.K)) + float(np.ptp(state.V))
     kept_rows = replace(_joined_rows(rows), events=tuple(happened.values()))
     return replace(_joined(parts), energy_exchanged=total), kept_rows

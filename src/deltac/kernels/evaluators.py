@@ -7,7 +7,7 @@ import os
 from typing import Any, Protocol
 
 from deltac.arrays import Array
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, closest
 
 EVALUATORS = ("heyoka", "casadi")
 
@@ -34,7 +34,7 @@ def evaluator_name() -> str:
     """
     forced = os.environ.get("DELTAC_EVALUATOR", "").strip().lower()
     if forced and forced not in EVALUATORS:
-        raise InputError(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
+        raise UnknownName(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
     installed = importlib.util.find_spec("heyoka") is not None
     if forced == "heyoka" and not installed:
         raise InputError(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, closest
 from deltac.kernels.evaluators import Evaluator, compile_function
 
 SX: TypeAlias = Any  # casadi.SX
@@ -198,7 +198,7 @@ class Kernel:
         """
         for key in arrays:
             if key not in self.input_slices:
-                raise InputError(
+                raise UnknownName(
                     f"{self.name}: unknown input {key!r}{closest(key, self.input_slices)}"
                 )
         for key in self.input_slices:

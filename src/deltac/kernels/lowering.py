@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 
 import casadi
 
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 
 Scalar: TypeAlias = Any  # a scalar of an algebra that neither reorders nor folds sums
 
@@ -155,7 +155,7 @@ def lower(
         elif op in algebra.operations:
             work[writes[0]] = algebra.operations[op](*(work[i] for i in reads))
         else:
-            raise InputError(
+            raise FileError(
                 f"{function.name()}: the operation {_op_name(op)} cannot be written in "
                 f"{algebra.name}; use operations that it has, or DELTAC_EVALUATOR=casadi"
             )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.recursions import crba
-from deltac.errors import InputError, LimitError
+from deltac.errors import InputError, LimitError, SolverError, StateError
 from deltac.limits import Limits
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
@@ -37,7 +37,7 @@ def check_request(
 ) -> None:
     """InputError for arguments that do not go together, or not with the mechanism."""
     if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
-        raise InputError(
+        raise StateError(
             f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
             f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
             "Make it by mechanism.state(...)"
@@ -49,7 +49,7 @@ def check_request(
     if step is not None:
         positive(step, "step")
     if solver.takes_steps and step is None:
-        raise InputError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
+        raise SolverError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
     motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
         raise InputError(
@@ -62,7 +62,7 @@ def check_request(
             "joint torques that it shall set"
         )
     if controller is not None and controller.hold and not solver.takes_steps:
-        raise InputError(
+        raise SolverError(
             f"solver {solver.name!r} chooses its own steps, over which a controller cannot be held; use a "
             "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
         )
@@ -91,7 +91,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
     if not (isinstance(keeping, Projection) and keeping.energy):
         return
     if solver.multistep or solver.family == "taylor":
-        raise InputError(
+        raise StateError(
             f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
@@ -107,13 +107,13 @@ def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None)
     if flow.traced and controller is None:
         return
     if solver.family == "implicit" and controller is not None and not controller.hold:
-        raise InputError(
+        raise SolverError(
             f"solver {solver.name!r} needs the derivatives of a controller that acts within steps, and they "
             "are unknown; use Controller(..., hold=True), or 'ode5'"
         )
     if solver.family in ("taylor", "sundials"):
         instead = "'ode5' or 'DOP853'" if solver.family == "taylor" else "'Radau' or 'BDF'"
-        raise InputError(
+        raise SolverError(
             f"solver {solver.name!r} needs equations in symbols; a function called from Python, or a "
             f"controller, cannot be differentiated. Use {instead}"
         )
@@ -129,11 +129,11 @@ def check_accelerations(
 ) -> None:
     """The accelerations at the start must be finite: else the mass matrix is singular."""
     if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
-        raise InputError(
+        raise StateError(
             "the state is not finite; make it by mechanism.state(...), which says where"
         )
     if not np.isfinite(x0).all():
-        raise InputError("the coordinate map has no finite own coordinates for the initial state")
+        raise StateError("the coordinate map has no finite own coordinates for the initial state")
     if flow.traced and controller is None:
         xdot = np.array(_accelerations(flow)(state.t, x0, p)).ravel()
     else:
@@ -148,7 +148,7 @@ def check_accelerations(
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
         which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
-        raise InputError(
+        raise StateError(
             f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
             ": either a law is not defined there, or a joint turns something without inertia (a point "
             "mass about itself, say), so that the mass matrix is singular"
@@ -196,7 +196,7 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
     """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
     assert step is not None
     if not duration / step <= MOST_STEPS:
-        raise InputError(
+        raise SolverError(
             f"step {step:g} goes {duration / step:.3g} times into the duration {duration:g}; expected at "
             f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
         )
@@ -209,12 +209,12 @@ def whole_steps(duration: float, step: float | None, every: int) -> int:
         )
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         near = duration / max(1, math.ceil(duration / step))
-        raise InputError(
+        raise SolverError(
             f"step {step:g} does not divide the duration {duration:g} (it goes {duration / step:.6g} "
             f"times); the next smaller one that does is {near:.12g}"
         )
     if steps % every:
-        raise InputError(f"record: every = {every} does not divide the number of steps, {steps}")
+        raise SolverError(f"record: every = {every} does not divide the number of steps, {steps}")
     return steps
 
 

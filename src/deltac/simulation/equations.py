@@ -16,7 +16,7 @@ from deltac.arrays import Array
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, StateError, UnknownName, WrongType, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 
 
@@ -71,13 +71,13 @@ def motor_values(controller: Controller, system: System, t: float, q: Array, u: 
     answer = controller.function(t, q, u)
     places = system.input_places
     if not hasattr(answer, "items"):
-        raise InputError(
+        raise WrongType(
             f"the controller returned {type(answer).__name__}, expected a mapping of the names of "
             f"joint torques to values: {', '.join(places)}"
         )
     for name in answer:
         if name not in places:
-            raise InputError(
+            raise UnknownName(
                 f"the controller sets an unknown joint torque {name!r}{closest(name, places)}"
             )
     values = np.empty(system.inputs.shape[0])
@@ -86,7 +86,7 @@ def motor_values(controller: Controller, system: System, t: float, q: Array, u: 
             raise InputError(f"the controller returned no value for joint torque {name!r}")
         value = np.atleast_1d(np.asarray(answer[name], dtype=np.float64))
         if value.shape != (place.stop - place.start,) or not np.isfinite(value).all():
-            raise InputError(
+            raise StateError(
                 f"the controller returned {answer[name]!r} for joint torque {name!r} at t = {t:g}; "
                 f"expected {place.stop - place.start} finite value(s)"
             )

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
 
-from deltac.errors import InputError, UnknownName, WrongType
+from deltac.errors import InputError, SolverError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -178,16 +178,16 @@ def solver_options(
     if isinstance(solver, OPTIONS):
         if tolerance is not None or spectral_radius is not None:
             what = "tolerance" if tolerance is not None else "spectral_radius"
-            raise InputError(f"{what}= was given beside {solver!r}; give it to that object")
+            raise SolverError(f"{what}= was given beside {solver!r}; give it to that object")
         return solver
     found = find_solver(solver)
     if spectral_radius is not None and found.name != "generalized-alpha":
-        raise InputError(
+        raise SolverError(
             f"spectral_radius is {spectral_radius!r}, and solver {found.name!r} has none; leave it out, or "
             "use deltac.solvers.GeneralizedAlpha(spectral_radius=...)"
         )
     if tolerance is not None and found.takes_steps:
-        raise InputError(
+        raise SolverError(
             f"solver {found.name!r} takes fixed steps and no tolerance; give a smaller step, or use an "
             "adaptive solver such as deltac.solvers.Scipy('DOP853', tolerance=...)"
         )
@@ -208,7 +208,7 @@ def _check(options: FixedStep | Scipy | Sundials, name: str) -> None:
         return
     proper = type(solver_options(name))
     takes = ", ".join(field.name for field in fields(proper))
-    raise InputError(
+    raise SolverError(
         f"solver {found.name!r} is not one of {type(options).__name__}; write "
         f"deltac.solvers.{proper.__name__}(...), which takes {takes}"
     )
@@ -216,7 +216,7 @@ def _check(options: FixedStep | Scipy | Sundials, name: str) -> None:
 
 def _check_tolerance(value: float) -> None:
     if not 0.0 < _number(value) < math.inf:
-        raise InputError(f"tolerance is {value!r}; expected a positive, finite number")
+        raise SolverError(f"tolerance is {value!r}; expected a positive, finite number")
 
 
 def _number(value: float) -> float:

@@ -598,10 +598,13 @@ def _other_coordinates(
             test = EquationTest(kane, states)
             caller = Caller(equations.rhs, equations.name)
             caller.find_form(test, len(model.mechanism.motors))
-            relative = test.relative(caller(states))
+            udot = caller(states)
+            relative, residuals = test.relative(udot), test(udot)
         except InputError:
             continue
-        if float(relative.max(initial=0.0)) < TOLERANCE:
+        # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
+        kept = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
+        if kept and float(relative.max(initial=0.0)) < TOLERANCE:
             return (
                 Finding(
                     "coordinates",

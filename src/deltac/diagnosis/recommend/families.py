@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
@@ -209,7 +209,7 @@ def _mujoco(
     from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
 
     if integrator.lower() not in ORDERS:
-        raise InputError(
+        raise UnknownName(
             f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), ORDERS)}"
         )
     recorded = mujoco_simulator(

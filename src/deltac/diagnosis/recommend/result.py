@@ -14,7 +14,7 @@ SAME_TIME = 1.2
 """Times within this factor are the same; fewer evaluations decide."""
 
 LIMITS = (
-    "errors of the model: the advice is about the integration only",
+    "errors of the model: the recommendation is about the integration only",
     "other motions: another start or drive may need a smaller step",
     "other machines: times are of this one, though their ratios change little",
 )
@@ -88,7 +88,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
     def summary(self) -> str:
         """What to use, or that nothing keeps the tolerance."""
         if self.still:
-            return "unresolved: next to nothing moves"
+            return "unresolved: hardly anything moves"
         if self.best is None:
             return f"nothing that was tried keeps a tolerance of {self.tolerance:g}"
         return f"{self.best.solver} with {setting_of(self.best)}" + (

@@ -61,11 +61,12 @@ def of_comparison(
         fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
         yield Finding(
             "horizon",
-            f"the motions at {knob}s {coarse:g} to {fine:g} part at t = {compared.horizon:.4g} s, and what "
-            "converges is judged up to there",
+            f"the motions at {knob}s {coarse:g} to {fine:g} diverge at t = {compared.horizon:.4g} s, and "
+            "convergence is judged up to there",
             "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
             "chaotic motion, in which every error grows exponentially",
-            "Where smaller steps part hardly later, the motion is chaotic: no step predicts it for longer",
+            "If smaller steps diverge hardly later, the motion is chaotic: no step predicts it for "
+            "longer",
         )
 
 
@@ -92,7 +93,8 @@ def of_order(
         if found.order - error > nominal + 1 + BELOW:
             yield Finding(
                 "super-convergence",
-                f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than it must",
+                f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than the "
+                "method guarantees",
                 f"at steps {_listed(found.steps)}",
                 "Where errors cancel over a period, or forces are symmetric, the energy is better than the "
                 "motion",
@@ -111,8 +113,8 @@ def of_growth(
     if not how:
         return
     meaning = {
-        "bounded": "longer runs will not be worse in energy; that is no accuracy of the motion",
-        "linear": "a run of twice the length will be twice as wrong in energy",
+        "bounded": "a longer run will not lose more energy; the motion itself may still be inaccurate",
+        "linear": "a run twice as long will have twice the energy error",
         "exponential": "the method is unstable at this step, or the motion is",
     }[how]
     remedy = "Take a smaller step" if how == "exponential" else ""

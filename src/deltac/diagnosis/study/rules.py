@@ -53,7 +53,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
         return Verdict(kind, confidence, (*base, *more), m.findings, _limits(m), meaning)
 
     def unresolved(why: str, *more: str) -> Verdict:
-        return verdict("unresolved", "high", f"Cannot say, because {why}.", *more)
+        return verdict("unresolved", "high", f"The runs do not decide: {why}.", *more)
 
     left, bar = m.left[-1], m.bars[-1]
     doubts = dict.fromkeys(f.what for f in m.findings if f.weight == "doubt")
@@ -78,11 +78,11 @@ def judge_study(m: StudyMeasures) -> Verdict:
     if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic and not astray:
         return verdict("consistent", _sure(m), _small(m, idle=True))
     if still and not astray:
-        return unresolved("next to nothing moves: take a run in which energy flows")
+        return unresolved("hardly anything moves; use a run in which energy is exchanged")
     if bar > m.allowed and left <= _decisive(m) * bar and not still:
         return unresolved(
-            f"the error bar of the work, {bar:.2g} J, is as large as what is left: log more often, or log "
-            "more digits"
+            f"the uncertainty of the work, {bar:.2g} J, is as large as the energy error; log at a higher "
+            "rate, or with more digits"
         )
     if left <= m.allowed or still:
         if astray:
@@ -90,7 +90,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
         return verdict("consistent", _sure(m), _small(m))
     if m.has("impacts") and m.energy.trend != "falls to zero":
         told = next(f.what for f in m.findings if f.kind == "impacts")
-        return unresolved(f"{told}: what impacts took is not in the runs")
+        return unresolved(f"{told}: the runs do not hold the energy that impacts dissipate")
     if m.energy.trend == "falls to zero":
         if m.constrained and not m.equations_right and m.has("order-below-nominal"):
             return unresolved(_mended(m), _advice(m))
@@ -170,8 +170,8 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
     if floor and m.state.trend == "tends to a limit":
         order = "" if m.state.order is None else f", which falls at order {order_text(m.state)}"
         more.append(
-            "the inaccuracy of this motion, for its energy is kept by construction: the finest two steps "
-            f"differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
+            "the inaccuracy of this motion, because this method conserves energy by construction: the "
+            f"finest two steps differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
         )
     return (*LIMITS, *more)
 
@@ -189,11 +189,13 @@ def _amount(m: StudyMeasures) -> str:
 
 
 def _falling(m: StudyMeasures) -> str:
-    order = ", at no clear order" if m.energy.order is None else f" at order {order_text(m.energy)}"
+    order = (
+        " without a clear order" if m.energy.order is None else f" at order {order_text(m.energy)}"
+    )
     if m.until is None:
         amount = _amount(m)
     else:
-        order += f" up to t = {m.until:.4g} s, where the motions part"
+        order += f" up to t = {m.until:.4g} s, where the runs diverge"
         amount = (
             f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
             f"{m.energy_exchanged:.3g} J exchanged in the whole run"
@@ -237,8 +239,8 @@ def _mended(m: StudyMeasures) -> str:
     assert m.nominal is not None
     return (
         f"ΔC falls with the step, yet the motion converges at order {order_text(m.state)} where the method "
-        f"promises {m.nominal}: forces that are not smooth do that, and so do wrong ones that the projection "
-        "onto the constraints mends"
+        f"promises {m.nominal}: non-smooth forces do this, and so do wrong forces that the projection "
+        "onto the constraints hides"
     )
 
 
@@ -265,8 +267,8 @@ def _wrong_equations(m: StudyMeasures) -> str:
     limit = m.energy.limit
     if m.energy.trend == "tends to a limit":
         return (
-            f"The error does not go away with the step: it tends to {limit:.2g} J; the equations, the "
-            "forces or the model are wrong."
+            f"The error does not vanish as the step is refined: it tends to {limit:.2g} J. The equations, "
+            "the forces or the model are wrong."
         )
     return (
         "The motion does not obey the model's equations, at any step; the equations, the forces or the "
@@ -277,7 +279,7 @@ def _wrong_equations(m: StudyMeasures) -> str:
 def _wrong_momentum(names: list[str]) -> str:
     return (
         f"The balance of momentum ({', '.join(names)}) does not close, however small the step: a force is "
-        "wrong or missing, one that does no work perhaps."
+        "wrong or missing, possibly one that does no work."
     )
 
 
@@ -287,13 +289,13 @@ def _energy(m: StudyMeasures) -> str:
     text = (
         f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
         f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(share)} of "
-        f"{m.energy_exchanged:.3g} J exchanged, accepted are {100 * m.tolerance:g} %"
+        f"{m.energy_exchanged:.3g} J exchanged, tolerance {100 * m.tolerance:g} %"
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"
         end = m.energy.end_order
         if end is not None and abs(end - m.energy.order) > ENDS_OTHERWISE:
-            text += f" (its value at the end: {end:.1f})"
+            text += f" ({end:.1f} at the final time)"
     if m.energy.trend == "tends to a limit":
         text += f"; limit {m.energy.limit:.3g} ± {m.energy.limit_error:.1g} J"
     return text
@@ -306,12 +308,12 @@ def _count(m: StudyMeasures) -> str:
 def _few(m: StudyMeasures) -> str:
     """Why fewer than three steps say little."""
     if len(m.steps) == 1:
-        return "With one step no order can be said"
-    return "With two steps no order can be confirmed"
+        return "One step gives no order"
+    return "Two steps cannot confirm an order"
 
 
 def _state(m: StudyMeasures) -> str:
-    nominal = "" if m.nominal is None else f" (the solver's own is {m.nominal})"
+    nominal = "" if m.nominal is None else f" (nominal order {m.nominal})"
     if m.state.order is not None:
         return f"The motion converges at order {order_text(m.state)}{nominal}"
     if m.state.trend == "at its floor":
@@ -323,7 +325,7 @@ def _state(m: StudyMeasures) -> str:
 
 def _equations(m: StudyMeasures) -> str:
     if m.trusted:
-        return "The motion was made with the model's own dynamics"
+        return "The motion was computed from the model's own equations"
     if m.residuals is None:
         return "The equations of motion were not tested at the samples: no measured accelerations"
     if m.residuals.closes:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.deprecation import renamed_keywords, warn_renamed
+from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
@@ -85,6 +85,8 @@ class Study(
     def horizon(self) -> float:
         """The time (s) up to which motions at successive steps stay together."""
         return self.comparison.horizon
+
+    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def energy_exchanged(self) -> float:

@@ -37,7 +37,7 @@ from deltac.dynamics.textbook.kinematics import (
     tree,
 )
 from deltac.dynamics.textbook.situation import ChannelForce, Situation
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.mechanism import Mechanism
 
 
@@ -63,7 +63,7 @@ class Textbook:
     def __post_init__(self) -> None:
         if self.mechanism.constraints and not self.tree_only:
             names = ", ".join(constraint.name for constraint in self.mechanism.constraints)
-            raise InputError(
+            raise ModelError(
                 f"the textbook's matrices are of trees, and the mechanism has constraints ({names}); "
                 "use the recursions, or leave the constraints out"
             )

@@ -263,7 +263,8 @@ def _adding_up(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
     base = program.original_residual
     pool: list[Candidate] = []
     effects: list[Array] = []
-    for place in program.numbers:
+    places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
+    for place in places:
         if time.monotonic() > search.deadline:
             return
         for candidate in substitutions(program, place):

@@ -115,6 +115,8 @@ def _forces(program: Program) -> Iterator[tuple[int, ...]]:
     for k in used:
         if not tape.varying[k] or tape.operations[k] in (None, identity):
             continue
+        if np.ndim(tape.values[k]) > 1:  # the solution of linear equations, no number
+            continue
         x = np.broadcast_to(tape.values[k], program.samples.t.shape)
         none, twice = (program.run(values={k: factor * x})[:n] for factor in (0.0, 2.0))
         part = base - none

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.system import trace
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, SolverError, StateError, UnknownName, WrongType, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -42,7 +42,7 @@ def member_steps(step: ArrayLike, duration: float) -> Array:
     """Steps (N,) or (1,), made to divide the duration exactly."""
     h = np.atleast_1d(_numbers(step))
     if h.ndim != 1 or not h.size or not np.isfinite(h).all() or not (h > 0).all():
-        raise InputError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
+        raise SolverError(f"step {step!r}: expected a positive number of seconds, or an array (N,)")
     exact = {size: duration / whole_steps(duration, size, 1) for size in set(h.tolist())}
     return np.array([exact[size] for size in h.tolist()])
 
@@ -52,11 +52,11 @@ def member_solvers(solver: str | FixedStep | Sequence[str | FixedStep]) -> list[
     names = [solver] if isinstance(solver, str) or not isinstance(solver, Iterable) else [*solver]
     names = [name.name if isinstance(name, FixedStep) else name for name in names]
     if not names:
-        raise InputError(f"solver is {solver!r}; expected a name, or N of them")
+        raise SolverError(f"solver is {solver!r}; expected a name, or N of them")
     found = [find_solver(name) for name in names]
     for one in found:
         if one.family != "fixed":
-            raise InputError(
+            raise SolverError(
                 f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode5' or 'ode8'"
             )
     return found
@@ -68,13 +68,13 @@ def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, in
     steps = round(duration / longest)
     every = steps if every is None else count(every, "record_every")
     if steps % every:
-        raise InputError(f"record_every {every} does not divide the number of steps, {steps}")
+        raise SolverError(f"record_every {every} does not divide the number of steps, {steps}")
     records = steps // every
     interval = duration / records
     for size in set(h.tolist()):
         between = interval / size
         if abs(between - round(between)) > 1e-9 * between:
-            raise InputError(
+            raise SolverError(
                 f"step {size:g} does not divide the time between records, {interval:g} s; choose "
                 "record_every so that all steps do"
             )
@@ -95,7 +95,7 @@ def member_parameters(
     for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
         for name in wanted:
             if name not in mechanism.parameters:
-                raise InputError(
+                raise UnknownName(
                     f"{what}: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
                 )
     names = [name for name in vary if name not in sensitivity] + list(sensitivity)
@@ -144,13 +144,13 @@ def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, A
     """
     given = [states] if isinstance(states, State) else states
     if not isinstance(given, list | tuple) or not given:
-        raise InputError(f"states: found {_told(states)}; {_EXPECTED}")
+        raise StateError(f"states: found {_told(states)}; {_EXPECTED}")
     if any(isinstance(one, State) for one in given):
         t, Q, U = _gathered(mechanism, given)
     elif len(given) == 2:
         t, Q, U = 0.0, *(_array(what, values) for what, values in zip("QU", given))
     else:
-        raise InputError(
+        raise StateError(
             f"states: found a {type(given).__name__} of {len(given)} entries; {_EXPECTED}"
         )
     _check_values("Q", Q, mechanism.coordinates)
@@ -174,16 +174,16 @@ def _gathered(mechanism: Mechanism, states: Sequence[object]) -> tuple[float, Ar
     found: list[State] = []
     for k, state in enumerate(states):
         if not isinstance(state, State):
-            raise InputError(
+            raise WrongType(
                 f"states: member {k} is of type {type(state).__name__}; expected a State, as others"
             )
         if state.q.shape != (nq,) or state.u.shape != (nu,):
-            raise InputError(
+            raise StateError(
                 f"states: member {k} has {state.q.size} coordinates and {state.u.size} speeds; the "
                 f"mechanism {mechanism.name!r} has {nq} and {nu}. Make it by mechanism.state(...)"
             )
         if found and state.t != found[0].t:
-            raise InputError(
+            raise StateError(
                 f"states: member {k} starts at t = {state.t:g} s, member 0 at {found[0].t:g} s; expected one "
                 "time for all"
             )
@@ -226,7 +226,7 @@ def _with_unit_quaternions(mechanism: Mechanism, Q: Array) -> Array:
         bad = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
         if len(bad):
             k = int(bad[0])
-            raise InputError(
+            raise StateError(
                 f"states: member {k}: the quaternion of joint {joint.name!r}, {tuple(Q[k, place].tolist())}, "
                 f"has length {length[k]:.6g}; expected a unit quaternion, scalar first. Divide it by its "
                 "length"
@@ -258,7 +258,7 @@ def check_prescribed(
         if len(bad):
             k, j = map(int, bad[0])
             due = np.broadcast_to(due, found.shape)
-            raise InputError(
+            raise StateError(
                 f"states: member {k}: {entries[places[j]].name!r} is prescribed: its law gives "
                 f"{due[k, j]:.9g} at t = {t:g}, the state says {found[k, j]:.9g}. Make it by "
                 "mechanism.state(...), of the mechanism with the member's parameters"

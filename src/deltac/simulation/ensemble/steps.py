@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.spatial import SX
-from deltac.errors import InputError
+from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
@@ -76,7 +76,7 @@ class Advance:
         self.fused = 0
         if size <= FUSED_INSTRUCTIONS or along:
             if size > MOST_INSTRUCTIONS:
-                raise InputError(
+                raise SolverError(
                     f"sensitivity: a step of {flow.system.mechanism.name!r} with its derivatives has about "
                     f"{size} instructions, too many to compile as one (at most {MOST_INSTRUCTIONS}); take "
                     "differences between members with vary= instead, or name fewer parameters"

@@ -26,6 +26,9 @@ TURN = 0.03
 SLOWEST = 1e3
 """So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
 
+IMMOBILE = 1e-10
+"""A tangent whose mobility is this share of the other's has none."""
+
 MOST_PIECES = 20_000
 DIRECTIONS = 90
 """Directions among which that of a beginning slip is looked for."""
@@ -102,7 +105,8 @@ class _Rub:
             rate = (self.W @ force)[1:]
             across = rate - (rate @ d) * d
             return force, bool(np.hypot(*across) <= 1e-12 * float(np.abs(self.W).max()))
-        stick = np.linalg.solve(self.W[1:, 1:], -self.W[1:, 0])
+        # A tangent without mobility (out of the plane of a planar mechanism) needs no impulse to stick.
+        stick = np.linalg.lstsq(self.W[1:, 1:], -self.W[1:, 0], rcond=IMMOBILE)[0]
         if float(np.hypot(*stick)) <= self.mu:
             return np.array([1.0, *stick]), True
         d = self.escape()

@@ -15,7 +15,7 @@ from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.errors import InputError
+from deltac.errors import SolverError
 from deltac.mechanism.joints import KINDS
 from deltac.simulation.flow import Flow
 
@@ -171,12 +171,12 @@ def _check_by_hand(flow: Flow) -> None:
     assert flow.equations is not None
     name = flow.equations.name
     if not flow.traced:
-        raise InputError(
+        raise SolverError(
             f"{name}: an implicit solver differentiates the equations, and these can only be called from "
             "Python; write rhs with arithmetic and NumPy's elementary functions, or use 'Radau'"
         )
     if flow.own is not None and not _same(flow.own.own_qdot, flow.own.own_u):
-        raise InputError(
+        raise SolverError(
             f"{name}: an implicit solver needs own speeds that are the rates of the own coordinates; "
             "leave out u= of the coordinate map, or use 'Radau'"
         )

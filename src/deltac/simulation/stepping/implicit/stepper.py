@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import SolverError, StateError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
@@ -230,13 +230,13 @@ def _check_conservative(flow: Flow) -> None:
     mechanism = flow.system.mechanism
     advice = "use 'implicit-midpoint' or 'generalized-alpha'"
     if flow.equations is not None:
-        raise InputError(
+        raise SolverError(
             "solver 'discrete-gradient' keeps the energy of the mechanism, which equations by hand need "
             f"not have; {advice}"
         )
     for joint in mechanism.joints:
         if joint.prescribed:
-            raise InputError(
+            raise SolverError(
                 f"solver 'discrete-gradient' keeps the energy, and the prescribed joint {joint.name!r} "
                 f"feeds it; {advice}"
             )
@@ -244,7 +244,7 @@ def _check_conservative(flow: Flow) -> None:
         rows = flow.bound.rows
         for k, name in enumerate(rows.names):
             if ca.sparsify(ca.simplify(rows.b[k])).nnz():
-                raise InputError(
+                raise StateError(
                     f"solver 'discrete-gradient' keeps the energy, and constraint {name!r}, which moves "
                     f"in time, feeds it; {advice}"
                 )
@@ -252,7 +252,7 @@ def _check_conservative(flow: Flow) -> None:
 
     for channel in channels(flow.system):
         if channel.explicit is not None:
-            raise InputError(
+            raise SolverError(
                 f"solver 'discrete-gradient' keeps the energy, and {channel.name!r}, whose law depends on "
                 f"time, feeds it; {advice}"
             )

@@ -20,7 +20,6 @@ from deltac.importers.names import (
 from deltac.importers.report import Remark
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.forces import (
-    Element,
     JointSpring,
     Tendon,
     gravity_compensation,
@@ -30,6 +29,7 @@ from deltac.mechanism.forces import (
 )
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import q, u
+from deltac.mechanism.scope import Element
 
 
 @dataclass

@@ -115,18 +115,21 @@ class Log:
     comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
-def read_log(mechanism: Mechanism, source: Any, work: str | None, mapping: Any) -> Log:
+def read_log(
+    mechanism: Mechanism, source: Any, work: str | None, mapping: Any, *, measured: bool = True
+) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
-    another program's file are: a path, or a `LogMapping`.
+    another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
+    computed here, is not searched for slips of its columns.
 
     Raises InputError for a log that cannot be read, or is of another model.
     """
     if isinstance(source, Trajectory):
         if mapping is not None:
             raise InputError("mapping= is for log files; this log is a Trajectory already")
-        return _whole(mechanism, source, work)
+        return _whole(mechanism, source, work, measured=measured)
     if not isinstance(source, str | Path):
         raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
     path = Path(source)
@@ -144,9 +147,13 @@ def _size(path: Path) -> tuple[int, int]:
         return 0, 1
 
 
-def _whole(mechanism: Mechanism, given: Trajectory, work: str | None) -> Log:
+def _whole(
+    mechanism: Mechanism, given: Trajectory, work: str | None, *, measured: bool = True
+) -> Log:
     run, findings = in_model_order(mechanism, given)
     _refuse_garbage(run)
+    if not measured:
+        return balanced(mechanism, run, work, findings)
     clean = cleaned(mechanism, run)
     return balanced(mechanism, clean.run, work, (*findings, *clean.findings), clean.comparisons)
 

@@ -239,7 +239,7 @@ def _balanced(
             "method",
         )
     try:
-        log = read_log(mechanism, run, None, None)
+        log = read_log(mechanism, run, None, None, measured=not trusted)
     except InputError as error:
         told = _absurd(run) if simulated else ""
         return StudyRun(step, failure=told or str(error))

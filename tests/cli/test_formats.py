@@ -42,7 +42,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("logs")
     problem = dc.problems.load("simple-pendulum")
     for solver in ("ode1", "ode5"):
-        run = dc.simulate(problem.mechanism, problem.state, 0.5, 1e-2, solver, testing=())
+        run = dc.simulate(problem.mechanism, problem.state, 0.5, 1e-2, solver, record=())
         run.write(folder / f"{solver}.csv")
     return folder
 

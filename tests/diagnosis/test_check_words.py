@@ -45,7 +45,7 @@ def test_overwriting_an_argument_is_told_first() -> None:
     assert found.verdict.kind == "equation-error"
     first = found.verdict.evidence[0]
     assert first.startswith("rhs overwrites its arguments (q.pivot from ") and " to 0)" in first
-    assert "overwrites" in found.explain().splitlines()[1]
+    assert "overwrites" in found.verdict.evidence[0]
 
 
 def test_overwriting_after_use_is_a_doubt_and_no_error() -> None:

@@ -175,7 +175,7 @@ Q, U = np.zeros((3, 1)), np.zeros((3, 1))
         ({"states": np.zeros((2, 1))}, ["one array of shape (2, 1)", "(Q, U)"]),
         ({"states": (Q, U, Q)}, ["a tuple of 3 entries", "(Q, U)"]),
         ({"states": []}, ["found list", "a sequence of States"]),
-        ({"states": None}, ["found NoneType", "a State"]),
+        ({"states": None}, ["does not say where its motion starts"]),
         ({"states": ([[0.0], [0.0, 1.0]], U)}, ["Q: expected numbers", "(N, nq)"]),
         ({"states": (Q, "fast")}, ["U: expected numbers", "(N, nu)"]),
         ({"states": [PENDULUM.state(), Q]}, ["member 1 is of type ndarray", "expected a State"]),

@@ -285,7 +285,9 @@ def named_parameters(
     if by_value:
         free = {name: value for name, value in known.items() if name not in links.values()}
         for name, value in own.items():
-            if name in links or (value.is_integer() and abs(value) <= PLAIN):
+            # A name of another parameter with this one's value is a mistake, no other name for it.
+            known_name = name in known or _bare(name) in bare
+            if known_name or (value.is_integer() and abs(value) <= PLAIN):
                 continue
             alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
             twins = [n for n, v in own.items() if abs(v - value) <= SAME * abs(v)]

@@ -37,19 +37,23 @@ def interruptible() -> Iterator[None]:
         yield
         return
     outermost = _depth == 0
-    if outermost and signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    if outermost and signal.getsignal(signal.SIGINT) not in (
+        signal.default_int_handler,
+        _interrupt,
+    ):
         yield
         return
     if outermost:
         _asked.clear()
-        signal.signal(signal.SIGINT, _interrupt)
-    _depth += 1
+    before, _depth = _depth, _depth + 1
     try:
+        if outermost:
+            signal.signal(signal.SIGINT, _interrupt)
         check_interrupted()
         yield
         check_interrupted()
     finally:
-        _depth -= 1
+        _depth = before
         if outermost:
             signal.signal(signal.SIGINT, signal.default_int_handler)
             _asked.clear()
@@ -57,7 +61,7 @@ def interruptible() -> Iterator[None]:
 
 def check_interrupted() -> None:
     """Raise KeyboardInterrupt if one was asked for and dropped on its way here."""
-    if _asked.is_set() and threading.current_thread() is threading.main_thread():
+    if _depth and _asked.is_set() and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt
 
 

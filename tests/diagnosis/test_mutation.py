@@ -212,7 +212,7 @@ def test_what_the_users_own_tests_miss(rod: dc.Mechanism, tmp_path: Path) -> Non
     command = f"{sys.executable} -m pytest -q -p no:cacheprovider test_rod.py"
     found = dc.mutate_equations(rod, "rod.py:Rod.rates", tests=command, most=12, names=1)
     looked = [t for t in found.trials if "your tests" in t.seen]
-    assert len(looked) == 12 and found.status == 1
+    assert len(looked) == 12 and found.exit_code == 1
     missed = {t.mutant.before for t in found.escaped}
     assert missed and len(found.escaped) < 12
     assert (tmp_path / "rod.py").read_text("utf-8") == ROD

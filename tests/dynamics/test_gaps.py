@@ -15,7 +15,7 @@ from deltac import InputError, Mechanism, free, shapes
 from deltac.bodies import box
 from deltac.dynamics.gaps import _PAIRS, all_velocities, gaps
 from deltac.dynamics.system import trace
-from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
+from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, check_pair, check_shape
 
 Array = NDArray[Any]
 
@@ -228,15 +228,15 @@ def test_shapes_without_sense_are_refused() -> None:
     with pytest.raises(InputError, match=r"axis of capsule shape.*no direction"):
         shapes.capsule("a", 0.1, 1.0, (0, 0, 0))
     with pytest.raises(InputError, match=r"both shapes belong to 'a'"):
-        shapes.check_pair(shapes.point("a"), shapes.sphere("a", 1.0), "contact 'c'")
+        check_pair(shapes.point("a"), shapes.sphere("a", 1.0), "contact 'c'")
     with pytest.raises(InputError, match=r"two half-spaces"):
-        shapes.check_pair(shapes.half_space("a"), shapes.half_space(), "contact 'c'")
+        check_pair(shapes.half_space("a"), shapes.half_space(), "contact 'c'")
     with pytest.raises(InputError, match=r"two points never touch"):
-        shapes.check_pair(shapes.point("a"), shapes.point("b"), "contact 'c'")
+        check_pair(shapes.point("a"), shapes.point("b"), "contact 'c'")
     with pytest.raises(
         InputError, match=r"contact 'c': a shape belongs to the unknown body 'ball'"
     ):
-        shapes.check_shape(MACHINE.scope, shapes.point("ball"), "contact 'c'")
+        check_shape(MACHINE.scope, shapes.point("ball"), "contact 'c'")
     with pytest.raises(InputError, match=r"a size of the sphere of 'a' in contact 'c': found -0.2"):
         negative = MACHINE.with_parameters(r=-0.2)
-        shapes.check_shape(negative.scope, shapes.sphere("a", "r"), "contact 'c'")
+        check_shape(negative.scope, shapes.sphere("a", "r"), "contact 'c'")

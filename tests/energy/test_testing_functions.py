@@ -147,7 +147,7 @@ def test_both_sides_of_kane_levinson_are_divided_alike(simulated: Any, balanced:
         mechanism.state({"i": 0.5, "j": -1.0}),
         0.2,
         1e-3,
-        testing=functions,
+        record=functions,
         coordinates=simulated,
     )
     with pytest.raises(dc.InputError, match="coordinates: the integrals of Kane–Levinson's"):

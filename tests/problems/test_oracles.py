@@ -223,6 +223,7 @@ def driven_triple_pendulum() -> Values:
     start = full(0.0, [math.pi / 3, math.pi / 12, 0.0, 0.0])
     values: Values = {
         "energy at 0 s": float(energy(*start)),
+        "K at 0 s": 0.5 * float(M(*start)[0, 0]) * 0.75**2,  # bar 1 alone turns
         "motor work Q at 10 s": float(states[10.0][4]),
     }
     for t in (1, 10):

@@ -53,7 +53,7 @@ def bookkeeping(name: str, run: Trajectory) -> tuple[float, float]:
 @pytest.mark.parametrize("integrator", ONE_STEP)
 @pytest.mark.parametrize("name", ["TUMBLER", "CARTS", "SWINGER", "ARM", "WALKER", "MOST"])
 def test_the_bookkeeping_closes(name: str, integrator: str) -> None:
-    run = recorded(name, integrator, 0.3, control=models.sine)
+    run = recorded(name, integrator, 0.3, controller=models.sine)
     left, energy = bookkeeping(name, run)
     assert left <= ROUNDING * energy
 
@@ -68,17 +68,17 @@ def test_the_bookkeeping_of_a_passive_humanoid_in_contact(integrator: str) -> No
 
 
 def test_what_the_runs_are_about() -> None:
-    walker = recorded("WALKER", "implicitfast", 0.3, control=models.sine)
+    walker = recorded("WALKER", "implicitfast", 0.3, controller=models.sine)
     assert any(name.startswith("contact floor:") for name in walker.forces)
     assert any(name.startswith("limit") for name in walker.forces)
-    arm = recorded("ARM", "implicitfast", 0.3, control=models.sine)
+    arm = recorded("ARM", "implicitfast", 0.3, controller=models.sine)
     needed = {"constraint tip", "actuator pull", "spring biceps", "damper biceps", "friction crank"}
     assert needed <= {*arm.forces}
 
 
 @pytest.mark.parametrize("integrator", ONE_STEP)
 def test_with_a_constant_mass_matrix_it_closes_by_itself(integrator: str) -> None:
-    run = recorded("CARTS", integrator, 0.5, control=models.sine)
+    run = recorded("CARTS", integrator, 0.5, controller=models.sine)
     ledger = dc.balance(model_and_mechanism("CARTS")[1], run, work="discrete")
     assert np.abs(ledger.delta_c["liu-huston"]).max() <= ROUNDING * ledger.energy_exchanged
     # An identity of the scheme says nothing of its accuracy; K + V − Q does.
@@ -96,7 +96,7 @@ def test_with_a_constant_mass_matrix_it_closes_by_itself(integrator: str) -> Non
     ],
 )
 def test_a_channel_withheld_shows_at_once(name: str, channel: str) -> None:
-    run = recorded(name, "implicitfast", 0.3, control=models.sine)
+    run = recorded(name, "implicitfast", 0.3, controller=models.sine)
     less = replace(run, forces={n: f for n, f in run.forces.items() if n != channel})
     if channel.startswith("actuator"):  # the mechanism has no motor law to fall back on
         less = replace(less, forces={**less.forces, channel: 0.0 * run.forces[channel]})
@@ -118,7 +118,7 @@ def test_the_energy_error_falls_with_the_order_of_the_integrator(
     control = None if name == "TUMBLER" else lambda model, data: data.ctrl.fill(0.3)
     errors = []
     for step in (4e-3, 2e-3, 1e-3):
-        run = recorded(name, integrator, 0.4, control=control, step=step)
+        run = recorded(name, integrator, 0.4, controller=control, step=step)
         ledger = dc.balance(mechanism, run, work="samples", testing=("wang",))
         errors.append(float(np.abs(ledger.delta_c["wang"]).max()))
         assert float(ledger.error_bar["wang"].max()) < errors[-1]
@@ -130,7 +130,7 @@ def test_the_energy_error_falls_with_the_order_of_the_integrator(
 @pytest.mark.parametrize("integrator", [*integrator_names()])
 def test_rows_satisfy_the_equations_of_motion(integrator: str) -> None:
     """F_r + F*_r = 0 at every sample, with u̇ and the forces as recorded."""
-    run = recorded("WALKER", integrator, 0.2, control=models.sine)
+    run = recorded("WALKER", integrator, 0.2, controller=models.sine)
     left = dc.residuals(model_and_mechanism("WALKER")[1], run)["coordinates"]
     assert run.udot is not None
     # Speeds' differences lose digits: eps |u| / h, times the mass.

@@ -24,7 +24,7 @@ from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.measures import euler_relation
 from deltac.studies.thesis.runs import Run, absolute_angles, perform, problem, rates, totals
 
-KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees"]
+KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees", "difference"]
 TESTED = ("4.1", "4.2", "4.3", "4.4", "4.6", "4.7", "4.9", "4.10")
 
 

@@ -1,4 +1,4 @@
-"""What every test runs under: reproducible random examples, one thread, no display, no disk cache."""
+"""What every test runs under: reproducible random examples, one thread, no display, a disk cache of its own."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from pathlib import Path
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
-# Tests compile thousands of kernels that nobody needs again, and few that another file needs.
-os.environ.setdefault("DELTAC_CACHE", "off")
+# What one process has compiled the other need not compile, nor the next run of the tests.
+os.environ.setdefault(
+    "DELTAC_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "kernels")
+)
 
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, is_hypothesis_test, settings  # noqa: E402

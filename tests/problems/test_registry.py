@@ -88,7 +88,20 @@ def test_its_degrees_of_freedom(case: str) -> None:
     assert found.residual <= ROUNDING, "the start is consistent as it stands"
 
 
-@every_case
+LIKE_OTHERS = (
+    *("ball-on-rising-table", "bicycle", "tumbling-box", "disc-on-moving-plane"),
+    *("block-on-incline", "struck-slider-crank", "torque-free-box"),
+)
+"""Problems whose class another fast case shows, and whose motion takes long."""
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(c, marks=[pytest.mark.slow] if c.endswith(SLOW) or c in LIKE_OTHERS else [])
+        for c in CASES
+    ],
+)
 def test_invariants_stay_constant(case: str) -> None:
     problem, run, fine, _ = case_of(case)
     assert problem.conserved == tuple(problem.invariants)

@@ -306,6 +306,7 @@ def test_a_subset_runs_only_what_it_needs(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["figure_4_7.png", "results.json"]
 
 
+@pytest.mark.slow
 def test_the_panels_of_the_thesis_are_drawn_on_request(whole: Reproduction, tmp_path: Path) -> None:
     written = write(whole, tmp_path, thesis_axes=True)
     assert written.figures[0].name == "figure_3_1.png"

@@ -1,4 +1,4 @@
-"""What every test runs under: reproducible random examples, one thread, no display, a disk cache of its own."""
+"""What every test runs under: reproducible random examples, one thread, no display, an own disk cache."""
 
 from __future__ import annotations
 

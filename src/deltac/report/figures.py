@@ -186,9 +186,16 @@ def chain_figure(title: str, x: Array, y: Array, theta: Array) -> Figure:
                 xytext=(8, -4),
                 textcoords="offset points",
             )
-            panel.annotate(f"M{k + 1}", (x[k], y[k]), xytext=(8, 8), textcoords="offset points")
+            panel.annotate(
+                f"M{k + 1}",
+                (x[k], y[k]),
+                xytext=(-10, 0),
+                textcoords="offset points",
+                ha="right",
+                va="center",
+            )
         panel.set_aspect("equal")
-        panel.margins(0.25)
+        panel.margins(0.3)
         panel.set_xlabel("x (m)")
         panel.set_ylabel("y (m)")
     return figure

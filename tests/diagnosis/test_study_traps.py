@@ -78,7 +78,7 @@ def test_decimated_logs(spacing: float) -> None:
     logs = [log(run).every(round(spacing / run.provenance.step)) for run in runs]  # type: ignore[operator]
     found = of_logs(mechanism, logs)
     assert found.verdict.kind == "unresolved", found.verdict.explain()
-    assert "log more often" in found.verdict.meaning
+    assert "log at a higher rate" in found.verdict.meaning
 
 
 def test_logs_in_single_precision() -> None:

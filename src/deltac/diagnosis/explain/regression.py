@@ -285,8 +285,9 @@ class Prepared:
 class Excused:
     """What of a residual is no mistake of the equations, for the weak form.
 
-    columns  of consecutive samples: generalized forces (T, n, m) that an unknown integrator may leave; what
-             they span is taken off the residual and all causes
+    columns  of consecutive samples: generalized forces (T, n, m) that an unknown integrator may leave, each
+             as large as a consistent one leaves at most; what they span is taken off the residual and all
+             causes, as far as columns so small may account for it
     bar      error bar of each equation (n,), N or N·m
     """
 
@@ -330,13 +331,14 @@ def prepare(
     weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
     moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
     matrix = _arranged(whole * (weight * moving)[..., None])
+    precise = np.sum(((4.0 * digits + LEAST[form] * scale) * weight) ** 2)
     if excused is not None and form == "weak":
-        matrix = _without(matrix, excused, stretches, weight * moving)
+        level = float(np.sqrt(precise / matrix.shape[1]))
+        matrix = _without(matrix, excused, stretches, weight * moving, level)
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
     shaken = _arranged(shaken * weight[:, None])
     share = float(moving.mean()) * len(matrix) / len(shaken)
-    precise = np.sum(((4.0 * digits + LEAST[form] * scale) * weight) ** 2)
     regression = Regression(
         factored(blocks),
         candidates(evaluator, kernels.columns),
@@ -478,20 +480,23 @@ def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
 
 
 def _without(
-    matrix: Array, excused: Excused, stretches: Sequence[_Stretch], weight: Array
+    matrix: Array, excused: Excused, stretches: Sequence[_Stretch], weight: Array, level: float
 ) -> Array:
-    """The weighted equations (rows, n, P + 1) without what excused columns span."""
+    """The weighted equations (rows, n, P + 1) without what excused columns account for.
+
+    Along what they span, the equations are divided by what the columns amount to there, with coefficients of
+    one at most, and a noise of `level` in each of them. Small columns take off nothing: without this, the
+    step times a damping would take off the inertia itself, which it is proportional to.
+    """
     made = []
     for s in stretches:
         force = excused.columns(s.samples)
         made.append(_windows(s.samples.t, np.zeros_like(force), force))
     columns = np.concatenate(made) * weight[..., None]
-    flat = columns.reshape(-1, columns.shape[2])
-    size = np.linalg.norm(flat, axis=0)
-    U, singular, _ = np.linalg.svd(flat[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    U = U[:, singular > 1e-9 * singular.max(initial=0.0)]
+    U, size, _ = np.linalg.svd(columns.reshape(-1, columns.shape[2]), full_matrices=False)
+    kept = 1.0 / np.sqrt(1.0 + (size / max(level, 1e-300)) ** 2)
     rows = matrix.reshape(-1, matrix.shape[2])
-    return np.asarray((rows - U @ (U.T @ rows)).reshape(matrix.shape))
+    return np.asarray((rows - U @ ((1.0 - kept)[:, None] * (U.T @ rows))).reshape(matrix.shape))
 
 
 def _scale(whole: Array, kernels: ColumnKernels) -> Array:

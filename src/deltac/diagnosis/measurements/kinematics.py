@@ -46,6 +46,12 @@ LEAST_RATIO = 2e-4
 BLOCKS = 8
 """Parts of a log of which most must say the same factor."""
 
+QUADRATURE = 0.25
+"""Share of h δ²x' by which a scheme's own quadrature of a rate x' may differ from that along the rows."""
+
+PROJECTION = 1 / 3
+"""The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
+
 LATE = 0.8
 """Rows by which a column must be late to be called so: schemes leave a half at most."""
 
@@ -116,11 +122,18 @@ class Comparison:
 
 
 def compare(
-    t: Array, moved: Array, rate: Array, bar: Array, edges: Sequence[tuple[int, int]]
+    t: Array,
+    moved: Array,
+    rate: Array,
+    bar: Array,
+    edges: Sequence[tuple[int, int]],
+    *,
+    projected: bool = False,
 ) -> Comparison | None:
     """Compare changes (T − 1,) over all intervals with a rate (T,), between gaps (`edges`).
 
-    `bar` is what digits and noise of x and x' make of a change (T − 1,). None where nothing moves.
+    `bar` is what digits and noise of x and x' make of a change (T − 1,). `projected` tells whether states may
+    have been put back onto constraints after each step. None where nothing moves.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -149,11 +162,13 @@ def compare(
     scatter = float(np.sqrt(np.mean(left[keep] ** 2)))
     inverse = np.linalg.pinv(W.T @ W)
     error = scatter * float(np.sqrt(max(inverse[0, 0], 0.0)))
-    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ 1/4. Of oscillations that looks
-    # like another r, and is found from what it would leave besides.
+    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
+    # that looks like another r, and is found from what it would leave besides.
     alone = C[keep] - W @ np.linalg.lstsq(W, C[keep], rcond=1e-9)[0]
     size = float(np.sqrt(np.mean(alone**2)))
-    c = min(0.25, 4.0 * scatter / size) if size > 0.0 else 0.25
+    c = min(QUADRATURE, 4.0 * scatter / size) if size > 0.0 else QUADRATURE
+    if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
+        c = QUADRATURE + PROJECTION
     systematic = c * _size(C) / _size(I)
     steady = _steady(I[keep], (D - late * L)[keep], r)
     return Comparison(
@@ -212,10 +227,13 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     fine_u = scatter(run.u) * h[:, None].max(initial=0.0)
     found: dict[str, Comparison] = {}
     fine_q = scatter(run.q)
+    projected = bool(mechanism.constraints)
     for i, j in kinematics.rates:
         if j in free:
             bar = fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j]
-            made = compare(run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges)
+            made = compare(
+                run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges, projected=projected
+            )
             if made is not None:
                 found[run.speeds[j]] = made
     for _, i, j in kinematics.quaternions:
@@ -229,7 +247,7 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
             bar = bar + 0.1 * size * np.pad(
                 np.linalg.norm(np.diff(turned, axis=0), axis=1), (0, 1), mode="edge"
             )
-            made = compare(run.t, turned[:, k], run.u[:, j + k], bar, edges)
+            made = compare(run.t, turned[:, k], run.u[:, j + k], bar, edges, projected=projected)
             if made is not None:
                 found[run.speeds[j + k]] = made
     return found

@@ -557,7 +557,8 @@ class OneStep:
         hidden: energy (J) that a mistake could do in the time of the log, of what is left and under noise.
         spent: energy (J) that the residual does in it, without sign.
         rows: how many rows were looked at.
-        columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F.
+        columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
+            the largest coefficient that a consistent scheme may have.
         off_scheme: what the best scheme leaves, as a share of the accelerations.
     """
 
@@ -909,7 +910,9 @@ def _as_forces(
     nothing = np.zeros_like(found.w)
     columns = np.zeros((*found.w.shape, 0))
     if names:
-        columns = np.stack([found.columns.get(n, nothing) for n in names], axis=2)
+        columns = np.stack(
+            [found.bounds.get(n, 0.0) * found.columns.get(n, nothing) for n in names], axis=2
+        )
     # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
     there, _ = model.matrices(t[1:], q[1:])
     told, _ = model.matrices(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))

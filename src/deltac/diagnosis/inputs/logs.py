@@ -153,7 +153,7 @@ def _whole(
     run, findings = in_model_order(mechanism, given)
     _refuse_garbage(run)
     if not measured:
-        return balanced(mechanism, run, work, findings)
+        return balanced(mechanism, run, work, tuple(findings))
     clean = cleaned(mechanism, run)
     return balanced(mechanism, clean.run, work, (*findings, *clean.findings), clean.comparisons)
 

@@ -302,3 +302,19 @@ def test_another_drive_than_the_models_is_seen_at_any_step() -> None:
     found = of_logs(other, [log(run, udot=True) for run in runs])
     assert found.verdict.kind == "equation-error"
     assert "constraint-violation" in kinds(found)
+
+
+@pytest.mark.parametrize(
+    ("factors", "stays"), [((1.01, 1.01, 1.0101), True), ((1.004, 1.002, 1.001), False)]
+)
+def test_a_slip_of_the_log_is_there_at_every_step(factors: tuple[float, ...], stays: bool) -> None:
+    """What shrinks with the step is the method's: half the step, half of it, is of first order."""
+    from deltac.diagnosis.study.runs import StudyRun, lasting
+    from deltac.diagnosis.verdict import Finding
+
+    runs = tuple(
+        StudyRun(h, findings=(Finding("clock-scale", "the clock", "", "", "doubt", factor=f),))
+        for h, f in zip((0.01, 0.005, 0.0025), factors, strict=True)
+    )
+    assert all(bool(run.findings) == stays for run in lasting(runs))
+    assert not any(run.findings for run in lasting((StudyRun(0.02), *runs)))

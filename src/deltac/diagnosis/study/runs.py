@@ -372,3 +372,37 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
         for before, after in pairs
         for n, x in before.items()
     }
+
+
+RATES = ("clock-scale", "gear-between-q-and-u", "late-rows", "speed-not-rate")
+"""Findings of coordinates that do not move as their speeds say."""
+
+LASTING = 0.7
+"""A slip of the log is the same at every step; what falls below this share of its size is the method's."""
+
+
+def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:
+    """Without those findings of rates that are not there, alike, in every run.
+
+    A step that is projected onto constraints, or a scheme of low order, moves q by something else than its
+    speed. That shrinks with the step; a wrong clock, gear or column does not.
+    """
+    made = [run for run in runs if not run.failure]
+
+    def lasts(found: Finding) -> bool:
+        alike = [
+            next(
+                (f for f in run.findings if (f.kind, f.element) == (found.kind, found.element)),
+                None,
+            )
+            for run in made
+        ]
+        if any(f is None for f in alike):
+            return False
+        off = [f.factor - 1.0 for f in alike if f is not None and f.factor is not None]
+        return not off or min(x / off[0] for x in off) >= LASTING
+
+    return tuple(
+        replace(run, findings=tuple(f for f in run.findings if f.kind not in RATES or lasts(f)))
+        for run in runs
+    )

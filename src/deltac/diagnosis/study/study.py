@@ -26,6 +26,7 @@ from deltac.diagnosis.study.runs import (
     Simulator,
     StudyRun,
     checked_steps,
+    lasting,
     logged,
     simulated,
     unblinded,
@@ -224,7 +225,7 @@ def studied(
 ) -> Study:
     """From runs to the study: compare, fit, look around, judge."""
     mechanism = loaded.mechanism
-    runs = unblinded(runs)
+    runs = lasting(unblinded(runs))
     places, found = disagreements(mechanism, runs)
     findings = [*findings, *found]
     kept = [runs[k] for k in places]

@@ -226,8 +226,8 @@ def _named(text: str) -> Model:
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
     raise UnknownName(
-        f"unknown model {text!r}: no problem of the library{closest(text, problems.names())}, and not one of "
-        f"the rest of what is taken: {TAKEN}"
+        f"unknown model {text!r}: the library has no such problem{closest(text, problems.names())}. Expected "
+        f"{TAKEN}"
     )
 
 

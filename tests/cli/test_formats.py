@@ -7,11 +7,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from commands import command
 
 import deltac as dc
 from deltac.cli.formats import Case, github, junit, sarif, worst
 from deltac.errors import LogError
+from tests.support.commands import command
 
 WRONG = """\
 import numpy as np

@@ -15,7 +15,7 @@ import deltac as dc
 
 pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-import fault_cases as cases  # noqa: E402
+from tests.systems import fault_cases as cases  # noqa: E402
 
 LOGS = (
     cases.missing_lever_arm,

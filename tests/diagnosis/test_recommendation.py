@@ -271,6 +271,16 @@ def test_nothing_that_moves_is_nothing_to_judge_by() -> None:
     assert advice.exit_code == 3
 
 
+def test_a_body_that_turns_freely_moves_though_it_exchanges_nothing() -> None:
+    problem = dc.problems.load("torque-free-box")
+    box = replace(problem.mechanism, gravity=(0, 0, 0))
+    advice = dc.recommend(box, problem.state, 1.0, 1e-5, solvers=("ode5",))
+    assert advice.verified and advice.exit_code == 0
+    # K of the box: ½ 10 kg (2² + 2² + 8²) m²/s² and ½ Σ I ω² with ω = (0.1, 5, 0.1).
+    kinetic = 360 + 0.5 * (0.80833333 * 0.01 + 0.68333333 * 25 + 0.14166667 * 0.01)
+    assert advice.energy_exchanged == pytest.approx(kinetic, rel=1e-6)
+
+
 def test_what_does_not_move_has_no_range_to_be_right_within() -> None:
     """A box in free fall does not turn but for rounding, of which no share is an error."""
     box = dc.bodies.box("box", 1.0, (0.1, 0.2, 0.3))

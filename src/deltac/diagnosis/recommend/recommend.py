@@ -121,6 +121,8 @@ def recommend(
         if trials.still:
             break
     deadline.lift()
+    if trials.idle and not trials.still:
+        search.notes.append("no energy is exchanged: |ΔC| is judged beside the kinetic energy")
     if len(search.refused) == len(found):
         raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
     return search.advice(duration, notes)

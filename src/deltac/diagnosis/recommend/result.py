@@ -33,7 +33,8 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        energy_exchanged: energy exchanged in it, J; `still`: so little that the motion is rounding.
+        energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
+            body that turns freely); `still`: neither, so that nothing moves.
         notes: why some solvers were left out.
     """
 

@@ -193,6 +193,7 @@ class Trials:
         self._wants_motion = math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Judged | str] = {}
         self.energy_exchanged = 0.0
+        self.idle = False
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
     @property
@@ -288,6 +289,7 @@ class Trials:
         if isinstance(run, str) or isinstance(left, str):
             return str(left)
         self.energy_exchanged, self._scale = left.energy_exchanged, left.scale
+        self.idle = left.idle
         return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.energy_exchanged))
 
     def _seconds(self, family: Family, setting: float) -> tuple[float, float]:
@@ -333,11 +335,15 @@ def _made(make: Callable[[], Made]) -> Made | str:
 
 @dataclass(frozen=True)
 class _Energies:
-    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies."""
+    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies.
+
+    Where none is exchanged (`idle`) the kinetic energy takes its place.
+    """
 
     error: float
     energy_exchanged: float
     scale: float
+    idle: bool
 
 
 def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
@@ -350,9 +356,10 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     if not np.isfinite(left).all():
         return "the energies are not finite"
     held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    return _Energies(
-        float(np.abs(left).max()), ledger.energy_exchanged, held + ledger.energy_exchanged
-    )
+    exchanged, scale = ledger.energy_exchanged, held + ledger.energy_exchanged
+    idle = exchanged <= NOTHING * scale  # a body that turns freely moves, and exchanges nothing
+    beside = float(ledger.kinetic.max()) if idle else exchanged
+    return _Energies(float(np.abs(left).max()), beside, scale, idle)
 
 
 def _share(energy: float, energy_exchanged: float) -> float:

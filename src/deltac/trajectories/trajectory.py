@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
+ROWS, INTERPOLATED = "rows", "interpolated"
+"""The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -306,6 +309,50 @@ class Trajectory:
             works={channel: values[rows] for channel, values in self.works.items()},
             integrals={name: values[rows] for name, values in self.integrals.items()},
         )
+
+    @classmethod
+    def from_scipy(
+        cls,
+        result: Any,
+        model: Any,
+        *,
+        order: str | Sequence[str] | None = None,
+        coordinates: Any = None,
+        equations: Any = None,
+        provenance: Provenance | None = None,
+    ) -> Trajectory:
+        """The trajectory of what an ODE solver returned, for a model.
+
+        A result of `solve_ivp` has the solver's own steps as rows, or with ``t_eval`` values in between,
+        which obey the equations less exactly; with ``dense_output=True`` the own steps are taken in any case.
+
+        Args:
+            result: of SciPy's `solve_ivp`; of diffrax; or a pair (t, y) of times (T,) and states (T, n), as
+                `odeint` gives them.
+            model: what moved: a Mechanism, a Problem, or what else `load_model` takes.
+            order: what the entries of y are, such as ``("a", "u.a", "b", "u.b")``, or "interleaved" for just
+                that. By default it is found out: coordinates and then speeds, the reverse, or interleaved.
+            coordinates: the coordinates and speeds of y, as for `check_equations`: a CoordinateMap, "joint"
+                or "absolute".
+            equations: the function (or `Equations`) that was integrated; with it the trajectory has
+                accelerations, and an audit tests the equations as well.
+            provenance: what is known of the solver, such as ``Provenance("SciPy", solver="RK45")``.
+
+        Raises:
+            InputError: states of another size, or of which no usual order makes sense; the message has the
+                names for `order`.
+        """
+        from importlib import import_module
+
+        made: Trajectory = import_module("deltac.recorders.state_vectors").trajectory_of_states(
+            result,
+            model,
+            order=order,
+            coordinates=coordinates,
+            equations=equations,
+            provenance=provenance,
+        )
+        return made
 
     def to_frame(self) -> polars.DataFrame:
         """A polars DataFrame with the columns of the log schema (see `schema`)."""

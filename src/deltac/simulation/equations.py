@@ -51,7 +51,7 @@ class Equations:
 
     `rhs` may also be what SciPy's solvers take, a function of (t, y) or (y, t) that returns ẏ: `form` = "ode"
     says so, and without it the arguments do. `order` names the entries of y, such as ``("a", "u.a", "b",
-    "u.b")``, or is "interleaved" for just that; without it, it is found out from the rates q̇ that are returned.
+    "u.b")``, or is "interleaved" for just that; without it, it is found out from the returned rates q̇.
     They must be those of the speeds: what is integrated is the mechanism's own q̇ = W u.
     """
 

@@ -8,7 +8,7 @@ import json
 import math
 import operator
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from deltac.errors import InputError, LogError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
+from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Trajectory:
+class Trajectory(Shown):
     """Samples of a motion; immutable, validated, rows in time order.
 
     t           (T,) time, s, strictly increasing
@@ -230,6 +231,10 @@ class Trajectory:
         return len(self.t)
 
     def __repr__(self) -> str:
+        return f"Trajectory({self.summary()})"
+
+    def summary(self) -> str:
+        """Who made it, how long it is and what it holds, in one line."""
         p = self.provenance
         what = [p.simulator if p.solver is None else f"{p.simulator} {p.solver}"]
         if p.model:
@@ -246,7 +251,26 @@ class Trajectory:
             what.append(f"{len(self.events)} events")
         if not p.completed:
             what.append("stopped early" + (f": {p.message}" if p.message else ""))
-        return f"Trajectory({'; '.join(what)})"
+        return "; ".join(what)
+
+    def sections(self) -> Iterator[Section]:
+        """Tables of coordinates and speeds with their ranges, of channels, and of what happened."""
+
+        def row(name: str, values: FloatArray) -> tuple[str, ...]:
+            told = (values[0], values[-1], values.min(), values.max())
+            return (name, *(number(float(x)) for x in told))
+
+        rows = [row(f"q {name}", values) for name, values in zip(self.coordinates, self.q.T)]
+        rows += [row(f"u {name}", values) for name, values in zip(self.speeds, self.u.T)]
+        yield Table(("", "first", "last", "least", "largest"), tuple(rows))
+        channels = tuple(
+            (str(name), number(float(np.abs(f).max()))) for name, f in self.forces.items()
+        )
+        yield Table(("channel", "largest |force| (N, N·m)"), channels)
+        events = tuple((f"{event.t:.6g}", ", ".join(event.names)) for event in self.events)
+        yield Table(("time (s)", "what happened"), events)
+        if self.provenance.message:
+            yield self.provenance.message
 
     def __reduce__(self) -> tuple[Any, ...]:
         mappings = ("forces", "works", "integrals")

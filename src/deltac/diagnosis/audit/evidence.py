@@ -21,7 +21,12 @@ from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
-from deltac.diagnosis.measurements.kinematics import Accelerations, accelerations, trusted
+from deltac.diagnosis.measurements.kinematics import (
+    Accelerations,
+    accelerations,
+    trusted,
+    unsteadiness,
+)
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
 from deltac.diagnosis.verdict import Finding, percent
@@ -87,7 +92,7 @@ def gather(
     given = trusted(log.run)
     step = None
     if not doubted and not (given and measured):
-        step = one_step(mechanism, log.consecutive, _late(log))
+        step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
     found: list[Finding] = []
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
@@ -109,12 +114,22 @@ def gather(
             told = []
             if terms is not None:
                 told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+        if any(f.kind == "forces-not-of-this-row" for f in told):
+            terms = None
         found += told
     elif not doubted:
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
         found += _of_steps(mechanism, log, step, tolerance)
-    return Evidence(log, terms, step, tuple(found))
+    return Evidence(log, terms, step, tuple(_of_the_log(found)))
+
+
+def _of_the_log(found: list[Finding]) -> list[Finding]:
+    """Causes that say something of the logged forces alone are doubts of the log, not of the equations."""
+    causes = [f for f in found if f.weight == "cause"]
+    if not causes or any(f.kind != "actuator-delay" for f in causes):
+        return found
+    return [replace(f, weight="doubt") if f in causes else f for f in found]
 
 
 def _late(log: Log) -> float:
@@ -242,11 +257,17 @@ def _of_samples(
     misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
     if misread:
         return misread + checks.blame(terms)
+    if not trusted(log.run):
+        elsewhere = checks.forces_of_other_rows(mechanism, log.consecutive, nearby)
+        if elsewhere:
+            return elsewhere
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
     if terms.significant.any():
         simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
+        if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
+            simple = [replace(f, weight="note") for f in simple]  # real, but small
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 

@@ -639,10 +639,13 @@ class OneStep:
         return rows
 
 
-def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneStep | None:
+def one_step(
+    mechanism: Mechanism, run: Trajectory, late: float = 0.0, unsteady: float = 0.0
+) -> OneStep | None:
     """The test of a run's rows; None for fewer rows than `rates.LEAST_ROWS` in a row, or nothing free.
 
-    `late` is the lateness of q against u from the kinematic test.
+    `late` is the lateness of q against u from the kinematic test, `unsteady` the share of the movement that it
+    does not explain: rows that keep the relation of q and u no better keep that of u and u̇ no better either.
     """
     if not len(mechanism.free.u):
         return None
@@ -655,7 +658,7 @@ def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneSte
     parts = [_defects(model, rows, groups) for rows, _ in pieces]
     names = parts[0].names
     coefficients = _fit(parts, names)
-    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits, groups)
+    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits, groups, unsteady)
 
 
 @dataclass(frozen=True, eq=False)
@@ -731,6 +734,12 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
         jump = F0.copy()
         jump[:, places] += np.vstack([second, second[-1:]])
         forces += model.acceleration(t0, q0, u0, jump) - a0
+        ramp = ramped(rows.F[:, places])[:-1]
+        if np.any(ramp != F0[:, places]):  # as commanded now and then, where more happened in between
+            jump = F0.copy()
+            jump[:, places] = ramp
+            columns[f"{name} ramped"] = model.acceleration(t0, q0, u0, jump) - a0
+            bounds[f"{name} ramped"] = 1.6
     uneven = float(np.ptp(rows.h)) > UNEVEN * float(np.median(rows.h))
     if uneven:  # one step of a scheme is another share of each interval
         share = float(rows.h.min()) / rows.h
@@ -752,6 +761,17 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
     interpolation = _mean(rows.t, a, 5) - _mean(rows.t, a, 3)
     return _Defects(w, columns, N, a0, interpolation, forces, bounds)
+
+
+def ramped(forces: Array) -> Array:
+    """Forces (T, m) that were held over several rows, as straight lines between the rows where they change."""
+    made = forces.copy()
+    rows = np.arange(len(forces))
+    for k, column in enumerate(forces.T):
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1])
+        if len(starts) > 2:
+            made[:, k] = np.interp(rows, starts, column[starts])
+    return made
 
 
 def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
@@ -812,6 +832,7 @@ def _judged(
     off: float,
     digits: float,
     groups: Mapping[str, list[int]],
+    unsteady: float,
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
         return np.asarray(np.einsum("tij,tj->ti", p.N, w))
@@ -833,6 +854,7 @@ def _judged(
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
+        "times of rows": [unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
     systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]

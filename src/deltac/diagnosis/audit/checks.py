@@ -142,10 +142,10 @@ REACH, SHARE = 3, 1.5
 def forces_of_other_rows(
     mechanism: Mechanism, run: Trajectory, terms: EquationTerms
 ) -> list[Finding]:
-    """Forces averaged, interpolated, held or delayed over a few rows: those of rows nearby close the equations.
+    """Forces averaged, interpolated, held or delayed: those of rows nearby close the equations.
 
-    One combination of rows for all forces, with shares no larger than `SHARE`: what is proportional to a force
-    itself, as a wrong gear is, cannot be put together from its changes so.
+    One combination of rows for all forces, with shares no larger than `SHARE`: what is proportional to a
+    force itself, as a wrong gear is, cannot be put together from its changes so.
     """
     rows = terms.rows[(terms.rows >= REACH) & (terms.rows < len(run) - REACH)]
     if not terms.significant.any() or not run.forces or len(rows) < 8 * REACH:

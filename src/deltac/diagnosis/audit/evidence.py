@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.checks import withheld_equalities
+from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
 from deltac.diagnosis.explain.search import MOST
@@ -29,7 +31,7 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
-from deltac.diagnosis.verdict import Finding, percent
+from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -120,7 +122,13 @@ def gather(
     elif not doubted:
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
-        found += _of_steps(mechanism, log, step, tolerance)
+        until = time.monotonic() + SECONDS
+        pair = known_but_for_one(mechanism, log.consecutive, step, until)
+        if pair is not None:
+            step, causes = pair
+            found += _weighed(causes, step, tolerance)
+        else:
+            found += _of_steps(mechanism, log, step, tolerance)
     return Evidence(log, terms, step, tuple(_of_the_log(found)))
 
 
@@ -312,13 +320,16 @@ def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -
         until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
             told = explanation(mechanism, log.consecutive, "weak", excused=excused, until=until)
-            simple = list(told.findings)
-    # A mistake below the tolerance is real but small: its causes are told as notes.
-    if not beyond(step, tolerance):
-        simple = [replace(f, weight="note") for f in simple]
+            simple = _weighed(told.findings, step, tolerance)
     if simple:
         return simple
     return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+
+
+def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list[Finding]:
+    """Causes of a mistake below the tolerance, which is real but small, are told as notes."""
+    weight: Weight = "cause" if beyond(step, tolerance) else "note"
+    return [replace(f, weight=weight) for f in causes]
 
 
 def beyond(step: OneStep, tolerance: float) -> bool:

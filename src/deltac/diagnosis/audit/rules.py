@@ -157,6 +157,10 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     elif small and step is not None and measures.left > measures.allowed + measures.bar:
         if step.spent >= HALF * measures.left:
             return verdict("equation-error", "medium", balance, *equations)
+        if step.known_but_for_causes:
+            return verdict(
+                "integration-error", "medium", balance, *equations, _smaller_step(measures)
+            )
         return verdict("unresolved", "medium", balance, *equations, _open(step))
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
@@ -202,7 +206,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
     if any(f.kind == "forces-not-of-this-row" for f in findings):
-        wanted = "What is left of the energy may be that of the logged forces, which are of other rows"
+        wanted = (
+            "What is left of the energy may be that of the logged forces, which are of other rows"
+        )
         return verdict("unresolved", "medium", balance, *equations, wanted)
     return verdict(
         "integration-error",
@@ -261,6 +267,13 @@ def _steps(step: OneStep | None) -> str:
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the equations are the model's"
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
+    if step.known_but_for_causes and step.scheme is not None:
+        by = f"a step of {step.scheme.name}" if step.scheme.name else "an accurate step"
+        return (
+            f"Each of {len(step.t)} rows follows from the one before by {by} but for "
+            f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "
+            f"{percent(1.0 / step.ratio[k])} of that is of one cause"
+        )
     if not step.significant.any():
         k = int(np.argmax(step.bar / step.scale))
         return (

@@ -404,7 +404,7 @@ def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
 
 
 def _evenly_timed(run: Trajectory) -> Trajectory | None:
-    """The run with its rows on an even clock, whole numbers of steps apart, if its stamps scatter about one."""
+    """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
     h = np.diff(run.t)
     step = float(np.median(h))
     if run.integrals or run.events or float(np.ptp(h)) <= ROUNDED * step:

@@ -14,7 +14,9 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    ReportPage,
     checked_figure,
+    checked_report,
     deliver,
     print_cases,
     print_json,
@@ -58,6 +60,7 @@ def command(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the energies over time (PNG).")
     ] = None,
+    page: ReportPage = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -66,8 +69,8 @@ def command(
     Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
     several logs the worst, and 2 if one cannot be read.
     """
-    if len(logs) > 1 and (explain or explain_log or figure is not None):
-        raise InputError("--explain, --explain-log and --figure are of one log; give one")
+    if len(logs) > 1 and (explain or explain_log or figure is not None or page is not None):
+        raise InputError("--explain, --explain-log, --figure and --report are of one log; give one")
     log = logs[0]
     if explain_log:
         _explain(model, log, mapping, as_json)
@@ -76,6 +79,7 @@ def command(
     from deltac.models import load_model
 
     checked_figure(figure)
+    checked_report(page)
     form = form.unless(as_json)
     if len(logs) > 1:
         loaded = load_model(model)  # first: a model that is none is no error of a log
@@ -102,7 +106,7 @@ def command(
             explanations.append(explain_residual(model, log, mapping=mapping))
     if figure is not None:
         _draw(found, f"{found.mechanism.name}: {log.name}", figure)
-    deliver(found, form, *explanations, name=str(log), figure=figure)
+    deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
 
 
 def _case(log: Path, judged: Callable[[Path], Report]) -> Case:

@@ -12,8 +12,10 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    ReportPage,
     StartState,
     checked_figure,
+    checked_report,
     deliver,
     progress_bar,
     write,
@@ -61,6 +63,7 @@ def command(
         Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
     ] = None,
     state: StartState = None,
+    page: ReportPage = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -72,6 +75,7 @@ def command(
     from deltac.diagnosis.study.study import study
 
     checked_figure(figure)
+    checked_report(page)
     with progress_bar() as progress:
         found = study(
             model,
@@ -88,7 +92,7 @@ def command(
         )
     if figure is not None:
         _draw(found, figure)
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:

@@ -12,13 +12,22 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.report.files import check_page, write_text
-from deltac.report.page.content import Shown, page_of
+from deltac.report.page.content import Beside, page_of
 from deltac.report.page.parts import Page
 
 if TYPE_CHECKING:
     from deltac.results import Report
 
-__all__ = ["Page", "Shown", "check_page", "page_of", "write_page", "write_report"]
+__all__ = [
+    "Beside",
+    "Page",
+    "check_page",
+    "document",
+    "html_of",
+    "page_of",
+    "write_page",
+    "write_report",
+]
 
 
 def write_report(
@@ -30,11 +39,18 @@ def write_report(
     command: str = "",
 ) -> None:
     """Write the page of a report, with what further ones have to add; see `Report.report`."""
+    path = check_page(path)
+    write_text(html_of(report, *more, model=model, run=run, command=command), path)
+
+
+def html_of(
+    report: Report, *more: Report, model: Any = None, run: Any = None, command: str = ""
+) -> str:
+    """The page of a report as HTML."""
     from deltac.models import load_model
 
-    path = check_page(path)
     mechanism = None if model is None else load_model(model).mechanism
-    write_page(page_of(report, Shown(mechanism, run, more)), path, command)
+    return document(page_of(report, Beside(mechanism, run, more)), command)
 
 
 def write_page(page: Page, path: str | PurePath, command: str = "") -> None:

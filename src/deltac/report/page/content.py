@@ -56,7 +56,7 @@ WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class Beside:
     """What a page is made from besides the report: a model and a run of it, where the report has none.
 
     `more`: further reports of the same thing.
@@ -68,9 +68,9 @@ class Shown:
 
 
 @singledispatch
-def page_of(report: Report, shown: Shown) -> Page:
+def page_of(report: Report, beside: Beside) -> Page:
     """The page of a report; of one that has no page of its own, its text and its tables."""
-    chapters = [*_motion(shown), *_told(report)]
+    chapters = [*_motion(beside), *_told(report)]
     return Page(
         title=type(report).__name__,
         asked=_first_line(report),
@@ -78,14 +78,14 @@ def page_of(report: Report, shown: Shown) -> Page:
         word=_sentence(report.summary()),
         sentence="",
         chapters=tuple(chapters),
-        scene=_scene(shown.mechanism, [("run", shown.run)]),
-        made=_made(shown.run),
+        scene=_scene(beside.mechanism, [("run", beside.run)]),
+        made=_made(beside.run),
         data=report.to_dict(),
     )
 
 
 @page_of.register
-def _(report: Audit, shown: Shown) -> Page:
+def _(report: Audit, beside: Beside) -> Page:
     ledger, run, mechanism = report.ledger, report.run, report.mechanism
     v = report.verdict
     bar = float(ledger.error_bar[report.function].max())
@@ -134,7 +134,7 @@ def _(report: Audit, shown: Shown) -> Page:
 
 
 @page_of.register
-def _(report: Study, shown: Shown) -> Page:
+def _(report: Study, beside: Beside) -> Page:
     usable = [entry for entry in report.runs if entry.ledger is not None]
     finest = usable[-1]
     assert finest.ledger is not None and finest.run is not None
@@ -189,12 +189,12 @@ def _(report: Study, shown: Shown) -> Page:
 
 
 @page_of.register
-def _(report: Ledger, shown: Shown) -> Page:
+def _(report: Ledger, beside: Beside) -> Page:
     worst = next((n for n in ("wang", "liu-huston") if n in report.delta_c), None)
     plots: list[Part] = [] if worst is None else [_all_functions(report)]
     flows = () if worst is None else (_flows(report, worst),)
     return Page(
-        title="Ledger" if shown.mechanism is None else shown.mechanism.name,
+        title="Ledger" if beside.mechanism is None else beside.mechanism.name,
         asked="Where did the energy go?",
         tone="plain",
         word="Balance",
@@ -202,11 +202,11 @@ def _(report: Ledger, shown: Shown) -> Page:
         chapters=(
             Chapter("The testing functions", tuple(plots)),
             Chapter("Where the energy went", (*flows, *_energy(report))),
-            *_motion(shown),
+            *_motion(beside),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
-        scene=_scene(shown.mechanism, [("run", shown.run)]),
-        made=_made(shown.run, shown.mechanism),
+        scene=_scene(beside.mechanism, [("run", beside.run)]),
+        made=_made(beside.run, beside.mechanism),
         data=report.to_dict(),
     )
 
@@ -517,9 +517,9 @@ def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimeP
         )
 
 
-def _motion(shown: Shown) -> Iterator[Chapter]:
-    if shown.run is not None:
-        yield from _coordinates(shown.run, shown.mechanism)
+def _motion(beside: Beside) -> Iterator[Chapter]:
+    if beside.run is not None:
+        yield from _coordinates(beside.run, beside.mechanism)
 
 
 # --- scene, words, provenance --------------------------------------------------------------------

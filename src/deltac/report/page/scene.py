@@ -357,7 +357,7 @@ def _form(visual: Visual) -> Form:
 
 
 def coarser(vertices: Array, faces: Any, most: int) -> tuple[Array, Any]:
-    """A mesh of at most `most` triangles: vertices in a cell of a grid become one (Rossignac, Borrel 1993)."""
+    """A mesh of at most `most` triangles, by vertex clustering: those in a cell of a grid become one."""
     cells = 64
     while len(faces) > most and cells >= 4:
         low, extent = vertices.min(axis=0), max(float(np.ptp(vertices, axis=0).max()), 1e-300)

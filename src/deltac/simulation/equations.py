@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import InputError, StateError, UnknownName, WrongType, closest
@@ -26,9 +28,12 @@ class Equations:
 
     `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
     likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
-    ones (the prescribed joints follow their laws). A function of arithmetic and NumPy's elementary
-    functions is traced and compiled; any other (with branches, look-up tables, memory) is called from
-    Python at every stage, more slowly. `compiled` = True insists on the former, False on the latter.
+    ones (the prescribed joints follow their laws). With a map that leaves the rest to the constraints, such
+    as ``CoordinateMap(("crank",))`` of a four-bar, they are equations in minimal coordinates.
+
+    A function of arithmetic and NumPy's elementary functions is traced and compiled; any other (with
+    branches, look-up tables, memory) is called from Python at every stage, more slowly. `compiled` = True
+    insists on the former, False on the latter.
     """
 
     rhs: Callable[..., Any]
@@ -113,20 +118,36 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations) -> ByHand:
-    """Trace hand-written equations, now."""
+def by_hand(system: System, equations: Equations, rows: Rows) -> ByHand:
+    """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     own = None
     q, u, qdot = system.q, system.u, system.qdot
-    if equations.coordinates is not None:
-        own = trace_map(system, equations.coordinates)
-        q, u, qdot = own.own_q, own.own_u, own.own_qdot
-    udot = trace_rhs(equations, system.t, q, u)
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
+    if equations.coordinates is not None:
+        own = trace_map(system, equations.coordinates, rows)
+        q, u, qdot = own.own_q, own.own_u, own.own_qdot
+        if own.told is not None:
+            equations = replace(equations, rhs=_of_state(equations.rhs, system, own.told))
+    udot = trace_rhs(equations, system.t, q, u)
     if udot is not None:
         expression = ca.Function("rhs", [system.t, q, u], [udot]).serialize()
         digest = hashlib.sha256(expression.encode()).digest()
         key = (digest, equations.coordinates, equations.name)
     return ByHand(equations, own, q, u, qdot, udot, key)
+
+
+def _of_state(rhs: Callable[..., Any], system: System, told: SX) -> Callable[..., Any]:
+    """A function of own coordinates as one of the mechanism's, which are functions `told` of (t, q)."""
+    p = [system.mechanism.parameters[name] for name in system.vary]
+    numbers = ca.Function("told", [system.t, system.q, system.p], [ca.densify(told)])
+
+    def of_state(t: Any, q: Any, u: Any) -> Any:
+        if np.asarray(q).dtype != object:
+            return rhs(t, evaluate_at(numbers, t, q, p)[0], u)
+        place = [t, ca.vertcat(*q)]
+        return rhs(t, _objects(*ca.substitute([told], [system.t, system.q], place)), u)
+
+    return of_state
 
 
 def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:

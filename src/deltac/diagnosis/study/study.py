@@ -174,7 +174,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
     Raises InputError if they raise at the start, or return there what is no u̇ or is not finite.
     """
     kane = Kane(mechanism, equations.coordinates)
-    caller = Caller(equations.rhs, equations.name, vectorised=False)
+    caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
     start = _start(kane, state)
     if start is not None:
         udot = caller(start)[:, 0]
@@ -184,9 +184,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
                 f"{udot.tolist()}. State: {at}"
             )
-    return replace(
-        equations, rhs=_Careful(caller, tuple(kane.coordinate_names), tuple(kane.speed_names))
-    )
+    return replace(equations, rhs=_Careful(caller, kane.told_names, tuple(kane.speed_names)))
 
 
 def _start(kane: Kane, state: State) -> States | None:

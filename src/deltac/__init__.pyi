@@ -49,6 +49,9 @@ from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
+from deltac.fleets.result import Fleet as Fleet
+from deltac.fleets.result import fleet_status as fleet_status
+from deltac.fleets.sweep import sweep as sweep
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism

@@ -318,7 +318,7 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations, rows: Rows) -> ByHand:
+def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> ByHand:
     """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
     equations = explicit(system, equations)

@@ -167,7 +167,7 @@ class Monitor:
         channels = row[self._places["forces"]]
         channels[:] = 0.0
         for name, force in acting.items():
-            k = self._order[channel]
+            k = self._order[name]
             channels[k * nu : (k + 1) * nu] = force
         return self.judge(self._take(t))
 

@@ -19,7 +19,7 @@ import pytest
 
 import deltac as dc
 from deltac.errors import FileError, InputError
-from deltac.fleets.runs import MEASURED
+from deltac.fleets.rows import MEASURED
 from deltac.fleets.store import Store
 from tests.support.commands import command
 

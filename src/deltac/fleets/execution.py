@@ -30,14 +30,24 @@ class Work(Protocol):
     """A piece of work: a picklable call, of several rows of the table."""
 
     @property
-    def rows(self) -> int:
-        """How many rows it makes."""
+    def addresses(self) -> tuple[str, ...]:
+        """Of the rows that it makes."""
 
-    def __call__(self) -> Any:
-        """Make them, in a worker."""
+    @property
+    def rows(self) -> int:
+        """How many these are."""
+
+    def __call__(self) -> bytes:
+        """Make them, in a worker, as a Parquet file."""
 
     def halves(self) -> tuple[Work, Work]:
         """Two pieces that make the same rows, to find the one that fails."""
+
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a piece of one row that failed for good."""
+
+    def about(self) -> dict[str, Any]:
+        """What that row is of, in terms of JSON."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltac.fleets.runs import FAILED
+from deltac.fleets.rows import FAILED
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
 

@@ -24,7 +24,7 @@ def run_fleet(
     executor: Executor | None = None,
     retry_failed: bool = False,
     progress: Callable[[float], None] | None = None,
-    reproducer: str = "",
+    reproducer: Callable[[Work], str],
 ) -> Fleet:
     """Do what is not there, and make the table.
 
@@ -36,7 +36,7 @@ def run_fleet(
         executor: who does it, in place of what `execution` says.
         retry_failed: try again what was set aside before.
         progress: called with the fraction done, first with what was there before.
-        reproducer: the command that, with ``--only ADDRESS``, makes one row alone.
+        reproducer: the command that makes the row of such a piece alone.
 
     Raises:
         InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made stay.
@@ -65,8 +65,7 @@ def run_fleet(
 
         def set_aside(work: Work, failure: Failure) -> None:
             (address,) = work.addresses
-            command = f"{reproducer} --only {address}"
-            store.set_aside(address, {"of": work.about(), "reproduce": command}, failure)
+            store.set_aside(address, {"of": work.about(), "reproduce": reproducer(work)}, failure)
             store.keep(work.failed(failure), work.addresses)
 
         advance(0)

@@ -301,7 +301,7 @@ def run_plan(
         executor=executor,
         retry_failed=retry_failed,
         progress=progress,
-        reproducer=reproducer,
+        reproducer=lambda work: f"{reproducer} --only {work.addresses[0]}",
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +34,13 @@ def runs(count: int, solver: str = "ode5", step: float = 0.01) -> list[dc.Trajec
 
 
 @pytest.fixture(scope="module")
+def crew() -> Iterator[ThreadPoolExecutor]:
+    """One worker process for all tests of this file."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.fixture(scope="module")
 def motions() -> list[dc.Trajectory]:
     return runs(4)
 
@@ -53,8 +62,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory, motions: list[dc.Trajectory
 
 
 @pytest.fixture(scope="module")
-def fleet(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dc.Fleet:
-    return dc.audit_many(NAME, folder, tmp_path_factory.mktemp("out") / "out", workers=1)
+def fleet(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, crew: ThreadPoolExecutor
+) -> dc.Fleet:
+    return dc.audit_many(NAME, folder, tmp_path_factory.mktemp("out") / "out", executor=crew)
 
 
 def test_every_log_is_accounted_for(fleet: dc.Fleet, folder: Path) -> None:
@@ -79,16 +90,20 @@ def test_verdicts_are_those_of_single_audits(fleet: dc.Fleet) -> None:
         assert (row["findings"] or "").split() == [f.code for f in alone.findings]
 
 
-def test_only_changed_logs_are_audited_again(folder: Path, tmp_path: Path) -> None:
+def test_only_changed_logs_are_audited_again(
+    folder: Path, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
     logs, out = tmp_path / "logs", tmp_path / "out"
     logs.mkdir()
     for k in range(2):
         (logs / f"{k}.parquet").write_bytes((folder / f"good{k}.parquet").read_bytes())
-    first = dc.audit_many(NAME, f"{logs}/*.parquet", out, workers=1).frame
+    first = dc.audit_many(NAME, f"{logs}/*.parquet", out, executor=crew).frame
     (logs / "1.parquet").write_bytes((folder / "coarse.parquet").read_bytes())
     (logs / "2.parquet").write_bytes((folder / "good2.parquet").read_bytes())
     told: list[float] = []
-    second = dc.audit_many(NAME, f"{logs}/*.parquet", out, workers=1, progress=told.append).frame
+    second = dc.audit_many(
+        NAME, f"{logs}/*.parquet", out, executor=crew, progress=told.append
+    ).frame
     assert told[0] == pytest.approx(1 / 3)
     assert second["verdict"].to_list() == ["consistent", "integration-error", "consistent"]
     assert second["address"][0] == first["address"][0]
@@ -107,7 +122,7 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     assert code == 0 and "2 audits" in said
 
 
-def test_urls(folder: Path, tmp_path: Path) -> None:
+def test_urls(folder: Path, tmp_path: Path, crew: ThreadPoolExecutor) -> None:
     fsspec = pytest.importorskip("fsspec")
     memory = fsspec.filesystem("memory")
     memory.pipe("/fleet/good0.parquet", (folder / "good0.parquet").read_bytes())
@@ -118,7 +133,9 @@ def test_urls(folder: Path, tmp_path: Path) -> None:
         find_logs("nowhere://fleet/x.parquet")
     # A store that workers reach as well.
     url = f"file://{folder}/good0.parquet"
-    found = dc.audit_many(NAME, [url, f"file://{folder}/gone.parquet"], tmp_path / "o", workers=1)
+    found = dc.audit_many(
+        NAME, [url, f"file://{folder}/gone.parquet"], tmp_path / "o", executor=crew
+    )
     assert found.frame["verdict"].to_list() == ["consistent", "failed"]
     assert found.frame["code"].to_list() == [None, "E-FILE"]
 
@@ -168,11 +185,14 @@ def test_episodes_are_the_motions(
 
 
 def test_a_verdict_for_each_episode(
-    motions: list[dc.Trajectory], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    motions: list[dc.Trajectory],
+    tmp_path: Path,
+    crew: ThreadPoolExecutor,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     coarse = runs(1, "ode1", 0.01)[0]
     path = batched(tmp_path, [*motions, coarse], "npz")
-    found = dc.audit_many(NAME, path, tmp_path / "out", workers=1)
+    found = dc.audit_many(NAME, path, tmp_path / "out", executor=crew)
     kinds = found.frame["verdict"].to_list()
     assert kinds == ["consistent"] * 4 + ["integration-error"]
     assert found.exit_code == 1 and len(found.groups()) == 5

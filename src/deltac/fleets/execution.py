@@ -7,6 +7,7 @@ process of its own, see `isolation`) on all cores, a Dask cluster, a user's own.
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections import deque
@@ -107,6 +108,8 @@ def dask_crew(address: str) -> Iterator[Crew]:
         raise PackageError(
             "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
         ) from None
+    # What it says of lost connections is said by us, once.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:

@@ -76,6 +76,8 @@ from deltac.models import StateLike as StateLike
 from deltac.models import load_model as load_model
 from deltac.procedure import Examination as Examination
 from deltac.procedure import examine as examine
+from deltac.recorders import BoundExceeded as BoundExceeded
+from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
 from deltac.recorders import record_exudyn as record_exudyn

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, NoReturn
@@ -28,6 +29,7 @@ from deltac.cli import (
     study,
     sweep,
 )
+from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
@@ -146,6 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
             sys.exit(app(given, prog_name="deltac", standalone_mode=False))
     except ClickException as error:

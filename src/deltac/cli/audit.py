@@ -15,6 +15,7 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    PageFile,
     deliver,
     print_cases,
     print_json,
@@ -79,6 +80,7 @@ def command(
     time_limit: TimeLimit = None,
     retry_failed: RetryFailed = False,
     figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -90,9 +92,10 @@ def command(
     from deltac.fleets.audits import is_fleet
 
     fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
-    if (len(logs) > 1 or fleet) and (explain or explain_log or figure is not None or episode):
+    of_one = (explain, explain_log, figure is not None, page is not None, episode is not None)
+    if (len(logs) > 1 or fleet) and any(of_one):
         raise InputError(
-            "--explain, --explain-log, --episode and --figure are of one log; give one"
+            "--explain, --explain-log, --episode, --figure and --report are of one log; give one"
         )
     if fleet:
         from deltac.fleets.audits import folder_of, plan_audits
@@ -147,7 +150,7 @@ def command(
 
         with progress_bar("seeking causes"):
             explanations.append(explain_residual(model, log, mapping=mapping))
-    deliver(found, form, *explanations, name=str(log), figure=figure)
+    deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
 
 
 def _case(log: Path, judged: Callable[[Path], Report]) -> Case:

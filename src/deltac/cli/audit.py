@@ -21,7 +21,7 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
@@ -45,6 +45,14 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    draft_mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--draft-mapping",
+            metavar="FILE",
+            help="Only write a mapping to edit: what is recognised, guessed, missing.",
+        ),
+    ] = None,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
@@ -62,9 +70,14 @@ def command(
     Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
     several logs the worst, and 2 if one cannot be read.
     """
-    if len(logs) > 1 and (explain or explain_log or figure is not None):
-        raise InputError("--explain, --explain-log and --figure are of one log; give one")
+    if len(logs) > 1 and (explain or explain_log or draft_mapping or figure is not None):
+        raise InputError(
+            "--explain, --explain-log, --draft-mapping and --figure are of one log; give one"
+        )
     log = logs[0]
+    if draft_mapping is not None:
+        _draft(model, log, draft_mapping)
+        return
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
@@ -142,3 +155,22 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 
     rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
     print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
+
+
+def _draft(model: str, log: Path, path: Path) -> None:
+    """Write a mapping to edit, and say what is to be done with it."""
+    from deltac.files import appearing
+    from deltac.models import load_model
+    from deltac.trajectories import draft_mapping
+
+    if path.exists():
+        raise FileError(f"--draft-mapping {path}: the file exists already; give another name")
+    text = draft_mapping(log, load_model(model).mechanism)
+    with appearing(path, replace=False) as file:
+        file.write(text.encode())
+    missing, guessed = (text.count(f"  # {word}: ") for word in ("missing", "guessed"))
+    print(
+        f"{path}: {guessed} guessed, {missing} missing. "
+        + ("Say where these are, then: " if missing else "Look at it, then: ")
+        + f"deltac audit {model} {log} --mapping {path}"
+    )

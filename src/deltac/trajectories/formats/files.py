@@ -14,6 +14,7 @@ from deltac.errors import FileError, InputError, LimitError, UnknownName, closes
 from deltac.files import appearing, opened
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats import reading
 from deltac.trajectories.formats.delimited import read_csv, write_csv
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
@@ -53,6 +54,7 @@ _OPENSIM = Format(read_opensim, copies=12.0)
 FORMATS: Mapping[str, Format] = {
     ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
+    **dict.fromkeys((".tsv", ".txt", ".dat"), Format(read_csv, copies=6.0)),
     ".npz": Format(read_npz, write_npz),
     ".h5": _HDF5,
     ".hdf5": _HDF5,
@@ -113,11 +115,25 @@ def explain(
     mapping: LogMapping | str | Path | None = None,
     mechanism_names: MechanismNames | Mechanism | None = None,
 ) -> list[ColumnReading]:
-    """How `read_trajectory` reads each column of a file, without judging the values."""
+    """How `read_trajectory` reads each column of a file, without judging the values.
+
+    What is missing, or cannot be used, is a reading whose note says so.
+    """
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     known = as_mapping(mapping)
     with naming(path):
-        return interpret(read_raw(path), known, names)
+        return interpret(read_raw(path), known, names, lenient=True)
+
+
+def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism) -> str:
+    """A mapping file (TOML) for a log of another program: what is recognised, guessed and missing.
+
+    Raises InputError for a log that cannot be read, or is deltac's own.
+    """
+    with naming(path):
+        return reading.draft_mapping(
+            read_raw(path), MechanismNames.of(mechanism_names), Path(path).name
+        )
 
 
 def read_raw(path: str | Path) -> RawLog:

@@ -31,6 +31,7 @@ class RawLog:
     plain_names the format names coordinates without a prefix, and has columns of other kinds
     in_degrees  the file says that its angles are in degrees, but not which columns are angles
     skipped     what else is in the file -> a message that says why it is no column of numbers
+    scalars     single numbers in the file, such as a step
     """
 
     columns: Mapping[str, FloatArray]
@@ -40,6 +41,7 @@ class RawLog:
     plain_names: bool = False
     in_degrees: bool = False
     skipped: Mapping[str, str] = field(default_factory=dict)
+    scalars: Mapping[str, float] = field(default_factory=dict)
 
 
 def parse_header(text: str | bytes) -> Header:
@@ -101,6 +103,8 @@ class Collector:
         self.columns: dict[str, FloatArray] = {}
         self.units: dict[str, str] = {}
         self.skipped: dict[str, str] = {}
+        self.scalars: dict[str, float] = {}
+        self.meanings: dict[str, str] = {}
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
         """A column, or the columns ``name[0]``, ``name[1]``, … of an array (T, n)."""
@@ -110,10 +114,19 @@ class Collector:
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
         elif array.dtype.kind == "b":
             self.add(name, array.astype(np.float64), unit)
-        elif array.ndim == 0 or not array.size:
-            self.skip(name, "is a single number" if array.ndim == 0 else "is empty")
-        elif array.ndim > 2:
-            self.skip(name, f"has shape {array.shape}; expected (T,) or (T, n), time first")
+        elif array.size == 1:
+            self.scalars[name] = float(array.ravel()[0])
+            self.skip(name, "is a single number")
+        elif not array.size:
+            self.skip(name, "is empty")
+        elif array.ndim == 3 and 1 not in array.shape:
+            self.skip(
+                name,
+                f"has shape {array.shape}, perhaps of {len(array)} episodes; expected (T,) or (T, n), time "
+                "first: save one episode a file",
+            )
+        elif array.ndim > 2 and array.size > max(array.shape):
+            self.add(name, array.reshape([n for n in array.shape if n != 1]), unit)
         elif array.ndim == 2 and min(array.shape) > 1 and array.shape[1] > WIDEST:
             self.skip(name, f"has shape {array.shape}; time comes first: transpose it")
         elif array.ndim == 2 and min(array.shape) > 1:
@@ -134,7 +147,13 @@ class Collector:
 
     def log(self) -> RawLog:
         """What was gathered."""
-        return RawLog(self.columns, units=self.units, skipped=self.skipped)
+        return RawLog(
+            self.columns,
+            units=self.units,
+            meanings=self.meanings,
+            skipped=self.skipped,
+            scalars=self.scalars,
+        )
 
 
 # -- the layout of deltac's own logs in files of arrays ------------------------------------------

@@ -106,7 +106,9 @@ def si_unit(column: str, names: MechanismNames | None) -> str | None:
     if prefix == "q":
         return _coordinate_unit(name, names)
     if prefix == "force":
-        return {"rad/s": "N*m", "m/s": "N"}.get(_speed_unit(speed_of_force(name, names), names) or "")
+        return {"rad/s": "N*m", "m/s": "N"}.get(
+            _speed_unit(speed_of_force(name, names), names) or ""
+        )
     speed = _speed_unit(name, names)
     return f"{speed}^2" if speed and prefix == "udot" else speed
 

@@ -44,8 +44,9 @@ def write_csv(run: Trajectory, header: str, file: BinaryIO) -> None:
 def read_csv(path: Path) -> RawLog:
     """Every column, as numbers.
 
-    Of other programs' tables commas, semicolons, tabs and blanks separate columns, decimals may have commas, and
-    text may stand before the table; names may take several lines, of which the last may hold units.
+    Of other programs' tables commas, semicolons, tabs and blanks separate columns, decimals may have
+    commas, and text may stand before the table; names may take several lines, of which the last may hold
+    units.
     """
     data = _in_utf8(read_bytes(path))
     own = data.removeprefix(_BYTE_ORDER_MARK).startswith(_CSV_HEADER)
@@ -247,7 +248,9 @@ def _names_and_units(headers: list[list[str]], width: int) -> tuple[list[str], d
     if len(headers) > 1 and _all_units(headers[-1]):
         units = [text.strip("[]()") for text in headers.pop()]
     index = ""
-    if len(headers) > 1 and headers[-1][0] and not any(headers[-1][1:]):  # pandas names the index so
+    if (
+        len(headers) > 1 and headers[-1][0] and not any(headers[-1][1:])
+    ):  # pandas names the index so
         index = headers.pop()[0]
     for upper in headers[:-1]:  # merged cells stand in the first column
         for k in range(1, width):

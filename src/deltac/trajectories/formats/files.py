@@ -24,6 +24,8 @@ from deltac.trajectories.formats.opensim import read_opensim
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
+from deltac.trajectories.formats.records import read_json, read_json_lines
+from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
 from deltac.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -50,6 +52,7 @@ class Format:
 
 _HDF5 = Format(read_hdf5, write_hdf5)
 _OPENSIM = Format(read_opensim, copies=12.0)
+_BAG = Format(read_bag, copies=0.0)
 
 FORMATS: Mapping[str, Format] = {
     ".parquet": Format(read_parquet, write_parquet, copies=0.0),
@@ -59,6 +62,11 @@ FORMATS: Mapping[str, Format] = {
     ".h5": _HDF5,
     ".hdf5": _HDF5,
     ".mat": Format(read_mat, write_mat),
+    ".json": Format(read_json, copies=40.0),
+    ".jsonl": Format(read_json_lines, copies=40.0),
+    ".ndjson": Format(read_json_lines, copies=40.0),
+    ".mcap": _BAG,
+    ".bag": _BAG,
     ".sto": _OPENSIM,
     ".mot": _OPENSIM,
 }
@@ -138,8 +146,10 @@ def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism)
 
 def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
-    form = _format(path)
     source = Path(path)
+    if is_bag_folder(source):
+        return checked(read_bag(source))
+    form = _format(path)
     with opened(source) as file:
         start = file.read(4096)
         size = os.fstat(file.fileno()).st_size
@@ -162,8 +172,29 @@ def naming(path: str | Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+_REFUSED: Mapping[str, str] = {
+    **dict.fromkeys(
+        (".pkl", ".pickle", ".p", ".joblib", ".pt", ".pth"),
+        "pickles run code when they are read: save the arrays with numpy.savez(path, time=…, qpos=…, qvel=…)",
+    ),
+    **dict.fromkeys(
+        (".xlsx", ".xls", ".ods"), "spreadsheets are read as text: export the sheet as CSV"
+    ),
+    **dict.fromkeys(
+        (".db3", ".yaml"), "of a bag of ROS 2 give its folder, the one with metadata.yaml"
+    ),
+    ".slx": "this is a model of Simulink; log its run to a .mat file",
+    ".mldatx": "save the run of the Simulation Data Inspector as a .mat file",
+    ".osim": "this is a model of OpenSim; the log is a .sto or .mot file",
+    ".npy": "save times, coordinates and speeds in one file: numpy.savez(path, time=…, q=…, v=…)",
+}
+"""Files that users take for logs -> what to do instead."""
+
+
 def _format(path: str | Path, writing: bool = False) -> Format:
     suffix = Path(path).suffix.lower()
+    if suffix in _REFUSED and not writing:
+        raise FileError(f"{path}: {_REFUSED[suffix]}")
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"

@@ -205,10 +205,14 @@ class _Parser:
             if name not in _SOURCE_KEYS:
                 raise self.error(f"{key}.{name}", f"unknown key{closest(name, _SOURCE_KEYS)}")
         if sum(name in value for name in ("column", "constant", "step")) != 1:
-            raise self.error(key, "expected either 'column' or 'constant' (or 'step', for the time)")
+            raise self.error(
+                key, "expected either 'column' or 'constant' (or 'step', for the time)"
+            )
         step = self.number(key, value, "step", 0.0) if "step" in value else None
         if step is not None and (key != "log.time" or step <= 0.0):
-            raise self.error(key, "'step' is the time from row to row (s), above zero, and of time alone")
+            raise self.error(
+                key, "'step' is the time from row to row (s), above zero, and of time alone"
+            )
         if not isinstance(value.get("column", ""), str):
             raise self.error(f"{key}.column", f"found {shown(value['column'])}, expected a name")
         written = value.get("unit")

@@ -34,8 +34,8 @@ _PURPOSES = {
 class ColumnReading:
     """How one column of a file is read: value in SI = `factor` × number + `offset`.
 
-    `column` is its name in the file (empty for a constant, and for times that are counted, where the number is
-    the row's), `meaning` its name in the log schema
+    `column` is its name in the file (empty for a constant, and for times that are counted, where the number
+    is the row's), `meaning` its name in the log schema
     (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
     from, or why the column is not used.
     """
@@ -57,8 +57,8 @@ def interpret(
 ) -> list[ColumnReading]:
     """How each column of the file is read.
 
-    Raises InputError for a mapping that does not fit the file, and for what is missing; if `lenient`, notes say
-    so instead.
+    Raises InputError for a mapping that does not fit the file, and for what is missing; if `lenient`, notes
+    say so instead.
     """
     if raw.header is not None:
         if mapping is not None:
@@ -89,7 +89,9 @@ def interpret(
             readings.append(ColumnReading(name, "", note=why))
     readings += [ColumnReading(n, "", note=why) for n, why in raw.skipped.items() if n not in used]
     told = {} if not lenient else missing
-    return [ColumnReading("", t, note=f"missing: {e}") for t, e in told.items()] + readings
+    return [
+        ColumnReading("", t, note=f"missing: {str(e).partition(' (')[0]}") for t, e in told.items()
+    ] + readings
 
 
 def to_trajectory(
@@ -129,19 +131,22 @@ def to_trajectory(
 def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
     """The columns (T,) of the log schema in SI units; InputError when their lengths differ."""
     columns: dict[str, FloatArray] = {}
-    counted = sorted((r for r in readings if r.meaning and r.column), key=lambda r: r.meaning != "time")
+    counted = sorted(
+        (r for r in readings if r.meaning and r.column), key=lambda r: r.meaning != "time"
+    )
     rows = len(raw.columns[counted[0].column]) if counted else None
     for reading in readings:
         if not reading.meaning:
             continue
         if not reading.column:
-            columns[reading.meaning] = reading.factor * np.arange(rows or 0) + reading.offset
+            counted_rows = np.arange(rows or 0, dtype=np.float64)
+            columns[reading.meaning] = reading.factor * counted_rows + reading.offset
             continue
         values = raw.columns[reading.column]
         if rows is not None and len(values) != rows:
             raise LogError(
-                f"column {reading.column!r} has {len(values)} values, {counted[0].column!r} has {rows}; expected "
-                "one for each time. Export all signals at the same sample times."
+                f"column {reading.column!r} has {len(values)} values, {counted[0].column!r} has {rows}; "
+                "expected one for each time. Export all signals at the same sample times."
             )
         same = reading.factor == 1.0 and reading.offset == 0.0
         columns[reading.meaning] = values if same else reading.factor * values + reading.offset
@@ -231,11 +236,14 @@ def _missing(
 ) -> InputError:
     taken = {source.column for source in sources.values()}
     unused = [name for name in raw.columns if name not in taken]
-    hint = f"; did you mean {guess.column!r}?" if guess and guess.column else closest(target, unused)
+    hint = (
+        f"; did you mean {guess.column!r}?" if guess and guess.column else closest(target, unused)
+    )
     if "did you mean" not in hint and "." in target:
         hint = closest(target.partition(".")[2], unused)
     return LogError(
-        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a mapping file which "
+        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a mapping "
+        f"file which "
         f"column it is, or that it is constant: {_line(target, guess, unused)}; deltac audit MODEL LOG "
         f"--draft-mapping map.toml writes one to edit{_also(raw)}"
     )
@@ -296,7 +304,9 @@ def _reading(
     else:
         factor = _factor(target, written, si, source, column)
     if source.step is not None:
-        return ColumnReading("", target, written or "", factor * source.step, 0.0, "counted from row to row")
+        return ColumnReading(
+            "", target, written or "", factor * source.step, 0.0, "counted from row to row"
+        )
     if source.constant is not None:
         value = factor * (source.sign * source.constant + source.offset)
         return ColumnReading("", target, written or "", 0.0, value, "constant")
@@ -368,12 +378,14 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 
 
 def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
-    """A mapping file for a foreign log: what is recognised, what is guessed, and what is missing, by comments.
+    """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
 
     Raises InputError for a log of deltac's own, which needs none.
     """
     if raw.header is not None:
-        raise InputError("the log has deltac's own metadata, which say all that a mapping could; it needs none")
+        raise InputError(
+            "the log has deltac's own metadata, which say all that a mapping could; it needs none"
+        )
     sources, _ = _sources(raw, None, names)
     found = {one.target: one for one in recognise(raw, names)}
     speeds = any(target.startswith("u.") for target in [*sources, *found])
@@ -394,14 +406,19 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
             used.add(column)
             si = si_unit(target, names)
             unit_text = raw.units.get(column) or column_unit(column, si)
-            entry = f"column = {_quoted(column)}" + (f", unit = {_quoted(unit_text)}" if unit_text else "")
+            entry = f"column = {_quoted(column)}" + (
+                f", unit = {_quoted(unit_text)}" if unit_text else ""
+            )
             why = one.why if one is not None else "a name of its format"
             sure = source is not None or (one is not None and one.certain)
             told = why if sure else f"guessed: {why}"
-            line = f"{key} = {{ {entry} }}  # {told}" + ("" if unit_text else f"; {si or 'SI'} assumed")
+            line = f"{key} = {{ {entry} }}  # {told}" + (
+                "" if unit_text else f"; {si or 'SI'} assumed"
+            )
         tables.setdefault(table, []).append(line)
     lines = [
-        f"# A draft by deltac of the mapping for {title}: look at what is guessed, and at units that are assumed.",
+        f"# A draft by deltac of the mapping for {title}: look at what is guessed, and at units that are "
+        f"assumed.",
         f"# {LEGEND}",
     ]
     for table, entries in tables.items():
@@ -413,7 +430,10 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-LEGEND = "An entry is name = { column = …, unit = …, sign = -1, offset = … } or { constant = … }; see docs/logs.md"
+LEGEND = (
+    "An entry is name = { column = …, unit = …, sign = -1, offset = … } or { constant = … }; see "
+    "docs/logs.md"
+)
 MOST_UNUSED = 200
 
 
@@ -425,7 +445,13 @@ def _place(kind: str, name: str, names: MechanismNames) -> tuple[str, str]:
         speed = speed_of_force(name, names)
         channel = name.removesuffix(f".{speed}")
         return f"forces.{_quoted(channel)}", _quoted(speed)
-    tables = {"q": "coordinates", "u": "speeds", "udot": "accelerations", "work": "works", "integral": "integrals"}
+    tables = {
+        "q": "coordinates",
+        "u": "speeds",
+        "udot": "accelerations",
+        "work": "works",
+        "integral": "integrals",
+    }
     return tables[kind], _quoted(name)
 
 

@@ -22,7 +22,9 @@ from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.units import column_unit, converts, without_unit
 
 WORDS: Mapping[str, frozenset[str]] = {
-    "q": frozenset("q qpos pos position positions angle angles value theta disp displacement p".split()),
+    "q": frozenset(
+        "q qpos pos position positions angle angles value theta disp displacement p".split()
+    ),
     "u": frozenset(
         "qd dq qdot qvel vel vels velocity velocities speed speeds rate omega w v dot angvel".split()
     ),
@@ -31,32 +33,53 @@ WORDS: Mapping[str, frozenset[str]] = {
     ),
     "force": frozenset("tau torque torques trq effort efforts moment".split()),
 }
-"""Words that say what of a joint a column is. Single letters are those of Simscape's primitives: q, w, b, p, v."""
+"""Words that say what of a joint a column is. Single letters are those of Simscape's primitives: q, w, b,
+p, v."""
 
 NEUTRAL = frozenset(
-    "joint joints jnt coord coordinate coordinates state states data robot sim simulated meas measured actual real "
-    "signal signals values series simlog simout logsout out log jointset rx ry rz px py pz linear sensor jointstates "
+    "joint joints jnt coord coordinate coordinates state states data robot sim simulated meas measured "
+    "actual real "
+    "signal signals values series simlog simout logsout out log jointset rx ry rz px py pz linear sensor "
+    "jointstates "
     "jointstate body link motor dof".split()
 )
 """Words that say nothing of it."""
 
-TIMES = frozenset("time t tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo temps".split())
-NO_TIMES = frozenset("wall cpu solve compute real delta dt step d duration sampling scheduled plan".split())
+TIMES = frozenset(
+    "time t tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo temps".split()
+)
+NO_TIMES = frozenset(
+    "wall cpu solve compute real delta dt step d duration sampling scheduled plan".split()
+)
 """Words of columns that are times, but not of the samples."""
 
 STEPS = frozenset("dt timestep ts h sampletime samplingtime sample period deltat".split())
 RATES = frozenset("fs hz rate frequency freq samplerate samplingrate fps".split())
 """Names of single numbers that are the time between rows, s, and rows in a second."""
 
-_GREEK = {"θ": "theta", "ϑ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "α": "alpha", "τ": "tau", "ψ": "psi"}
+_GREEK = {
+    "θ": "theta",
+    "ϑ": "theta",
+    "φ": "phi",
+    "ϕ": "phi",
+    "ω": "omega",
+    "α": "alpha",
+    "τ": "tau",
+    "ψ": "psi",
+}
 _DOTS = {"\u0307": " dot ", "\u0308": " ddot "}
-_LAYOUTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("q", ("qpos", "q", "positions", "position", "pos", "jointpos", "jointpositions", "dofpos")),
-    ("u", ("qvel", "v", "u", "qd", "dq", "qdot", "velocities", "velocity", "vel", "jointvel", "jointvelocities", "dofvel")),
-    ("udot", ("qacc", "vdot", "qdd", "ddq", "udot", "qddot", "a", "accelerations", "acceleration")),
-    ("force", ("tau", "torque", "torques", "effort", "efforts", "jointtorques", "appliedtorques")),
-    ("x", ("x", "xout", "state", "states", "yout", "y", "xs", "ys", "trajectory", "sol")),
-)  # fmt: skip
+_LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
+    (kind, frozenset(several.split()))
+    for kind, several in (
+        ("q", "qpos q positions position pos jointpos jointpositions dofpos"),
+        ("u", "qvel v u qd dq qdot velocities velocity vel jointvel jointvelocities dofvel"),
+        ("udot", "qacc vdot qdd ddq udot qddot a accelerations acceleration"),
+        ("force", "tau torque torques effort efforts jointtorques appliedtorques"),
+        ("x", "x xout state states yout y xs ys trajectory sol"),
+    )
+)
+"""Names of arrays: of coordinates, speeds, accelerations, forces, and of coordinates and speeds in one."""
+
 CLOSE, ALMOST = 0.75, 0.85
 """Similarity of two names, and of whole columns, from which on one may be a slip of the other."""
 
@@ -65,8 +88,8 @@ CLOSE, ALMOST = 0.75, 0.85
 class Recognised:
     """A column that is taken for `target`, a column of the log schema, and why.
 
-    A guess, which is not `certain`, is only written into a draft. `step` (s): the time between rows, where the
-    times follow from that.
+    A guess, which is not `certain`, is only written into a draft. `step` (s): the time between rows, where
+    the times follow from that.
     """
 
     target: str
@@ -112,7 +135,8 @@ def _words(name: str) -> tuple[str, ...]:
     text = unicodedata.normalize("NFC", name)
     plain = []
     for letter in text:
-        base, *marks = unicodedata.normalize("NFD", letter)
+        parts = unicodedata.normalize("NFD", letter)
+        base, marks = parts[:1], parts[1:]
         # ẋ has a dot; ü has two, and is no second derivative.
         dots = "".join(_DOTS.get(m, "") for m in marks if base.lower() not in "aeiou")
         plain.append(f" {_GREEK[base]} {dots}" if base in _GREEK else base + dots)
@@ -128,7 +152,9 @@ def _time(raw: RawLog, named: Named) -> Iterator[Recognised]:
     times = [
         column
         for column, words in named.items()
-        if any(map(_is_time, words)) and len(raw.columns[column]) and np.all(np.diff(raw.columns[column]) > 0.0)
+        if any(map(_is_time, words))
+        and len(raw.columns[column])
+        and np.all(np.diff(raw.columns[column]) > 0.0)
     ]
     exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(named[c])]
     several = exact or times
@@ -200,7 +226,7 @@ def _of_speed(speed: str, names: MechanismNames) -> dict[str, str]:
 
 
 def force_channel(speed: str, names: MechanismNames) -> str:
-    """The channel of a motor's generalized force on a speed: that of the model's motor there, if it has one."""
+    """The channel of a motor's force on a speed: that of the model's motor there, if it has one."""
     return names.motors.get(speed, f"actuator {speed}")
 
 
@@ -213,7 +239,7 @@ def _by_words(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recogn
             for words in readings
             for joint in joints
             if (left := _without(words, joint.words)) is not None
-            and (kind := _kind(left)) in joint.targets
+            if (kind := _kind(left)) is not None and kind in joint.targets
         ]
         most = max((count for count, _ in found), default=0)
         targets = {target for count, target in found if count == most}
@@ -307,7 +333,7 @@ def _key(group: str) -> str:
 
 
 def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
-    """Columns with consecutive numbers, as many as the mechanism has entries: q1, q2, … or joint_0_vel, …"""
+    """Columns with consecutive numbers, as many as the mechanism has entries, such as q1 and q2."""
     groups: dict[tuple[str, ...], dict[int, str]] = {}
     for column, (words, *_) in named.items():
         places = [k for k, word in enumerate(words) if word.isdigit()]
@@ -363,7 +389,10 @@ def _slips(
         for target in _targets(names)[kind]:
             if target not in found:
                 name = target.partition(".")[2]
-                scores = [(_likeness(column, named[column][0], target, name, kind), column) for column in free]
+                scores = [
+                    (_likeness(column, named[column][0], target, name, kind), column)
+                    for column in free
+                ]
                 best = max(scores, default=(0.0, ""))
                 if best[0] >= CLOSE:
                     yield Recognised(target, best[1], "its name is close", certain=False)
@@ -381,7 +410,9 @@ def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: s
     return best
 
 
-def _in_order(raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]) -> Iterator[Recognised]:
+def _in_order(
+    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
+) -> Iterator[Recognised]:
     """A table without names that is as wide as time, coordinates and speeds."""
     columns = list(raw.columns)
     targets = ["time", *_targets(names)["x"]]
@@ -390,7 +421,9 @@ def _in_order(raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised
     first = raw.columns[columns[0]]
     if np.all(np.diff(first) > 0.0):
         for target, column in zip(targets, columns, strict=True):
-            yield Recognised(target, column, "by the order time, coordinates, speeds", certain=False)
+            yield Recognised(
+                target, column, "by the order time, coordinates, speeds", certain=False
+            )
 
 
 _NAMELESS = re.compile(r"column \d+|.*\[\d+\]")

@@ -105,14 +105,32 @@ def unit(text: str) -> Unit:
 
 
 _SUFFIXES = {
-    "deg s": "deg/s", "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg sec": "deg/s", "deg s2": "deg/s^2",
-    "deg s 2": "deg/s^2", "rad s": "rad/s", "rads": "rad/s", "radps": "rad/s", "rad sec": "rad/s",
-    "rad s2": "rad/s^2", "rad s 2": "rad/s^2", "radps2": "rad/s^2", "m s": "m/s", "mps": "m/s", "m s2": "m/s^2",
-    "m s 2": "m/s^2", "mps2": "m/s^2", "mm s": "mm/s", "cm s": "cm/s", "n m": "N*m", "nm": "N*m", "n mm": "N*mm",
-    "nmm": "N*mm", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad",
-    "rpm": "rpm", "mm": "mm", "cm": "cm", "m": "m", "n": "N", "s": "s", "sec": "s", "secs": "s", "seconds": "s",
-    "ms": "ms", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
-}  # fmt: skip
+    words: written
+    for written, several in {
+        "deg/s": "deg s;degs;degps;dps;deg sec",
+        "deg/s^2": "deg s2;deg s 2",
+        "rad/s": "rad s;rads;radps;rad sec",
+        "rad/s^2": "rad s2;rad s 2;radps2",
+        "m/s": "m s;mps",
+        "m/s^2": "m s2;m s 2;mps2",
+        "mm/s": "mm s",
+        "cm/s": "cm s",
+        "N*m": "n m;nm",
+        "N*mm": "n mm;nmm",
+        "deg": "deg;degree;degrees;grad",
+        "rad": "rad;radians",
+        "rpm": "rpm",
+        "mm": "mm",
+        "cm": "cm",
+        "m": "m",
+        "N": "n",
+        "s": "s;sec;secs;seconds",
+        "ms": "ms;msec",
+        "us": "us;usec",
+        "ns": "ns;nsec",
+    }.items()
+    for words in several.split(";")
+}
 """Units at the end of names, as words: ``elbow_deg_s``."""
 
 _BRACKETS = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}]\s*$")

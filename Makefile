@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs clean
+	bench-correction bench-explain fuzz torture docs web check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -46,6 +46,17 @@ types: $(DEV)  ## types: mypy, strict
 
 layers: $(DEV)  ## the direction of imports
 	$(VENV)/bin/lint-imports
+
+NPM := npm --prefix web --silent
+web/node_modules: web/package.json web/package-lock.json
+	$(NPM) ci --no-audit --no-fund
+	@touch $@
+
+web: web/node_modules  ## bundle the page's script into the package (needs node)
+	$(NPM) run build
+
+check-web: web/node_modules  ## the page's types, and that the committed bundle is a fresh build (needs node)
+	$(NPM) run check
 
 check: lint types layers test-casadi test  ## all of the checks, as in continuous integration
 

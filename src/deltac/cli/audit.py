@@ -15,6 +15,7 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    PageFile,
     deliver,
     print_cases,
     print_json,
@@ -62,6 +63,7 @@ def command(
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
     ] = False,
     figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -70,9 +72,10 @@ def command(
     Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
     several logs the worst, and 2 if one cannot be read.
     """
-    if len(logs) > 1 and (explain or explain_log or draft_mapping or figure is not None):
+    one_log = (explain, explain_log, draft_mapping, figure, page)
+    if len(logs) > 1 and any(one_log):
         raise InputError(
-            "--explain, --explain-log, --draft-mapping and --figure are of one log; give one"
+            "--explain, --explain-log, --draft-mapping, --figure and --report are of one log; give one"
         )
     log = logs[0]
     if draft_mapping is not None:
@@ -108,7 +111,7 @@ def command(
 
         with progress_bar("seeking causes"):
             explanations.append(explain_residual(model, log, mapping=mapping))
-    deliver(found, form, *explanations, name=str(log), figure=figure)
+    deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
 
 
 def _case(log: Path, judged: Callable[[Path], Report]) -> Case:

@@ -80,8 +80,10 @@ from deltac.recorders import BoundExceeded as BoundExceeded
 from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
+from deltac.recorders import record_pinocchio as record_pinocchio
 from deltac.recorders import run_mujoco as run_mujoco
 from deltac.repair import Fix as Fix
 from deltac.repair import Repair as Repair

@@ -30,7 +30,7 @@ from deltac.cli.sweep import (
     deliver_fleet,
     fleet_progress,
 )
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
@@ -58,6 +58,14 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    draft_mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--draft-mapping",
+            metavar="FILE",
+            help="Only write a mapping to edit: what is recognised, guessed, missing.",
+        ),
+    ] = None,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
@@ -92,10 +100,11 @@ def command(
     from deltac.fleets.audits import is_fleet
 
     fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
-    of_one = (explain, explain_log, figure is not None, page is not None, episode is not None)
+    of_one = (explain, explain_log, draft_mapping, figure, page, episode)
     if (len(logs) > 1 or fleet) and any(of_one):
         raise InputError(
-            "--explain, --explain-log, --episode, --figure and --report are of one log; give one"
+            "--explain, --explain-log, --draft-mapping, --episode, --figure and --report are of one log; "
+            "give one"
         )
     if fleet:
         from deltac.fleets.audits import folder_of, plan_audits
@@ -113,6 +122,9 @@ def command(
             )
         deliver_fleet(result, form.unless(as_json))
     log = Path(logs[0])
+    if draft_mapping is not None:
+        _draft(model, log, draft_mapping)
+        return
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
@@ -197,3 +209,22 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 
     rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
     print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
+
+
+def _draft(model: str, log: Path, path: Path) -> None:
+    """Write a mapping to edit, and say what is to be done with it."""
+    from deltac.files import appearing
+    from deltac.models import load_model
+    from deltac.trajectories import draft_mapping
+
+    if path.exists():
+        raise FileError(f"--draft-mapping {path}: the file exists already; give another name")
+    text = draft_mapping(log, load_model(model).mechanism)
+    with appearing(path, replace=False) as file:
+        file.write(text.encode())
+    missing, guessed = (text.count(f"  # {word}: ") for word in ("missing", "guessed"))
+    print(
+        f"{path}: {guessed} guessed, {missing} missing. "
+        + ("Say where these are, then: " if missing else "Look at it, then: ")
+        + f"deltac audit {model} {log} --mapping {path}"
+    )

@@ -11,7 +11,7 @@ import math
 import os
 import struct
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -26,6 +26,7 @@ from deltac.trajectories.formats.raw import (
     RawLog,
     damage_named,
     from_arrays,
+    labelled,
     parse_header,
     to_arrays,
 )
@@ -86,8 +87,12 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
         if header.dtype.kind != "U" or header.size != 1:
             raise LogError("the deltac metadata are no text; write the log again")
         return from_arrays(arrays, parse_header(str(header[()])) or {})
-    for name, values in arrays.items():
-        collector.add(name, values)
+    for name, values in labelled(arrays).items():
+        if isinstance(values, Mapping):
+            for column, numbers in values.items():
+                collector.add(f"{name}.{column}", numbers)
+        else:
+            collector.add(name, values)
     return collector.log()
 
 

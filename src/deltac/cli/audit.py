@@ -22,6 +22,14 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
+from deltac.cli.sweep import (
+    RetryFailed,
+    Scheduler,
+    TimeLimit,
+    Workers,
+    deliver_fleet,
+    fleet_progress,
+)
 from deltac.errors import FileError, InputError
 from deltac.results import Report, Table, number, plain
 
@@ -32,7 +40,11 @@ if TYPE_CHECKING:
 def command(
     model: Model,
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG", help="Logs of its motion, one or more.")
+        list[str],
+        typer.Argument(
+            metavar="LOG",
+            help="Logs of its motion: files, folders, patterns, URLs; see docs/fleets.md.",
+        ),
     ],
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
@@ -62,6 +74,19 @@ def command(
         bool,
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
     ] = False,
+    episode: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Judge this episode of a batched log alone.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Keep a table of many logs there; what is there is not done again."
+        ),
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    time_limit: TimeLimit = None,
+    retry_failed: RetryFailed = False,
     figure: FigureFile = None,
     page: PageFile = None,
     form: Format = Form.text,
@@ -72,12 +97,31 @@ def command(
     Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
     several logs the worst, and 2 if one cannot be read.
     """
-    one_log = (explain, explain_log, draft_mapping, figure, page)
-    if len(logs) > 1 and any(one_log):
+    from deltac.fleets.audits import is_fleet
+
+    fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
+    of_one = (explain, explain_log, draft_mapping, figure, page, episode)
+    if (len(logs) > 1 or fleet) and any(of_one):
         raise InputError(
-            "--explain, --explain-log, --draft-mapping, --figure and --report are of one log; give one"
+            "--explain, --explain-log, --draft-mapping, --episode, --figure and --report are of one log; "
+            "give one"
         )
-    log = logs[0]
+    if fleet:
+        from deltac.fleets.audits import folder_of, plan_audits
+        from deltac.fleets.spec import Execution
+
+        plan = plan_audits(
+            model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+        )
+        execution = Execution().overridden(
+            workers=workers, scheduler=scheduler, time_limit=time_limit
+        )
+        with fleet_progress("audits", len(plan.logs)) as progress:
+            result = plan.run(
+                folder_of(plan, out), execution, retry_failed=retry_failed, progress=progress
+            )
+        deliver_fleet(result, form.unless(as_json))
+    log = Path(logs[0])
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)
         return
@@ -100,11 +144,18 @@ def command(
             cases = []
             for k, each in enumerate(logs):
                 progress(k / len(logs))
-                cases.append(_case(each, judged))
+                cases.append(_case(Path(each), judged))
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
+    judged_log: Any = log
+    if episode is not None:
+        from deltac.fleets.episodes import read_episode
+
+        judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
     with progress_bar(f"auditing {log.name}"):
-        found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
+        found = audit(
+            model, judged_log, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+        )
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual

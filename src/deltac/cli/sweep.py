@@ -96,7 +96,6 @@ def command(
         raise InputError(
             f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
         )
-    from deltac.fleets.spec import Execution
     from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan
 
     made = plan_sweep(str(plan))
@@ -104,15 +103,13 @@ def command(
         (row,) = run_only(made, only).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    given = {
-        "workers": workers,
-        "scheduler": scheduler,
-        "time_limit": time_limit,
-        "retries": retries,
-        "chunk": chunk,
-    }
-    asked = {name: value for name, value in given.items() if value is not None}
-    execution = Execution.model_validate({**made.spec.execution.model_dump(), **asked})
+    execution = made.spec.execution.overridden(
+        workers=workers,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        retries=retries,
+        chunk=chunk,
+    )
     with fleet_progress("runs", len(made.addresses)) as progress:
         fleet = run_plan(
             made,

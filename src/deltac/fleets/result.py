@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltac.fleets.runs import FAILED
+from deltac.fleets.rows import FAILED
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
 
@@ -40,6 +40,7 @@ class Fleet(Report):
         total: how many rows it has to have; `done`: how many it has, with those that failed.
         verdicts: how many rows have each verdict; "failed": those that could not be made.
         aside: how many of the failed were set aside since their process died, hung or went wrong.
+        exit_codes: those that rows have, each once.
         worst: the worst rows: failed ones, then by the energy error as a fraction.
     """
 
@@ -50,14 +51,18 @@ class Fleet(Report):
     done: int
     verdicts: Mapping[str, int]
     aside: int
+    exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command line: 2 some failed, 1 some are wrong, 3 some are unresolved, else 0."""
+        """Exit code of the command line: 2 some failed, 1 some are wrong, 3 some are unresolved, else 0.
+
+        Of audits as for `audit`: a mistake that stays within the tolerance is named, and is 0.
+        """
         if self.done < self.total:
             return 3
-        return next((EXIT_CODES[v] for v in WORST_FIRST if self.verdicts.get(v)), 0)
+        return worst_code(self.exit_codes)
 
     @property
     def frame(self) -> polars.DataFrame:
@@ -70,8 +75,18 @@ class Fleet(Report):
         return Store.open(self.folder).rows()
 
     def groups(self) -> tuple[Group, ...]:
-        """The rows of each setting: model, solver and step."""
+        """The rows of each setting: model, solver and step; of audits each log, or episode."""
         frame = self.frame
+        if self.kind == "audit":
+            return tuple(
+                Group(
+                    " ".join(filter(None, (row["log"], row["episode"]))),
+                    {row["verdict"]: 1},
+                    (int(row["exit_code"]),),
+                    ({n: row[n] for n in ("verdict", "relative", "findings", "message")},),
+                )
+                for row in frame.iter_rows(named=True)
+            )
         keys = [n for n in ("model", "solver", "step", "duration") if n in frame.columns]
         if not keys or not len(frame):
             return ()
@@ -80,6 +95,7 @@ class Fleet(Report):
             Group(
                 ", ".join(str(part.row(0, named=True)[n]) for n in several),
                 _counted(part),
+                _exit_codes(part),
                 _worst(part, 1),
             )
             for part in frame.partition_by(keys, maintain_order=True)
@@ -128,12 +144,13 @@ class Group(Report):
 
     name: str
     verdicts: Mapping[str, int]
+    exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
 
     @property
     def exit_code(self) -> int:
         """As of a fleet."""
-        return next((EXIT_CODES[v] for v in WORST_FIRST if self.verdicts.get(v)), 0)
+        return worst_code(self.exit_codes)
 
     def summary(self) -> str:
         """The worst verdict, and how many of each."""
@@ -154,7 +171,18 @@ def _counted(frame: polars.DataFrame) -> dict[str, int]:
     return {str(v): int(n) for v, n in frame["verdict"].value_counts(sort=True).iter_rows()}
 
 
-HIDDEN = ("details", "text", "report", "confidence", "findings", "seconds", "evaluations", "energy")
+def worst_code(codes: Iterable[int]) -> int:
+    """The exit code that hides the others."""
+    return min(codes, key=(2, 1, 3, 0).index, default=0)
+
+
+def _exit_codes(frame: polars.DataFrame) -> tuple[int, ...]:
+    if "exit_code" in frame.columns:
+        return tuple(sorted(int(code) for code in frame["exit_code"].drop_nulls().unique()))
+    return tuple(sorted({EXIT_CODES[verdict] for verdict in _counted(frame)}))
+
+
+HIDDEN = ("details", "text", "report", "confidence", "seconds", "evaluations", "energy")
 
 
 def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
@@ -186,6 +214,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
         done=len(frame),
         verdicts=_counted(frame),
         aside=len(store.aside()),
+        exit_codes=_exit_codes(frame),
         worst=_worst(frame, SHOWN),
     )
 

@@ -86,6 +86,7 @@ from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
 from deltac.recorders import record_pinocchio as record_pinocchio
+from deltac.recorders import record_pybullet as record_pybullet
 from deltac.recorders import run_mujoco as run_mujoco
 from deltac.repair import Fix as Fix
 from deltac.repair import Repair as Repair

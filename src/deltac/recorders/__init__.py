@@ -16,6 +16,7 @@ from deltac.recorders.mujoco_recorder import (
     run_mujoco,
 )
 from deltac.recorders.pinocchio_recorder import PinocchioRecorder, record_pinocchio
+from deltac.recorders.pybullet_recorder import PybulletRecorder, record_pybullet
 
 __all__ = [
     "BoundExceeded",
@@ -26,6 +27,7 @@ __all__ = [
     "MujocoRecorder",
     "MujocoSimulator",
     "PinocchioRecorder",
+    "PybulletRecorder",
     "TrajectoryBuilder",
     "integrator_names",
     "mujoco_simulator",
@@ -33,5 +35,6 @@ __all__ = [
     "record_exudyn",
     "record_mujoco",
     "record_pinocchio",
+    "record_pybullet",
     "run_mujoco",
 ]

@@ -150,9 +150,13 @@ class Recorder:
             self._builder.add(t, q, u, udot, forces)
 
     def _step(
-        self, before: tuple[float, Array, Array], after: tuple[float, Array, Array], forces: Forces
+        self,
+        before: tuple[float, Array, Array],
+        after: tuple[float, Array, Array],
+        forces: Forces,
+        udot: Array | None = None,
     ) -> None:
-        """A step between two states, with forces that were held over it."""
+        """A step between two states, with forces held over it; u̇ is that of the speeds by default."""
         if self.monitor is not None:
             # What corrected the step is the integrator's, and is not excused.
             acted = {n: f for n, f in forces.items() if not n.startswith("correction ")}
@@ -160,7 +164,8 @@ class Recorder:
                 self.monitor.update(*before, held=acted)
             self.monitor.update(*after, held=acted)
         else:
-            udot = (after[2] - before[2]) / (after[0] - before[0])
+            if udot is None:
+                udot = (after[2] - before[2]) / (after[0] - before[0])
             self._builder.add(*before, udot, forces)
 
     def _trajectory(self, provenance: Provenance) -> Trajectory:

@@ -50,6 +50,8 @@ from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
 from deltac.fleets.audits import audit_many as audit_many
+from deltac.fleets.compare import Comparison as Comparison
+from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep

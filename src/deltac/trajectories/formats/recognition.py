@@ -9,6 +9,7 @@ happened. Arrays are known by their name and their width. What is there twice is
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -110,7 +111,8 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
                 found[one.target] = one
                 taken.add(one.column)
 
-    named = {column: _readings(column) for column in raw.columns}
+    common = _common_path(list(raw.columns))
+    named = {column: _readings(column, common) for column in raw.columns}
     take(_time(raw, named))
     take(_unique(_by_words(named, names)))
     take(_by_width(raw, names))
@@ -126,8 +128,16 @@ Named: TypeAlias = "Mapping[str, tuple[tuple[str, ...], ...]]"
 """Column -> its words, with and without what may be a unit at its end."""
 
 
-def _readings(column: str) -> tuple[tuple[str, ...], ...]:
+def _readings(column: str, common: str) -> tuple[tuple[str, ...], ...]:
+    column = column.removeprefix(common)
     return tuple(dict.fromkeys((_words(without_unit(column)), _words(column))))
+
+
+def _common_path(columns: Sequence[str]) -> str:
+    """What all names with a path have before them: the name of a variable, a topic, or a model."""
+    paths = [column for column in columns if re.search(r"[^./][./]", column)]
+    common = os.path.commonprefix(paths) if len(paths) > 1 else ""
+    return common[: max(common.rfind("."), common.rfind("/")) + 1]
 
 
 def _words(name: str) -> tuple[str, ...]:
@@ -167,7 +177,7 @@ def _time(raw: RawLog, named: Named) -> Iterator[Recognised]:
 def _is_time(words: tuple[str, ...]) -> bool:
     if not words or NO_TIMES & set(words[:-1]):
         return False
-    return words[-1] in ("time", "timestamp", "tout", "stamp") or (
+    return words[-1] in ("time", "times", "timestamp", "timestamps", "tout", "stamp") or (
         set(words) <= TIMES | NEUTRAL and bool(set(words) & (TIMES - {"sec"}))
     )
 

@@ -48,8 +48,8 @@ class BatchRecorder:
 
     A row is the state before a step with the forces of the step, in groups: ``actuator all``,
     ``constraint all`` (contacts, limits, friction loss, equalities) and ``applied all`` (applied forces,
-    fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit integrator adds is
-    ``correction implicit``, as for `record_mujoco`.
+    fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit
+    integrator adds is ``correction implicit``, as for `record_mujoco`.
     """
 
     def __init__(self, model: Model, data: Batch, worlds: Sequence[int] | None) -> None:

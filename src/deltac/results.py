@@ -425,7 +425,9 @@ class Report(Record, Shown):
         """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
         return headed(type(self).__name__, self.contents())
 
-    def report(self, path: str | PurePath, *, model: Any = None, run: Any = None) -> None:
+    def report(
+        self, path: str | PurePath, *, model: Any = None, run: Any = None, equations: Any = None
+    ) -> None:
         """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
 
         The page needs no network. It takes the place of a file of that name once it is complete.
@@ -434,11 +436,14 @@ class Report(Record, Shown):
             path: where to, ending in ``.html``.
             model: whose motion is shown, for results that hold none; what every verb takes.
             run: the Trajectory that is shown, likewise.
+            equations: those that were checked, to show their motion beside the model's.
 
         Raises:
             InputError: another ending, a folder that does not exist or cannot be written to.
         """
-        import_module("deltac.report.page").write_report(self, path, model=model, run=run)
+        import_module("deltac.report.page").write_report(
+            self, path, model=model, run=run, equations=equations
+        )
 
     def _repr_html_(self) -> str:
         told = told_findings(f for f in self.findings if f.weight != "note")

@@ -2,7 +2,7 @@
 
 import "uplot/dist/uPlot.min.css";
 import "./page.css";
-import { flows, logPlot } from "./charts";
+import { bars, flows, logPlot } from "./charts";
 import { Clock } from "./clock";
 import { read, type Page, type Part } from "./data";
 import { el, icon, save } from "./dom";
@@ -34,6 +34,7 @@ function draw(part: Part): HTMLElement {
       return plot.element;
     }
     case "points": return logPlot(part);
+    case "bars": return bars(part);
     case "flows": return flows(part);
     case "table": return grid(part);
     case "words": return words(part);

@@ -426,7 +426,13 @@ class Report(Record, Shown):
         return headed(type(self).__name__, self.contents())
 
     def report(
-        self, path: str | PurePath, *, model: Any = None, run: Any = None, equations: Any = None
+        self,
+        path: str | PurePath,
+        *more: Report,
+        model: Any = None,
+        run: Any = None,
+        equations: Any = None,
+        command: str = "",
     ) -> None:
         """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
 
@@ -434,15 +440,17 @@ class Report(Record, Shown):
 
         Args:
             path: where to, ending in ``.html``.
+            more: further reports of the same thing, such as the repair of equations that were checked.
             model: whose motion is shown, for results that hold none; what every verb takes.
             run: the Trajectory that is shown, likewise.
             equations: those that were checked, to show their motion beside the model's.
+            command: how it was made, for whoever wants to repeat it.
 
         Raises:
             InputError: another ending, a folder that does not exist or cannot be written to.
         """
         import_module("deltac.report.page").write_report(
-            self, path, model=model, run=run, equations=equations
+            self, path, *more, model=model, run=run, equations=equations, command=command
         )
 
     def _repr_html_(self) -> str:

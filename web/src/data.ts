@@ -29,7 +29,7 @@ export interface Flows { kind: "flows"; title: string; flows: Flow[]; note: stri
 export interface Grid { kind: "table"; title: string; heads: string[]; rows: string[][]; numeric: boolean[]; folded: boolean }
 export interface Words { kind: "words"; title: string; paragraphs: string[]; folded: boolean }
 export interface Code { kind: "code"; title: string; text: string; first: number; wrong: number[]; diff: boolean; note: string }
-export interface Links { kind: "links"; title: string; entries: [string, string, string, string][] }
+export interface Links { kind: "links"; title: string; entries: [string, string, string, string, string][] }
 export type Part = TimePlot | LogPlot | Bars | Flows | Grid | Words | Code | Links;
 
 export interface Finding {

@@ -87,8 +87,8 @@ function marked(all: string[], k: number): (Node | string)[] {
 
 export function links(part: Links): HTMLElement {
   return el("div", { class: "panel wide" }, part.title && el("h3", {}, part.title),
-    el("div", { class: "cards" }, ...part.entries.map(([href, title, note, path]) => el("a", { class: "card", href },
-      svg("svg", { viewBox: "0 0 230 130", "aria-hidden": "true" }, svg("path", { d: path })) as unknown as HTMLElement, el("b", {}, title), el("span", {}, note)))));
+    el("div", { class: "cards" }, ...part.entries.map(([href, title, note, path, trail]) => el("a", { class: "card", href },
+      svg("svg", { viewBox: "0 0 230 130", "aria-hidden": "true" }, svg("path", { d: trail, class: "trail" }), svg("path", { d: path })) as unknown as HTMLElement, el("b", {}, title), el("span", {}, note)))));
 }
 
 const WEIGHTS = { cause: "Cause", doubt: "Doubt", note: "Note" };

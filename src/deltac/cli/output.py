@@ -150,17 +150,7 @@ def deliver(
 
         write_figure(report.plot(), figure)
     if page is not None:
-        from deltac.report.page import write_report
-
-        write_report(
-            report,
-            page,
-            *more,
-            model=model,
-            run=run,
-            equations=equations,
-            command=COMMAND.get(),
-        )
+        report.report(page, *more, model=model, run=run, equations=equations, command=COMMAND.get())
     if form is Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
         written = {"figure": figure, "page": page}

@@ -150,8 +150,8 @@ def write_gallery(folder: Path, progress: Callable[[float], None] | None = None)
         about = f"{problem.title}. Source: {problem.source}"
         page = motion_page(mechanism, run, ledger, about)
         write_page(page, folder / f"{name}.html", f"deltac view {name}")
-        picture = sketch(page.scene) if isinstance(page.scene, Scene) else ""
-        cards.append((f"{name}.html", name, problem.title, picture))
+        drawn = sketch(page.scene) if isinstance(page.scene, Scene) else ("", "")
+        cards.append((f"{name}.html", name, problem.title, *drawn))
     index = Page(
         title="deltac",
         asked="Every problem of the library in motion, each with its energies.",
@@ -159,6 +159,6 @@ def write_gallery(folder: Path, progress: Callable[[float], None] | None = None)
         word="Gallery",
         sentence=f"{len(cards)} published problems; choose one.",
         chapters=(Chapter("The problems", (Link("", tuple(cards)),)),),
-        data={"problems": [name for _, name, _, _ in cards]},
+        data={"problems": [name for _, name, *_ in cards]},
     )
     write_page(index, folder / "index.html", "deltac problems --gallery")

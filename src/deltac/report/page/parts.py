@@ -273,10 +273,13 @@ class Code(Panel):
 
 @dataclass(frozen=True)
 class Link(Panel):
-    """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130)."""
+    """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130).
+
+    The sketch is of bodies, and of the paths of their ends.
+    """
 
     title: str
-    entries: tuple[tuple[str, str, str, str], ...]
+    entries: tuple[tuple[str, str, str, str, str], ...]
     kind = "links"
 
 

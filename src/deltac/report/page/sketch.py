@@ -10,16 +10,24 @@ from deltac.report.page.scene import Scene, turned
 WIDTH, HEIGHT, MARGIN = 230.0, 130.0, 12.0
 
 
-def sketch(scene: Scene, at: float = 0.35) -> str:
-    """The bodies at a share `at` of the run, in a picture 230 wide and 130 high, as path data.
+def sketch(scene: Scene, at: float = 0.35) -> tuple[str, str]:
+    """The bodies at a share `at` of the run, and the paths of their ends, as path data in 230 by 130.
 
-    Rods are lines, balls and discs circles, boxes and meshes the outline of their edges.
+    Rods and springs are lines, balls and discs circles, boxes and meshes the outline of their edges.
     """
     poses = scene.runs[0].poses.values
-    now = poses[int(at * (len(poses) - 1))]
+    frame = int(at * (len(poses) - 1))
+    now = poses[frame]
     lines = [turned(now[k], line) for k, line in _lines(scene)]
+    for tie in scene.ties:
+        if tie.kind != "loop":
+            lines.append(np.array([turned(now[k], np.array(point)) for k, point in tie.points]))
+    stride = max(1, len(poses) // 200)
+    before = poses[max(0, frame - len(poses) // 4) : frame + 1 : stride]
+    bodies = len(lines)
+    lines += [turned(before[:, k], np.array(point)) for k, point in scene.trails]
     if not lines:
-        return ""
+        return "", ""
     up, view = np.array(scene.up), np.array(scene.view)
     right = np.cross(up, view)
     right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.eye(3)[0]
@@ -30,9 +38,12 @@ def sketch(scene: Scene, at: float = 0.35) -> str:
     room = np.array([WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN])
     scale = float(np.min(room / np.maximum(high - low, 1e-9 + 0.05 * scene.size)))
     placed = [(line - (low + high) / 2) * scale + np.array([WIDTH, HEIGHT]) / 2 for line in drawn]
-    return "".join(
-        "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line) for line in placed if len(line) > 1
-    )
+    return _path(placed[:bodies]), _path(placed[bodies:])
+
+
+def _path(lines: list[Array]) -> str:
+    told = ("L".join(f"{x:.1f} {y:.1f}" for x, y in line) for line in lines if len(line) > 1)
+    return "".join(f"M{line}" for line in told)
 
 
 def _lines(scene: Scene) -> list[tuple[int, Array]]:
@@ -63,7 +74,7 @@ def _outline(kind: str, size: tuple[float, ...]) -> list[Array]:
     if kind == "cylinder":
         radius, length = size
         ends = [np.array([0.0, 0.0, s * length / 2]) for s in (-1.0, 1.0)]
-        return [_CIRCLE * radius + end for end in ends]
+        return [_CIRCLE * radius + end for end in ends] + [np.array(ends)] * (length > radius)
     if kind == "sphere":
         return [_CIRCLE[:, list(order)] * size[0] for order in ((0, 1, 2), (0, 2, 1), (2, 0, 1))]
     if kind == "ellipsoid":

@@ -127,9 +127,8 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("keydown", (event) => {
   const inside = event.target as HTMLElement;
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA|BUTTON|SUMMARY)$/.test(inside.tagName)) {
-    return;
-  }
+  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(inside.tagName)) return;
+  if (/^(BUTTON|SUMMARY|A)$/.test(inside.tagName) && /^( |Enter)$/.test(event.key)) return;
   if (inside.closest?.(".scroll, pre") && event.key.startsWith("Arrow")) return;
   if (player?.key(event)) event.preventDefault();
 });

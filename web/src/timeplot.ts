@@ -50,9 +50,9 @@ export class Plot {
       el("button", { type: "button", class: "tool", title: "Show all of the time", "aria-label": "show all of the time", click: () => clock.whole() }, icon("zoom")),
       el("button", { type: "button", class: "tool", title: "Download these curves as CSV", "aria-label": `download ${plot.title} as CSV`, click: () => this.csv() }, icon("down"), "CSV"));
     const cut = plot.whole ? "" : `${plot.rows.toLocaleString("en")} rows, drawn from the smallest to the largest value of each of ${(plot.t.length / 2).toLocaleString("en")} stretches: no peak is lost.`;
-    const note = [plot.note, cut].filter(Boolean).join(" ");
+    const note = [plot.note, plot.tall ? cut : ""].filter(Boolean).join(" ");
     this.element = el("figure", { class: "panel", role: "group", "aria-label": plot.title },
-      el("figcaption", {}, el("span", { class: "title" }, plot.title), tools),
+      el("figcaption", {}, el("span", { class: "title", title: cut || undefined }, plot.title), tools),
       this.place, legend, note && el("p", { class: "note" }, note));
     clock.onMove(() => this.move());
     clock.onZoom(() => this.u?.setScale("x", { min: this.window[0], max: this.window[1] }));
@@ -187,9 +187,9 @@ export class Plot {
     ctx.save();
     ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
     ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
-    this.plot.guides.forEach(({ name, value }, k) => {
+    this.plot.guides.forEach(({ name, value }) => {
       const y = Math.round(u.valToPos(value, "y", true)) + 0.5;
-      ctx.strokeStyle = ctx.fillStyle = colour(k ? "soft" : "good");
+      ctx.strokeStyle = ctx.fillStyle = colour(name === "accepted" ? "good" : "soft");
       ctx.lineWidth = devicePixelRatio;
       ctx.beginPath();
       ctx.moveTo(bbox.left, y);

@@ -51,6 +51,8 @@ from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
 from deltac.fleets.audits import audit_many as audit_many
+from deltac.fleets.compare import Comparison as Comparison
+from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep
@@ -81,6 +83,7 @@ from deltac.recorders import BoundExceeded as BoundExceeded
 from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_batch as record_batch
 from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco

@@ -107,14 +107,13 @@ def command(
     from deltac.fleets.audits import is_fleet
 
     fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
-    of_one = (explain, explain_log, draft_mapping, figure, page, episode)
+    of_one = (explain, explain_log, draft_mapping, figure, episode)
     if (len(logs) > 1 or fleet) and any(of_one):
         raise InputError(
-            "--explain, --explain-log, --draft-mapping, --episode, --figure and --report are of one log; "
-            "give one"
+            "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        from deltac.fleets.audits import folder_of, plan_audits
+        from deltac.fleets.audits import folder_of, plan_audits, write_case
         from deltac.fleets.spec import Execution
 
         plan = plan_audits(
@@ -127,7 +126,14 @@ def command(
             result = plan.run(
                 folder_of(plan, out), execution, retry_failed=retry_failed, progress=progress
             )
-        deliver_fleet(result, form.unless(as_json))
+        deliver_fleet(
+            result,
+            form.unless(as_json),
+            page,
+            lambda address, path: write_case(plan, address, path),
+        )
+    if len(logs) > 1 and page is not None:
+        raise InputError("--report of several logs is of their table: add --out DIR")
     log = Path(logs[0])
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)

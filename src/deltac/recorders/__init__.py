@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.recorders.batch_recorder import BatchRecorder, record_batch
 from deltac.recorders.builder import TrajectoryBuilder
 from deltac.recorders.drake_recorder import DrakeRecorder, record_drake
 from deltac.recorders.environments import dm_control, gymnasium
@@ -21,6 +22,7 @@ from deltac.recorders.pybullet_recorder import PybulletRecorder, record_pybullet
 from deltac.recorders.replay import Replay, replay_mujoco
 
 __all__ = [
+    "BatchRecorder",
     "BoundExceeded",
     "DrakeRecorder",
     "ExudynRecorder",
@@ -36,6 +38,7 @@ __all__ = [
     "gymnasium",
     "integrator_names",
     "mujoco_simulator",
+    "record_batch",
     "record_drake",
     "record_exudyn",
     "record_mujoco",

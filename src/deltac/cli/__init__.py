@@ -19,6 +19,7 @@ from deltac.cli import (
     audit,
     cache,
     check,
+    compare,
     describe,
     examine,
     mutate,
@@ -79,6 +80,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
     ),
+    "compare": (
+        "Compare two folders of results, before and after a change.",
+        "deltac compare main.audits branch.audits --format github",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
@@ -100,6 +105,7 @@ PAGES = {
     "states": "other-languages",
     "cache": "guide",
     "sweep": "fleets",
+    "compare": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -113,7 +119,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, sweep, recommend, check, mutate),
+    *(examine, audit, study, sweep, compare, recommend, check, mutate),
     *(describe, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from deltac.recorders.batch_recorder import BatchRecorder, record_batch
 from deltac.recorders.builder import TrajectoryBuilder
 from deltac.recorders.drake_recorder import DrakeRecorder, record_drake
 from deltac.recorders.exudyn_recorder import ExudynRecorder, record_exudyn
@@ -19,6 +20,7 @@ from deltac.recorders.pinocchio_recorder import PinocchioRecorder, record_pinocc
 from deltac.recorders.pybullet_recorder import PybulletRecorder, record_pybullet
 
 __all__ = [
+    "BatchRecorder",
     "BoundExceeded",
     "DrakeRecorder",
     "ExudynRecorder",
@@ -31,6 +33,7 @@ __all__ = [
     "TrajectoryBuilder",
     "integrator_names",
     "mujoco_simulator",
+    "record_batch",
     "record_drake",
     "record_exudyn",
     "record_mujoco",

@@ -65,6 +65,7 @@ FINDINGS: dict[str, str] = {
     "swapped-columns": "two speeds fit each other's coordinates",
     "clipped-column": "a speed stays at its extreme while the coordinate moves faster",
     "speed-not-rate": "a speed is not the rate of its coordinate",
+    "interpolated-rows": "rows lie between the solver's steps",
     "duplicated-rows": "rows repeat the row before though the motion goes on",
     "wrapped-angle": "an angle is reduced to one turn",
     "spikes": "single values lie far off their neighbours",

@@ -26,6 +26,7 @@ from deltac.cli import (
     reproduce,
     states,
     study,
+    sweep,
 )
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
@@ -70,6 +71,12 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Find the cheapest solver and step that keep a tolerance.",
         "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
     ),
+    "sweep": (
+        "Run thousands of motions or studies by one plan, and go on after a kill.",
+        "deltac sweep arm.toml --out results\n"
+        "  deltac sweep --status results\n"
+        "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
@@ -90,6 +97,7 @@ PAGES = {
     "mutate": "repair",
     "states": "other-languages",
     "cache": "guide",
+    "sweep": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -103,7 +111,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, recommend, check, mutate),
+    *(examine, audit, study, sweep, recommend, check, mutate),
     *(describe, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]

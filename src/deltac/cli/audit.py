@@ -10,23 +10,21 @@ import typer
 
 from deltac.cli.formats import Case, worst
 from deltac.cli.output import (
+    FigureFile,
     Form,
     Format,
     Json,
     Model,
-    checked_figure,
     deliver,
     print_cases,
     print_json,
     print_sections,
     progress_bar,
-    write,
 )
 from deltac.errors import InputError
 from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.audit import Audit
     from deltac.trajectories.formats.reading import ColumnReading
 
 
@@ -55,9 +53,7 @@ def command(
         bool,
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
     ] = False,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the energies over time (PNG).")
-    ] = None,
+    figure: FigureFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -75,7 +71,6 @@ def command(
     from deltac.diagnosis.audit.audit import audit
     from deltac.models import load_model
 
-    checked_figure(figure)
     form = form.unless(as_json)
     if len(logs) > 1:
         loaded = load_model(model)  # first: a model that is none is no error of a log
@@ -100,8 +95,6 @@ def command(
 
         with progress_bar("seeking causes"):
             explanations.append(explain_residual(model, log, mapping=mapping))
-    if figure is not None:
-        _draw(found, f"{found.mechanism.name}: {log.name}", figure)
     deliver(found, form, *explanations, name=str(log), figure=figure)
 
 
@@ -149,10 +142,3 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 
     rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
     print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
-
-
-def _draw(found: Audit, title: str, path: Path) -> None:
-    from deltac.report import audit_figure
-
-    allowed = found.tolerance * found.beside
-    write(audit_figure(title, found.ledger, found.energy_error, found.function, allowed), path)

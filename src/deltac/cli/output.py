@@ -11,15 +11,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeAlias
+from typing import Annotated, Any, NoReturn, TypeAlias
 
 import typer
 
 from deltac.cli.formats import Case, github, junit, sarif
 from deltac.results import Report, Section, as_text, headed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 UNKNOWN, WIDEST = 100, 120
 """Columns of text where no terminal says how many it has, and the most that are easy to read."""
@@ -67,6 +64,26 @@ StartState = Annotated[
     ),
 ]
 
+
+def _checked_figure(path: Path | None) -> Path | None:
+    """The path of a figure, refused before the work is done where none can be written."""
+    if path is not None:
+        from deltac.report import check_figure
+
+        check_figure(path)
+    return path
+
+
+FigureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--figure",
+        metavar="FILE",
+        callback=_checked_figure,
+        help="Draw the result, as result.plot() does: FILE.pdf, FILE.svg or FILE.png.",
+    ),
+]
+
 Progress: TypeAlias = Callable[[float], None]
 
 
@@ -96,9 +113,13 @@ def deliver(
 ) -> NoReturn:
     """Print a report, then further ones, and end the command with its exit code.
 
-    `name` is what was judged, for forms that tell of several things. In JSON, `contents` and the further
-    reports (by the names of their classes) follow its own.
+    `name` is what was judged, for forms that tell of several things; `figure` is where its picture goes. In
+    JSON, `contents` and the further reports (by the names of their classes) follow its own.
     """
+    if figure is not None:
+        from deltac.report import write_figure
+
+        write_figure(report.plot(), figure)
     if form is Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
         shown = {} if figure is None else {"figure": str(figure)}
@@ -123,22 +144,6 @@ def print_cases(cases: Sequence[Case], form: Form) -> None:
         print(junit("deltac", cases))
     elif form is Form.sarif:
         print(json.dumps(sarif(cases), ensure_ascii=False, indent=2))
-
-
-def checked_figure(path: Path | None) -> Path | None:
-    """The path of a figure, refused before the work is done where none can be written."""
-    if path is not None:
-        from deltac.report import check_figure
-
-        check_figure(path)
-    return path
-
-
-def write(figure: Figure, path: Path) -> None:
-    """Write a figure."""
-    from deltac.report import write_figure
-
-    write_figure(figure, path)
 
 
 _COLOURS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,6 +21,7 @@ from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
 from deltac.mechanism.scope import GROUND, Element, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
+from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +32,7 @@ NO_GRAVITY = (0.0, 0.0, 0.0)
 
 @constructor
 @dataclass(frozen=True, eq=False)
-class Mechanism:
+class Mechanism(Shown):
     """Bodies, the tree of joints that connects them to the ground, forces and constraints.
 
     `joints` may come in any order; they are kept with parents before children, which is also the
@@ -201,11 +202,37 @@ class Mechanism:
         """
         return make_state(self.joints, self.scope, coordinates, speeds, t)
 
-    def __repr__(self) -> str:
-        return (
-            f"Mechanism({self.name!r}: {len(self.bodies)} bodies, {len(self.joints)} joints, "
-            f"{len(self.free.u)} free speeds, {len(self.elements)} force elements)"
+    # --- for people ----------------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """Its name and how many parts it has, in one line."""
+        counts = (
+            *(
+                f"{len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.free.u)} free speeds, ",
+            ),
+            f"{len(self.elements)} force elements",
+            f", {len(self.constraints)} constraints" if self.constraints else "",
+            f", {len(self.events)} events" if self.events else "",
         )
+        return f"{self.name!r}: {''.join(counts)}"
+
+    def sections(self) -> Iterator[Section]:
+        """Tables of joints with the bodies that they carry, of all other parts, and of parameters."""
+        rows = []
+        for joint in self.joints:
+            body = self.body(joint.child)
+            mass = "" if body.massless else number(self.number(body.mass), "kg")
+            kind = f"{joint.kind}, prescribed" if joint.prescribed else joint.kind
+            rows.append((joint.name, kind, joint.parent, joint.child, mass))
+        yield Table(("joint", "kind", "from", "carries", "mass"), tuple(rows))
+        others = (*self.elements, *self.constraints, *self.events)
+        parts = tuple((part.noun, part.name, ", ".join(part.channel_kinds)) for part in others)
+        yield Table(("part", "name", "channels"), parts)
+        values = tuple((name, number(value)) for name, value in self.parameters.items())
+        yield Table(("parameter", "value"), values)
+
+    def __repr__(self) -> str:
+        return f"Mechanism({self.summary()})"
 
 
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:

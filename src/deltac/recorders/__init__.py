@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from deltac.recorders.builder import TrajectoryBuilder
 from deltac.recorders.exudyn_recorder import ExudynRecorder, record_exudyn
+from deltac.recorders.monitor import BoundExceeded, Monitor
+from deltac.recorders.mujoco_monitor import MujocoMonitor
 from deltac.recorders.mujoco_recorder import (
     MujocoRecorder,
     MujocoSimulator,
@@ -14,7 +16,10 @@ from deltac.recorders.mujoco_recorder import (
 )
 
 __all__ = [
+    "BoundExceeded",
     "ExudynRecorder",
+    "Monitor",
+    "MujocoMonitor",
     "MujocoRecorder",
     "MujocoSimulator",
     "TrajectoryBuilder",

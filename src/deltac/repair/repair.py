@@ -13,11 +13,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.check import chosen_map
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs

@@ -27,20 +27,29 @@ def output_folder(path: Path) -> Path:
     return path
 
 
+FORMATS = ("pdf", "svg", "png")
+"""Of figures, by the ending of the name."""
+
+
 def check_figure(path: Path) -> None:
     """InputError, before the work is done, for a path that a figure could not be written to."""
-    if path.suffix.lower() != ".png":
-        raise FileError(f"{path}: figures are written as .png; name it so")
+    if path.suffix.lower().lstrip(".") not in FORMATS:
+        raise FileError(
+            f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"
+        )
     if not path.parent.is_dir():
         raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
+    if path.is_dir():
+        raise FileError(f"{path} is a folder; name a file")
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
-    from deltac.report.figures import styled
+    """Write a figure in the format that the path's ending says; the same figure gives the same bytes."""
+    from deltac.report.style import UNDATED, styled
 
+    kind = path.suffix.lower().lstrip(".")
     with _written(path) as file, styled():
-        figure.savefig(file, format="png")
+        figure.savefig(file, format=kind, metadata=UNDATED.get(kind))
 
 
 def write_json(value: Any, path: Path) -> None:

@@ -33,7 +33,7 @@ from deltac.simulation.arguments import (
 from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.equations import Controller, Equations, by_hand
+from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
@@ -133,7 +133,7 @@ def simulate(
         record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
             steps.
         equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
-            function (t, q, u) -> u̇ of the mechanism's coordinates.
+            function (t, q, u) -> u̇ of the mechanism's coordinates, or (t, y) -> ẏ as SciPy takes it.
         controller: sets the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
@@ -164,8 +164,7 @@ def simulate(
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)
     found, wanted, kept = find_solver(options.name), Record.of(record), keeping(constraints)
-    if equations is not None and not isinstance(equations, Equations):
-        equations = Equations(equations, name=getattr(equations, "__name__", "equations by hand"))
+    equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
     every = count(wanted.every, "record: every")
     check_request(mechanism, state, found, equations, controller, step)

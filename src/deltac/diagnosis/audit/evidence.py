@@ -28,6 +28,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
@@ -86,9 +87,10 @@ def gather(
     doubted = any(f.weight == "doubt" for f in known)
     given = trusted(log.run)
     step = None
-    if not doubted and not (given and measured):
+    between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
+    if not doubted and not (given and measured) and not between:
         step = one_step(mechanism, log.consecutive, _late(log))
-    found: list[Finding] = []
+    found: list[Finding] = [_interpolated()] if between and not (given and measured) else []
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
         found.append(finding)
@@ -115,6 +117,16 @@ def gather(
     if step is not None and not any(f.weight == "cause" for f in found):
         found += _of_steps(mechanism, log, step, tolerance)
     return Evidence(log, terms, step, tuple(found))
+
+
+def _interpolated() -> Finding:
+    return Finding(
+        "interpolated-rows",
+        "the rows lie between the solver's steps, on its interpolant, and obey the equations only roughly",
+        "equidistant times of a solver that adapts its steps",
+        "Leave t_eval out or set dense_output=True, so that the solver's own steps are judged; or hand over "
+        "the equations: Trajectory.from_scipy(result, model, equations=f)",
+    )
 
 
 def _late(log: Log) -> float:

@@ -197,8 +197,10 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if not tested and not (step is not None and spent <= HALF * measures.left):
         wanted = (
             "The log has no accelerations of its own rows, and the one-step test does not exclude that the "
-            "equations account for what is left: log udot.<speed> of the same instants (MuJoCo: qacc), or "
-            "every step"
+            "equations account for what is left: log udot.<speed> of the same instants (MuJoCo: qacc; SciPy: "
+            "Trajectory.from_scipy(result, model, equations=f)), or every step. Where the simulator has no "
+            "accelerations, run the same motion with half the step as well: deltac study MODEL --logs COARSE "
+            "--logs FINE"
         )
         return verdict("unresolved", "medium", balance, *equations, wanted)
     impacts = next((f for f in findings if f.kind == "impacts"), None)

@@ -16,7 +16,6 @@ from deltac.diagnosis.check.location import Blame, blame, blame_at
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.state_form import PLAIN, StateForm
 from deltac.diagnosis.residuals.states import (
     Place,
     Scales,
@@ -33,10 +32,11 @@ from deltac.diagnosis.residuals.states import (
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
-from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
-from deltac.models import Model, ModelLike, load_model
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import Model, ModelLike, chosen_map, load_model
 from deltac.results import Section, Table, number
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, as_equations
+from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
 
 SHOWN = 6
@@ -221,7 +221,7 @@ def check_equations(
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
     loaded = load_model(model)
-    equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
+    equations = as_equations(rhs)
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates
     else:
@@ -242,7 +242,7 @@ def check_equations(
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name)
-    caller.find_form(test, len(loaded.mechanism.motors))
+    caller.find_form(test, equations, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
@@ -414,27 +414,6 @@ def _fitting(kane: Kane, states: States) -> States:
     return states
 
 
-def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
-    """The coordinates that equations of a model are written in (see `check_equations`)."""
-    if isinstance(coordinates, CoordinateMap):
-        return coordinates
-    own = None if model.problem is None else model.problem.equations
-    offered = None if own is None else own.coordinates
-    if coordinates is None:
-        return offered
-    if coordinates == "joint":
-        return None
-    if coordinates == "absolute":
-        return offered or absolute_angles(model.mechanism)
-    raise InputError(
-        f"unknown coordinates {coordinates!r}: expected 'joint', 'absolute' or a CoordinateMap"
-    )
-
-
-def _name_of(rhs: Any) -> str:
-    return str(getattr(rhs, "__name__", "equations by hand"))
-
-
 def _judged(
     residuals: Residuals,
     limit: Array,
@@ -597,7 +576,7 @@ def _other_coordinates(
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
             caller = Caller(equations.rhs, equations.name)
-            caller.find_form(test, len(model.mechanism.motors))
+            caller.find_form(test, equations, len(model.mechanism.motors))
             udot = caller(states)
             relative, residuals = test.relative(udot), test(udot)
         except InputError:

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.check import EquationCheck, check_states, chosen_map
+from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, natural_scales
 from deltac.errors import FileError, LimitError, LogError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 
 MOST_ROWS = 100_000
 """Rows of a table that is read."""

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.state_form import PLAIN, StateForm, forms, likeliest, signature
 from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError, SourceError
+from deltac.simulation.equations import Equations
+from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -49,10 +50,11 @@ class Caller:
     overwrites: str = ""
     form: StateForm = PLAIN
 
-    def find_form(self, test: EquationTest, motors: int) -> None:
-        """Find out how the function takes the state, by trying at some states."""
-        known = signature(self.rhs)
-        if known is None:
+    def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
+        """Find out how the function of `equations` takes the state, by trying at some states."""
+        names = test.states.coordinates, test.states.speeds
+        candidates = candidate_forms(self.rhs, equations.form, equations.order, *names, motors)
+        if candidates == [PLAIN]:
             return
         right = test.rates, test.acceleration
         places = np.unique(np.linspace(0, len(test.states) - 1, SAMPLED).astype(int))
@@ -61,7 +63,6 @@ class Caller:
         def evaluate(form: StateForm) -> tuple[Array, Array]:
             return self.with_form(form).whole(some)
 
-        candidates = forms(*known, len(some.q), len(some.u), motors)
         found = likeliest(candidates, evaluate, *(x[:, places] for x in right))
         self.form = PLAIN if found is None else found
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -42,18 +41,3 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("random_examples")
         if without and item.get_closest_marker("heyoka"):
             item.add_marker(skip)
-
-
-END_TO_END = ("cli", "test_docs.py")
-"""What runs there runs as users have it."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def one_step_per_call(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Unrolled steps take long to compile, for runs as short as these; the tests of fusing unroll."""
-    from deltac.simulation.stepping import explicit
-
-    with pytest.MonkeyPatch.context() as patch:
-        if request.path.relative_to(TESTS).parts[0] not in END_TO_END:
-            patch.setattr(explicit, "MOST_STEPS_PER_CALL", 1)
-        yield

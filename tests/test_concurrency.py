@@ -1,4 +1,4 @@
-"""Every verb from threads, tasks, forked and spawned processes gives the bits of calls one after the other."""
+"""Every verb from threads, tasks and processes gives the bits of calls one after the other."""
 
 from __future__ import annotations
 

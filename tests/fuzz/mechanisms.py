@@ -186,7 +186,11 @@ def campaign(count: int, first: int, decades: float) -> tuple[Counter[str], list
                 sample = random_state(mechanism, rng)
             else:  # lengths stay, since the state is on its constraints
                 bodies = [
-                    replace(b, mass=b.mass * m, inertia=tuple(tuple(e * m for e in r) for r in b.inertia))
+                    replace(
+                        b,
+                        mass=b.mass * m,
+                        inertia=tuple(tuple(e * m for e in r) for r in b.inertia),
+                    )
                     for b in sample.mechanism.bodies
                     for m in [power(rng, decades)]
                 ]

@@ -268,9 +268,9 @@ class Monitor:
         self._sums = self._y[kernels.step.output_slices["sums"]]
         self._at = {name: place.start for name, place in kernels.step.output_slices.items()}
         self._all_free = n == len(mechanism.speeds)
-        kernels.step.compile()
+        kernels.step.compile(single=True)
         if kernels.skipped is not None:
-            kernels.skipped.compile()
+            kernels.skipped.compile(single=True)
 
     def _next_row(self, t: float) -> Array:
         """Where the new row is written: the last one, taken back no more, becomes the row before it."""

@@ -208,7 +208,7 @@ class Collider:
     def _meeting(
         self, touching: Sequence[int], t: float, x: Array, p: Array
     ) -> tuple[Array, Array, Array, Inertia, list[Array], list[Contact]]:
-        """M, G and u of all joints; what resists impulses; directions and contacts of the points that touch."""
+        """M, G, u of all joints; what resists impulses; directions and contacts of points that touch."""
         free = self.flow.system.free_u
         M, G_all, u_all, *rest = (np.array(value) for value in self._at(t, x, p))
         u_all = u_all.ravel()

@@ -101,6 +101,11 @@ class Model:
     problem: ProblemLike | None = None
     import_report: Any = None
 
+    @property
+    def first(self) -> State | None:
+        """The state at which it starts where none is asked for, or None."""
+        return next(iter(self.starts.values()), None)
+
     def start(self, given: StateLike = None) -> State:
         """The state at which a motion starts.
 

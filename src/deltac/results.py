@@ -425,6 +425,21 @@ class Report(Record, Shown):
         """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
         return headed(type(self).__name__, self.contents())
 
+    def report(self, path: str | PurePath, *, model: Any = None, run: Any = None) -> None:
+        """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
+
+        The page needs no network. It takes the place of a file of that name once it is complete.
+
+        Args:
+            path: where to, ending in ``.html``.
+            model: whose motion is shown, for results that hold none; what every verb takes.
+            run: the Trajectory that is shown, likewise.
+
+        Raises:
+            InputError: another ending, a folder that does not exist or cannot be written to.
+        """
+        import_module("deltac.report.page").write_report(self, path, model=model, run=run)
+
     def _repr_html_(self) -> str:
         told = told_findings(f for f in self.findings if f.weight != "note")
         return as_html(self.summary(), self.sections(), self.exit_code, told)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, NoReturn
@@ -18,6 +19,7 @@ from deltac.cli import (
     audit,
     cache,
     check,
+    compare,
     describe,
     examine,
     mutate,
@@ -28,6 +30,7 @@ from deltac.cli import (
     study,
     sweep,
 )
+from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
@@ -77,6 +80,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
     ),
+    "compare": (
+        "Compare two folders of results, before and after a change.",
+        "deltac compare main.audits branch.audits --format github",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
@@ -98,6 +105,7 @@ PAGES = {
     "states": "other-languages",
     "cache": "guide",
     "sweep": "fleets",
+    "compare": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -111,7 +119,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, sweep, recommend, check, mutate),
+    *(examine, audit, study, sweep, compare, recommend, check, mutate),
     *(describe, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
@@ -146,6 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
             sys.exit(app(given, prog_name="deltac", standalone_mode=False))
     except ClickException as error:

@@ -97,7 +97,9 @@ def repair_equations(
         rhs = rhs.rhs
     else:
         chosen = chosen_map(found, coordinates)
-    return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
+    return repair_source(
+        read_source(rhs), Target(found.mechanism, chosen, seed, found.first), time_limit
+    )
 
 
 def repair_loaded(
@@ -119,7 +121,7 @@ def repair_loaded(
         chosen = function.coordinates
     else:
         chosen = chosen_map(found, coordinates)
-    target = Target(found.mechanism, chosen, seed)
+    target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
     try:
         source = read_source(text)
@@ -225,7 +227,7 @@ def _report(
     source, program = reading.source, reading.worst
     names = (
         *program.samples.speeds,
-        *(f"q̇ of {name}" for name in target.test().states.coordinates),
+        *(f"q̇ of {name}" for name in target.test().kane.told_names),
     )
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:

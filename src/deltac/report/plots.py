@@ -150,6 +150,9 @@ MOST_CHANNELS = 5
 
 MOST_BARS = 12
 
+NOTHING = 1e-6
+"""Share of the energy exchanged below which a work is not drawn by itself: it could not be seen."""
+
 GAP = 0.72
 """Between two panels that each have a title and a label (inches)."""
 
@@ -193,7 +196,7 @@ def _flows(panel: Axes, ledger: Ledger) -> None:
     if ledger.potential:
         look: dict[str, Any] = {"color": BLACK, "linewidth": 1.2, "linestyle": DASHED}
         panel.plot(*thinned(ledger.t, V - V[0]), label="V − V(0)", **look)
-    flowing = {n: w - w[0] for n, w in ledger.work.items() if n not in ledger.potential and w.any()}
+    flowing = _flowing(ledger)
     ranked = sorted(flowing.items(), key=lambda item: -float(np.ptp(item[1])))
     shown, rest = ranked[:MOST_CHANNELS], ranked[MOST_CHANNELS:]
     for (name, work), colour in zip(shown, MANY):
@@ -203,6 +206,13 @@ def _flows(panel: Axes, ledger: Ledger) -> None:
         panel.plot(*thinned(ledger.t, others), color="#999999", label=f"{len(rest)} smaller works")
     panel.set_title("Energies, and works of what is not in V" if flowing else "Energies")
     panel.set_ylabel("energy (J)")
+
+
+def _flowing(ledger: Ledger) -> dict[str, Array]:
+    """Works (T,) of what is not in V and can be seen."""
+    seen = NOTHING * ledger.energy_exchanged
+    works = {str(n): w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
+    return {name: work for name, work in works.items() if float(np.ptp(work)) > seen}
 
 
 def _size_of_errors(
@@ -238,8 +248,8 @@ def _size_of_errors(
 
 def _final(ledger: Ledger) -> list[tuple[str, float, str]]:
     """Name, energy (J) and colour of each bar: where energy came from, and where it is now."""
-    flowing = {n for n, w in ledger.work.items() if n not in ledger.potential and w.any()}
-    works = {str(n): w["work"] for n, w in ledger.works().items() if n in flowing}
+    flowing = _flowing(ledger)
+    works = {str(n): w["work"] for n, w in ledger.works().items() if str(n) in flowing}
     rest = list(works)[MOST_BARS:]
     if rest:
         works[f"{len(rest)} smaller works"] = sum(works.pop(name) for name in rest)
@@ -527,6 +537,8 @@ def _recommendation(advice: Recommendation) -> Figure:
 
 
 def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     solvers = sorted({t.solver for t in advice.trials})
     marks = MARKS * (1 + len(solvers) // len(MARKS))
     for solver, colour, mark in zip(solvers, shades(len(solvers)), marks):
@@ -557,6 +569,10 @@ def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -
         )
     panel.set_xscale("log")
     panel.set_yscale("log")
+    low, high = panel.get_xlim()
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+    panel.xaxis.set_major_formatter(lambda x, _: number(x))
+    panel.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _drawn(trial: Trial, what: str) -> bool:

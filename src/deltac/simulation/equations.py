@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.equations_of_motion import equations_of, evaluate_at
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import (
@@ -45,9 +47,12 @@ class Equations:
 
     `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
     likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
-    ones (the prescribed joints follow their laws). A function of arithmetic and NumPy's elementary
-    functions is traced and compiled; any other (with branches, look-up tables, memory) is called from
-    Python at every stage, more slowly. `compiled` = True insists on the former, False on the latter.
+    ones (the prescribed joints follow their laws). With a map that leaves the rest to the constraints, such
+    as ``CoordinateMap(("crank",))`` of a four-bar, they are equations in minimal coordinates.
+
+    A function of arithmetic and NumPy's elementary functions is traced and compiled; any other (with
+    branches, look-up tables, memory) is called from Python at every stage, more slowly. `compiled` = True
+    insists on the former, False on the latter.
 
     `rhs` may also be what SciPy's solvers take, a function of (t, y) or (y, t) that returns ẏ: `form` = "ode"
     says so, and without it the arguments do. `order` names the entries of y, such as ``("a", "u.a", "b",
@@ -93,28 +98,46 @@ def as_equations(given: Equations | Callable[..., Any]) -> Equations:
 class StateSymbols:
     """The state in which equations are written, in symbols of a traced system.
 
-    `q`, `u`, `qdot` are the coordinates, speeds and rates, named `coordinates` and `speeds`: the mechanism's
-    free ones, or those of `own` where there is a map.
+    `q`, `u`, `qdot` are the coordinates, speeds and rates: the mechanism's free ones, or those of `own` where
+    there is a map. A function takes the coordinates `told`, with rates `told_rate`, and the speeds, named
+    `coordinates` and `speeds`: those of the state, or own ones that give the others only by assembly.
     """
 
     own: OwnCoordinates | None
     q: SX
     u: SX
     qdot: SX
+    told: SX
+    told_rate: SX
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
 
 
-def state_symbols(system: System, given: CoordinateMap | None) -> StateSymbols:
-    """The state of a system's equations; InputError for a map that does not fit."""
+def state_symbols(
+    system: System, given: CoordinateMap | None, rows: Rows | None = None
+) -> StateSymbols:
+    """The state of a system's equations; InputError for a map that does not fit.
+
+    `rows` are the mechanism's independent constraints, all of them by default.
+    """
     coordinates = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
     speeds = tuple(system.mechanism.speeds[i].name for i in system.free_u)
     if given is None:
-        return StateSymbols(None, system.q, system.u, system.qdot, coordinates, speeds)
-    own = trace_map(system, given)
-    coordinates = given.coordinates if given.q else coordinates
-    speeds = given.speeds or coordinates
-    return StateSymbols(own, own.own_q, own.own_u, own.own_qdot, coordinates, speeds)
+        q, qdot = system.q, system.qdot
+        return StateSymbols(None, q, system.u, qdot, q, qdot, coordinates, speeds)
+    own = trace_map(system, given, equations_of(system).rows if rows is None else rows)
+    coordinates = given.coordinates if own.mapped or own.told is not None else coordinates
+    told = own.own_q if own.told is None else own.told
+    return StateSymbols(
+        own,
+        own.own_q,
+        own.own_u,
+        own.own_qdot,
+        told,
+        own.told_rate(system),
+        coordinates,
+        given.speeds or coordinates,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +172,15 @@ def explicit(system: System, equations: Equations) -> Equations:
     state = state_symbols(system, equations.coordinates)
     coordinates, speeds = state.coordinates, state.speeds
     nq, nu = len(coordinates), len(speeds)
-    rates = ca.Function("rates", [system.t, state.q, state.u], [state.qdot])
-    states = _some_states(coordinates, nu)
-    right = np.array([np.array(rates(*state)).ravel() for state in states]).T
+    place = [system.t, state.q, state.u]
+    seen = ca.Function("told", place, [state.told, state.told_rate])
+    names = coordinates
+    if state.own is not None and state.own.told is not None:  # the state holds the mechanism's
+        names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
+    drawn = _some_states(names, nu)
+    values = [[np.array(x).ravel() for x in seen(*at)] for at in drawn]
+    states = [(t, y, u) for (t, _, u), (y, _) in zip(drawn, values)]
+    right = np.array([rate for _, rate in values]).T
 
     def evaluate(form: StateForm) -> tuple[Array, Array]:
         found = []
@@ -289,18 +318,34 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations) -> ByHand:
-    """Trace hand-written equations, now."""
-    equations = explicit(system, equations)
-    state = state_symbols(system, equations.coordinates)
-    q, u = state.q, state.u
-    udot = trace_rhs(equations, system.t, q, u)
+def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> ByHand:
+    """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
+    equations = explicit(system, equations)
+    state = state_symbols(system, equations.coordinates, rows)
+    q, u, own = state.q, state.u, state.own
+    if own is not None and own.told is not None:
+        equations = replace(equations, rhs=_of_state(equations.rhs, system, own.told))
+    udot = trace_rhs(equations, system.t, q, u)
     if udot is not None:
         expression = ca.Function("rhs", [system.t, q, u], [udot]).serialize()
         digest = hashlib.sha256(expression.encode()).digest()
         key = (digest, equations.coordinates, equations.name)
     return ByHand(equations, state.own, q, u, state.qdot, udot, key)
+
+
+def _of_state(rhs: Callable[..., Any], system: System, told: SX) -> Callable[..., Any]:
+    """A function of own coordinates as one of the mechanism's, which are functions `told` of (t, q)."""
+    p = [system.mechanism.parameters[name] for name in system.vary]
+    numbers = ca.Function("told", [system.t, system.q, system.p], [ca.densify(told)])
+
+    def of_state(t: Any, q: Any, u: Any) -> Any:
+        if np.asarray(q).dtype != object:
+            return rhs(t, evaluate_at(numbers, t, q, p)[0], u)
+        place = [t, ca.vertcat(*q)]
+        return rhs(t, _objects(*ca.substitute([told], [system.t, system.q], place)), u)
+
+    return of_state
 
 
 def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:

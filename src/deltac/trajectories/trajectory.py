@@ -31,6 +31,10 @@ ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
 
 
+MAPPINGS = ("coordinates", "strengths", "derived", "notes")
+"""Fields of a provenance that are mappings."""
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Who made a trajectory, and how.
@@ -44,6 +48,8 @@ class Provenance:
     completed  False when the run stopped before its end; `message` then says why
     ended      the event of the user's that ended it, in words
     equations  name of equations by hand that were integrated in place of the model's
+    coordinates  own generalized speeds in which the integrals of Kane–Levinson's functions were taken, as
+               `CoordinateMap(**…)` takes them; empty for the joints' own
     corrected  what the solver corrected after each step: "energy"
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
@@ -70,6 +76,7 @@ class Provenance:
     message: str = ""
     ended: str = ""
     equations: str = ""
+    coordinates: Mapping[str, Any] = field(default_factory=dict, hash=False)
     corrected: str = ""
     singular: str = ""
     held: tuple[str, ...] | None = None
@@ -112,14 +119,13 @@ class Provenance:
             if not isinstance(values, list | tuple) or not all(isinstance(v, str) for v in values):
                 raise _unfit(name, values, "a list of names")
             _set(self, name, tuple(values))
-        for name in ("strengths", "derived", "notes"):
+        for name in MAPPINGS:
             if not isinstance(getattr(self, name), Mapping):
                 raise _unfit(name, getattr(self, name), "a mapping")
             _set(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        mappings = ("strengths", "derived", "notes")
-        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
+        return _rebuild(self, **{name: dict(getattr(self, name)) for name in MAPPINGS})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

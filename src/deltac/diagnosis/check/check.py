@@ -22,6 +22,7 @@ from deltac.diagnosis.residuals.states import (
     States,
     close_states,
     draw,
+    from_told,
     joined,
     natural_scales,
     not_sampled,
@@ -226,7 +227,7 @@ def check_equations(
         chosen = rhs.coordinates
     else:
         chosen = chosen_map(loaded, coordinates)
-    kane = Kane(loaded.mechanism, chosen)
+    kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise InputError(
             f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
@@ -241,7 +242,7 @@ def check_equations(
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
-    caller = Caller(equations.rhs, equations.name)
+    caller = Caller(equations.rhs, equations.name, kane)
     caller.find_form(test, equations, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
@@ -277,7 +278,7 @@ def check_equations(
     if not caller.form.plain:
         evidence = (
             *evidence,
-            f"called as {caller.form.describe(kane.coordinate_names, test.speeds)}",
+            f"called as {caller.form.describe(kane.told_names, test.speeds)}",
         )
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
@@ -288,7 +289,7 @@ def check_equations(
             confidence,
             evidence,
             findings,
-            _limits(loaded, where, test.states),
+            _limits(loaded, kane, where, test.states),
             MEANINGS[kind],
         ),
         blame=found,
@@ -373,7 +374,7 @@ def _misses(test: EquationTest, found: Array) -> dict[str, float]:
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
     off = np.abs(found - test.rates).max(axis=1) / size
     off = np.where(np.isfinite(off), off, np.inf)
-    return dict(zip(test.states.coordinates, map(float, off)))
+    return dict(zip(test.kane.told_names, map(float, off)))
 
 
 def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
@@ -397,15 +398,19 @@ def _drawn(
     return random if close is None else joined([random, close])
 
 
-def _limits(model: Model, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
+def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
     """What the check cannot see, of this mechanism at these states."""
     events = tuple(event.name for event in model.mechanism.events)
     told = (f"what happens at events ({', '.join(events)})",) if events else ()
+    if where_from := kane.mode:
+        told = (*told, f"other assemblies of the loops than that of {where_from}")
     return (*LIMITS, *not_sampled(where, states), *told)
 
 
 def _fitting(kane: Kane, states: States) -> States:
     names = (states.coordinates, states.speeds)
+    if kane.assembled and names == (kane.told_names, kane.speed_names):
+        return from_told(kane, states)
     if names != (kane.coordinate_names, kane.speed_names):
         raise InputError(
             f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "
@@ -575,7 +580,7 @@ def _other_coordinates(
             scales = natural_scales(kane)
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
-            caller = Caller(equations.rhs, equations.name)
+            caller = Caller(equations.rhs, equations.name, kane)
             caller.find_form(test, equations, len(model.mechanism.motors))
             udot = caller(states)
             relative, residuals = test.relative(udot), test(udot)

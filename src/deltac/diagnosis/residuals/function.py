@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import States, told
 from deltac.errors import InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
@@ -40,19 +41,22 @@ ROUGH = 2e-13
 class Caller:
     """A function u̇ = rhs(t, q, u), or of another `form`, called with care.
 
-    `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
-    known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
+    `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
+    `residuals.states.told`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single
+    calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was
+    given (copies).
     """
 
     rhs: Callable[..., Any]
     name: str
+    kane: Kane
     vectorised: bool | None = None
     overwrites: str = ""
     form: StateForm = PLAIN
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
-        names = test.states.coordinates, test.states.speeds
+        names = self.kane.told_names, test.states.speeds
         candidates = candidate_forms(self.rhs, equations.form, equations.order, *names, motors)
         if candidates == [PLAIN]:
             return
@@ -68,12 +72,12 @@ class Caller:
 
     def with_form(self, form: StateForm) -> Caller:
         """The same function, taken to be of another form."""
-        return Caller(self.rhs, self.name, False, form=form)
+        return Caller(self.rhs, self.name, self.kane, False, form=form)
 
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
-        nq = len(states.q)
-        found = self._singly(states)
+        nq = len(self.kane.told_names)
+        found = self._singly(told(self.kane, states))
         return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
 
     def __call__(self, states: States) -> Array:
@@ -83,9 +87,9 @@ class Caller:
         gives other values than the first.
         """
         if self.vectorised is None:
-            self._examine(states)
+            self._examine(told(self.kane, states))
         if self.vectorised:
-            found = self._batch(states)
+            found = self._batch(told(self.kane, states))
             if found is not None:
                 return found
         return self.whole(states)[1]

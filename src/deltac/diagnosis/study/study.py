@@ -176,7 +176,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
     """
     equations = explicit(trace(mechanism), equations)
     kane = Kane(mechanism, equations.coordinates)
-    caller = Caller(equations.rhs, equations.name, vectorised=False)
+    caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
     start = _start(kane, state)
     if start is not None:
         udot = caller(start)[:, 0]
@@ -186,9 +186,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
                 f"{udot.tolist()}. State: {at}"
             )
-    return replace(
-        equations, rhs=_Careful(caller, tuple(kane.coordinate_names), tuple(kane.speed_names))
-    )
+    return replace(equations, rhs=_Careful(caller, kane.told_names, tuple(kane.speed_names)))
 
 
 def _start(kane: Kane, state: State) -> States | None:

@@ -197,7 +197,7 @@ def mutate_equations(
         rhs = rhs.rhs
     else:
         chosen = chosen_map(found, coordinates)
-    target = Target(found.mechanism, chosen, seed)
+    target = Target(found.mechanism, chosen, seed, found.first)
     source = read_source(rhs)
     program = read(source, target)
     varied = program.varied

@@ -79,6 +79,11 @@ class Samples:
             return np.asarray(off)
         return np.concatenate([off, (udot[n:] - self.rates) / self.rate_size])
 
+    def fits(self, found: Array) -> bool:
+        """Whether an array is accelerations, perhaps with q̇ below, at these states."""
+        n, batch = self.acceleration.shape
+        return found.shape in ((n, batch), (n + len(self.rates), batch))
+
     def wrong(self, udot: Array) -> float:
         """The largest residual; infinite where the accelerations, or rates, are not finite."""
         with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Further programs, written after the search for edits by rules of style alone: what is met for the first time.
+"""Further programs, written after the search for edits: styles that it met for the first time.
 
 They were chosen to be unlike those of `wild`: ports from Julia, toolboxes' recursions, classes of vectors and
 quaternions with operators, lambdas, `match`, recursion, complex numbers, live SymPy, CasADi, autodiff.

@@ -125,7 +125,9 @@ def _repair(
         return None, NoRepair(str(error))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # A defect of the search must not take the check's answer with it.
-        return None, NoRepair(f"the search failed, please report it: {type(error).__name__}: {error}")
+        return None, NoRepair(
+            f"the search failed, please report it: {type(error).__name__}: {error}"
+        )
 
 
 @contextmanager

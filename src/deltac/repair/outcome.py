@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltac.diagnosis.check.terms import explain_residual
+from deltac.diagnosis.check.matching import explain_residual
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target

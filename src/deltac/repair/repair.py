@@ -170,14 +170,16 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     read_so = reading(source, some).run()
     right = np.concatenate([accelerations, rates])[: len(read_so)]
     size = np.abs(right).max(initial=1e-300)
-    if not np.allclose(read_so[: len(right)], right, rtol=0.0, atol=AS_RUN_TO * size, equal_nan=True):
+    if not np.allclose(
+        read_so[: len(right)], right, rtol=0.0, atol=AS_RUN_TO * size, equal_nan=True
+    ):
         raise Refused(f"{source.name}: {source.qualified} gives something else than its text says")
 
 
 def _by_running(
     source: Source, function: Callable[..., Any], target: Target, time_limit: float, why: str
 ) -> Repair | None:
-    """Repair a function that cannot be read, `why` saying so, by running edits of it; None if it does not run."""
+    """Repair a function that cannot be read (`why`) by running edits of it; None if it does not run."""
     start = time.monotonic()
     deadline = start + time_limit
     test = target.test()

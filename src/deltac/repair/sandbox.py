@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,7 +81,9 @@ def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | s
     return list(stream(tasks, samples, limit))
 
 
-def stream(tasks: Sequence[Task], samples: Samples, limit: float) -> Iterator[Array | str]:
+def stream(
+    tasks: Sequence[Task], samples: Samples, limit: float
+) -> Generator[Array | str, None, None]:
     """`run`, one answer after the other, as soon as it is there; the process ends with the iterator."""
     states = {"t": samples.t.tolist(), "q": samples.q.T.tolist(), "u": samples.u.T.tolist()}
     order = json.dumps({"tasks": [vars(one) for one in tasks], "limit": limit, **states})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
+from deltac.diagnosis.check.whole import whole_causes
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -272,6 +273,14 @@ def check_equations(
         seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong:
         findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
+        if not any(f.kind == "coordinates" for f in findings):
+            causes = whole_causes(caller, test, told=_told(found))
+            findings += causes
+            if causes:  # what sums up to it would mislead
+                found = tuple(
+                    b if _simple(b) else replace(b, terms=(), solved=(), monomials=())
+                    for b in found
+                )
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     if not caller.form.plain:
@@ -357,6 +366,17 @@ def check_states(
         vectorised=False,
         rates=rates,
     )
+
+
+def _told(found: tuple[Blame, ...]) -> bool:
+    """Whether one term says it all of every equation, its factor being plain or a formula."""
+    each = [entry.solved or entry.terms for entry in found]
+    return all(len(one) == 1 and (one[0].plain or one[0].formula or one[0].ratio) for one in each)
+
+
+def _simple(entry: Blame) -> bool:
+    """Whether an error is one term, or terms that are missing, of the wrong sign, twice or by half."""
+    return len(entry.terms) == 1 or (bool(entry.terms) and all(m.plain for m in entry.terms))
 
 
 def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
@@ -583,6 +603,10 @@ def _other_coordinates(
     others: list[tuple[str, CoordinateMap | None]] = []
     if chosen is not None:
         others.append(("joint", None))
+        if chosen.q and chosen.u and len(chosen.coordinates) == len(chosen.speeds):
+            others.append(
+                ("the same with rates as speeds", CoordinateMap(chosen.coordinates, q=chosen.q))
+            )
     for name in ("absolute",):
         try:
             others.append((name, chosen_map(model, name)))

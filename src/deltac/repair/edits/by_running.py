@@ -8,6 +8,7 @@ read are those of a class of the user's.
 from __future__ import annotations
 
 import ast
+import itertools
 import time
 from collections.abc import Iterator
 
@@ -32,6 +33,9 @@ from deltac.repair.tracing.source import Source
 MOST = 4000
 """Edits that are tried."""
 
+AT_ONCE = 200
+"""Edits that one process tries: what it imports is loaded once."""
+
 NAMES = 24
 """Names and entries that are tried as others, or as factors."""
 
@@ -48,31 +52,40 @@ def found_by_running(
     """Single edits that make the function right where it is run, cheapest first, with what they make."""
     statements = sandbox.needed(source.module, source.qualified.partition(".")[0])
     candidates = sorted(text_edits(source, statements), key=lambda c: (c.cost, c.place))
-    tried: list[tuple[Candidate, Source]] = []
-    tasks: list[sandbox.Task] = []
+    found: list[tuple[tuple[Candidate, ...], Source]] = []
+    tasks = _tasks(source, candidates)
+    while some := list(itertools.islice(tasks, AT_ONCE)):
+        limit = max(deadline - time.monotonic(), 1.0)
+        answers = sandbox.stream([one for _, _, one in some], samples, limit)
+        for (candidate, changed, _), answer in zip(some, answers):
+            if time.monotonic() > deadline or (
+                found and candidate.cost > found[0][0][0].cost + MARGIN
+            ):
+                answers.close()
+                return found
+            if isinstance(answer, str) or not samples.fits(answer):
+                continue
+            if samples.wrong(answer) < RIGHT:
+                found.append(((candidate,), changed))
+    return found
+
+
+def _tasks(
+    source: Source, candidates: list[Candidate]
+) -> Iterator[tuple[Candidate, Source, sandbox.Task]]:
+    """Each candidate with the source that it makes and what is run; those of one text once."""
     seen = {source.text}
     for candidate in candidates:
         changed = apply(source, [candidate])
-        if changed is None or changed.text in seen or len(tasks) >= MOST:
+        if changed is None or changed.text in seen:
             continue
         seen.add(changed.text)
         try:
             one = sandbox.task(changed)
         except InputError:  # no Python any more
             continue
-        if one is not None:
-            tried.append((candidate, changed))
-            tasks.append(one)
-    found: list[tuple[tuple[Candidate, ...], Source]] = []
-    limit = max(deadline - time.monotonic(), 1.0)
-    for (candidate, changed), answer in zip(tried, sandbox.stream(tasks, samples, limit)):
-        if found and candidate.cost > found[0][0][0].cost + MARGIN:
-            break
-        if not isinstance(answer, str) and samples.fits(answer) and samples.wrong(answer) < RIGHT:
-            found.append(((candidate,), changed))
-        if time.monotonic() > deadline:
-            break
-    return found
+        if one is not None and len(seen) <= MOST:
+            yield candidate, changed, one
 
 
 def text_edits(source: Source, statements: list[ast.stmt]) -> Iterator[Candidate]:
@@ -121,15 +134,14 @@ def _edits(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
             yield f"({right}) @ ({left})", words, "order", 1.1
         case ast.Call():
             yield from _calls(source, node)
-        case ast.Constant() if type(node.value) in (int, float):
-            value = node.value
+        case ast.Constant(value=(int() | float()) as value) if not isinstance(value, bool):
             for other in (0, 1, 2, 3, 4, 0.5, value + 1, value - 1, 2 * value, value / 2, -value):
                 if other != value:
                     cost = number_cost(float(other))
                     yield repr(other), f"{own} should be {other!r}", "number", cost
-        case ast.Constant(value=complex()):
+        case ast.Constant(value=complex() as turned):
             for factor in (2, 0.5, -1):
-                text = repr(node.value * factor)
+                text = repr(turned * factor)
                 yield text, f"{own} should be {text}", "number", 1.25
         case ast.Attribute(attr="T"):
             text = source.segment(node.value)
@@ -140,9 +152,7 @@ def _edits(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
         words = f"{short(own)} enters with +, should be −"
         yield negated(source, node), words, "sign", 1.1 + 0.1 * isinstance(node, ast.Name)
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.BinOp):
-        square = written(
-            ast.BinOp(node, ast.Pow(), ast.Constant(2)), f"{own}**2", f"({own})**2"
-        )
+        square = written(ast.BinOp(node, ast.Pow(), ast.Constant(2)), f"{own}**2", f"({own})**2")
         yield square, f"{short(own)} should be {short(square)}", "power", 1.25
         yield from _factors(source, place, node)
 
@@ -166,8 +176,8 @@ def _binary(source: Source, node: ast.BinOp) -> Iterator[Edit]:
     yield left, f"the {noun} {short(right)} should not be there", noun, 1.2
     if symbol in "+*":
         yield right, f"the {noun} {short(left)} should not be there", noun, 1.2
-    for other in regrouped(node):
-        text = ast.unparse(ast.fix_missing_locations(other))
+    for tree in regrouped(node):
+        text = ast.unparse(ast.fix_missing_locations(tree))
         yield text, f"{short(source.segment(node))} should be {short(text)}", "order", 1.3
 
 
@@ -200,7 +210,7 @@ def _names(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
 
 
 def _factors(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
-    """What is forgotten: a number or a name as a factor or a divisor; of whole terms alone, not of factors."""
+    """What is forgotten: a number or a name as a factor, a divisor or a term; of whole terms alone."""
     parent = source.nodes[source.parent[place]]
     if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult | ast.Div | ast.Pow):
         return

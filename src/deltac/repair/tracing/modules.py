@@ -91,7 +91,9 @@ def bound(statement: ast.stmt) -> set[str]:
             return {statement.name}
         case ast.Import() | ast.ImportFrom():
             return {(a.asname or a.name.partition(".")[0]) for a in statement.names} - {"*"}
-        case ast.Expr(value=ast.Call(func=ast.Attribute() as called)):  # M.append(x), jax.config.update(…)
+        case ast.Expr(
+            value=ast.Call(func=ast.Attribute() as called)
+        ):  # M.append(x), jax.config.update(…)
             owner: ast.expr = called
             while isinstance(owner, ast.Attribute):
                 owner = owner.value

@@ -82,7 +82,7 @@ def test_sections_make_text_html_and_markdown() -> None:
     )
     shown = SAMPLE._repr_html_()
     assert "one &lt;line&gt;" in shown and "<paragraph>" not in shown
-    assert "<td>1.5 J</td>" in shown and "<pre>-old\n+new</pre>" in shown
+    assert ">1.5 J</td>" in shown and "<pre>-old\n+new</pre>" in shown
     told = SAMPLE.to_markdown()
     assert "| name | value \\| unit |\n| --- | ---: |" in told and "```\n-old\n+new\n```" in told
 

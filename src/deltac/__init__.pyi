@@ -49,6 +49,10 @@ from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
+from deltac.fleets.audits import audit_many as audit_many
+from deltac.fleets.result import Fleet as Fleet
+from deltac.fleets.result import fleet_status as fleet_status
+from deltac.fleets.sweep import sweep as sweep
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
@@ -72,10 +76,15 @@ from deltac.models import StateLike as StateLike
 from deltac.models import load_model as load_model
 from deltac.procedure import Examination as Examination
 from deltac.procedure import examine as examine
+from deltac.recorders import BoundExceeded as BoundExceeded
+from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
+from deltac.recorders import record_pinocchio as record_pinocchio
+from deltac.recorders import record_pybullet as record_pybullet
 from deltac.recorders import run_mujoco as run_mujoco
 from deltac.repair import Fix as Fix
 from deltac.repair import Repair as Repair

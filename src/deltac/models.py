@@ -18,6 +18,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 from deltac.errors import FileError, InputError, StateError, UnknownName, WrongType, closest
 from deltac.files import read_bytes
 from deltac.limits import parse_json, parse_toml
+from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
@@ -100,6 +101,11 @@ class Model:
     problem: ProblemLike | None = None
     import_report: Any = None
 
+    @property
+    def first(self) -> State | None:
+        """The state at which it starts where none is asked for, or None."""
+        return next(iter(self.starts.values()), None)
+
     def start(self, given: StateLike = None) -> State:
         """The state at which a motion starts.
 
@@ -178,6 +184,23 @@ def opened(
     """Mechanism, start and duration of a motion, as given or as the model says."""
     loaded = load_model(model)
     return loaded.mechanism, loaded.start(state), loaded.lasting(duration)
+
+
+def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
+    """The coordinates that equations of a model are written in (see `check_equations`)."""
+    if isinstance(coordinates, CoordinateMap):
+        return coordinates
+    own = None if model.problem is None else model.problem.equations
+    offered = None if own is None else own.coordinates
+    if coordinates is None:
+        return offered
+    if coordinates == "joint":
+        return None
+    if coordinates == "absolute":
+        return offered or absolute_angles(model.mechanism)
+    raise InputError(
+        f"unknown coordinates {coordinates!r}: expected 'joint', 'absolute' or a CoordinateMap"
+    )
 
 
 def load_callable(text: str) -> Callable[..., Any]:

@@ -2,8 +2,8 @@
 
 A result is a frozen dataclass that says what it holds (its fields), what a reader is told of it
 (`sections`), what was noticed (`findings`) and what a script needs (`exit_code`). All the rest follows:
-`explain()` for a terminal, `_repr_html_` for a notebook, `to_markdown()` for a pull request, `to_dict()` for
-a program.
+`explain()` for a terminal, `_repr_html_` for a notebook, `plot()` for a paper, `to_markdown()` for a pull
+request, `to_dict()` for a program. Mechanisms and trajectories show themselves in the same way (`Shown`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from importlib import import_module
 from pathlib import PurePath
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from deltac.codes import FINDINGS, finding_code
 from deltac.deprecation import RenamedAttribute
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SCHEMA = 1
 """Version of the JSON; it grows when a key changes its meaning or goes, not when one is added."""
@@ -167,9 +171,12 @@ class Table:
         return "\n".join(lines)
 
     def html(self) -> str:
-        """The table as an HTML fragment."""
-        rows = "".join(f"<tr>{_cells('td', row)}</tr>" for row in self.rows if row)
-        return f"<table><thead><tr>{_cells('th', self.heads)}</tr></thead><tbody>{rows}</tbody></table>"
+        """The table as an HTML fragment; numbers are aligned to the right, a long table scrolls."""
+        right = self.numeric
+        rows = "".join(f"<tr>{_cells('td', row, right)}</tr>" for row in self.rows if row)
+        head = f"<thead><tr>{_cells('th', self.heads, right)}</tr></thead>"
+        table = f"<table>{head}<tbody>{rows}</tbody></table>"
+        return f'<div style="max-height:24em;max-width:100%;overflow:auto">{table}</div>'
 
     def markdown(self) -> str:
         """The table in GitHub's Markdown."""
@@ -199,8 +206,12 @@ def _wrapped(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False)
 
 
-def _cells(tag: str, row: tuple[str, ...]) -> str:
-    return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
+def _cells(tag: str, row: tuple[str, ...], right: tuple[bool, ...]) -> str:
+    sides = ("right" if number else "left" for number in right)
+    return "".join(
+        f'<{tag} style="text-align:{side};padding:.1em .6em">{html.escape(cell)}</{tag}>'
+        for cell, side in zip(row, sides)
+    )
 
 
 def paragraph(text: str, width: int = WIDTH) -> str:
@@ -222,6 +233,50 @@ def as_text(sections: Iterable[Section], width: int = WIDTH) -> str:
         text = section.text(width) if isinstance(section, Table) else section.text.rstrip("\n")
         parts += ["", text, ""]
     return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).strip("\n")
+
+
+EDGES = {0: "#009e73", 1: "#d55e00", 3: "#e69f00", None: "#0072b2"}
+"""Colour beside the first line in a notebook, by exit code; None where nothing is judged."""
+
+_CHANGED = {"+": "rgba(0,158,115,.22)", "-": "rgba(213,94,0,.22)"}
+"""Background of the lines of a diff, in light and dark."""
+
+
+def as_html(
+    headline: str, sections: Iterable[Section], code: int | None = None, told: Iterable[str] = ()
+) -> str:
+    """A fragment for notebooks: headline, what must be `told`, tables and diffs; paragraphs are folded away.
+
+    Everything is escaped, and styled inline, since notebooks that are not trusted lose style sheets.
+    """
+    edge = f"border-left:4px solid {EDGES.get(code, EDGES[1])};padding:.2em .7em"
+    parts = [f'<div style="{edge}"><b>{html.escape(headline)}</b></div>']
+    parts += (f"<p>{html.escape(text)}</p>" for text in told)
+    words: list[str] = []
+    for section in sections:
+        if isinstance(section, Table):
+            parts += [section.html()] if section.rows else []
+        elif isinstance(section, Verbatim):
+            parts.append(_pre(section.text))
+        elif section.rstrip(".") != headline.rstrip("."):
+            words.append(f"<p>{html.escape(section)}</p>")
+    if words:
+        parts.append(f"<details><summary>in words</summary>{''.join(words)}</details>")
+    return "\n".join(parts)
+
+
+def _pre(text: str) -> str:
+    """Text as it is; of a diff, what goes and what comes has a colour."""
+    lines = text.rstrip("\n").split("\n")
+    if not any(line.startswith("@@") for line in lines):
+        return f"<pre>{html.escape(text)}</pre>"
+    shown = (
+        f'<span style="background:{_CHANGED[line[0]]}">{html.escape(line)}</span>'
+        if line[:1] in _CHANGED and line[:3] not in ("+++", "---")
+        else html.escape(line)
+        for line in lines
+    )
+    return f"<pre>{chr(10).join(shown)}</pre>"
 
 
 def number(value: float, unit: str = "", digits: int = 4) -> str:
@@ -285,7 +340,36 @@ def told_findings(findings: Iterable[Finding]) -> Iterator[str]:
     return (f"{HEADINGS[f.weight]} [{f.code}]: {f}." for f in ranked)
 
 
-class Report(Record):
+class Shown:
+    """What shows itself: a picture for papers, a fragment in notebooks."""
+
+    def summary(self) -> str:
+        """What it is, in one line."""
+        raise NotImplementedError
+
+    def sections(self) -> Iterator[Section]:
+        """What it is, for a reader: paragraphs and tables, in order."""
+        raise NotImplementedError
+
+    def plot(self, *, title: str | None = None, **options: Any) -> Figure:
+        """The picture of it: a figure of matplotlib (7.6 in wide), to be shown or written by its `savefig`.
+
+        Args:
+            title: in place of its own.
+            options: of some pictures: `names` of the coordinates and speeds of a trajectory.
+
+        Raises:
+            InputError: there is no picture of such a thing, or no such option.
+        """
+        # The report knows all results and none of them knows it, but for this name.
+        drawn: Figure = import_module("deltac.report.plots").figure(self, title=title, **options)
+        return drawn
+
+    def _repr_html_(self) -> str:
+        return as_html(self.summary(), self.sections())
+
+
+class Report(Record, Shown):
     """What a verb found.
 
     A subclass is a frozen dataclass (``repr=False``) with `sections`, `summary` and, where it judges,
@@ -341,16 +425,24 @@ class Report(Record):
         """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
         return headed(type(self).__name__, self.contents())
 
+    def report(self, path: str | PurePath, *, model: Any = None, run: Any = None) -> None:
+        """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
+
+        The page needs no network. It takes the place of a file of that name once it is complete.
+
+        Args:
+            path: where to, ending in ``.html``.
+            model: whose motion is shown, for results that hold none; what every verb takes.
+            run: the Trajectory that is shown, likewise.
+
+        Raises:
+            InputError: another ending, a folder that does not exist or cannot be written to.
+        """
+        import_module("deltac.report.page").write_report(self, path, model=model, run=run)
+
     def _repr_html_(self) -> str:
-        parts = [f"<p><b>{html.escape(self.summary())}</b></p>"]
-        for section in self.sections():
-            if isinstance(section, Table):
-                parts.append(section.html())
-            elif isinstance(section, Verbatim):
-                parts.append(f"<pre>{html.escape(section.text)}</pre>")
-            else:
-                parts.append(f"<p>{html.escape(section)}</p>")
-        return "\n".join(parts)
+        told = told_findings(f for f in self.findings if f.weight != "note")
+        return as_html(self.summary(), self.sections(), self.exit_code, told)
 
     def __str__(self) -> str:
         return self.summary()

@@ -94,7 +94,7 @@ def test_how_the_log_is_read(logs: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["simple-pendulum", "good.parquet"], "joint2"),
         ([MODEL, "good.parquet", "--tolerance", "0"], "E-VALUE"),
         ([MODEL, "good.parquet", "--work", "guess"], "known: in-loop"),
-        ([MODEL, "good.parquet", "--figure", "a.svg"], "E-FILE"),
+        ([MODEL, "good.parquet", "--figure", "a.gif"], "E-FILE"),
         ([MODEL, "good.parquet", "--figure", "no/folder/a.png"], "E-FILE"),
     ],
 )

@@ -111,7 +111,7 @@ def test_unresolved(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         (("--steps", "1e-2", "--solver", "mujoco:rk4"), "MuJoCo cannot read"),
         (("--steps", "0.013"), "does not divide the duration"),
         (("--steps", "1e-2", "--equations", "x"), "expected FILE.py:FUNCTION"),
-        (("--steps", "1e-2", "--figure", "x.pdf"), "written as .png"),
+        (("--steps", "1e-2", "--figure", "x.gif"), "written as .pdf or .svg"),
         (("--steps", "1e-2", "--tolerance", "7"), "between 0 and 1"),
     ],
 )

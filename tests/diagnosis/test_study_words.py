@@ -57,20 +57,16 @@ def test_the_order_of_delta_c_is_that_of_its_maxima() -> None:
     assert wang.order == pytest.approx(by_hand[-1], abs=0.06)  # neighbours within 0.1 are averaged
     assert wang.order == pytest.approx(4.0, abs=0.15)
     assert wang.order_error is not None and wang.order_error < 1.0
-    from deltac.report import study_figure
-
-    labels = study_figure("", found).axes[0].get_legend_handles_labels()[1]
+    labels = found.plot().axes[0].get_legend_handles_labels()[1]
     assert "the same, at times that all steps share" in labels  # these motions do not part
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_line_is_drawn_through_the_points_it_was_fitted_to() -> None:
     """Stick-slip: the order is of the first 0.1 s; the largest |ΔC| of the whole runs grows."""
-    from deltac.report import study_figure
-
     found = dc.study("stick-slip", steps=(1e-2, 5e-3, 2.5e-3), solver="ode4")
     energy = found.observed_order["wang"]
-    panel = study_figure("stick-slip", found).axes[0]
+    panel = found.plot().axes[0]
     (line,) = [x for x in panel.get_lines() if str(x.get_label()).startswith("order")]
     h, y = line.get_data()
     for step, size in list(zip(found.measures.steps, energy.sizes))[-2:]:

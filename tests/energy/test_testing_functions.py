@@ -150,8 +150,11 @@ def test_both_sides_of_kane_levinson_are_divided_alike(simulated: Any, balanced:
         record=functions,
         coordinates=simulated,
     )
-    with pytest.raises(dc.InputError, match="coordinates: the integrals of Kane–Levinson's"):
-        dc.balance(mechanism, run, coordinates=balanced)
+    if balanced is None:  # the run says which speeds its integrals are of
+        assert np.abs(dc.balance(mechanism, run).delta_c["kane-levinson-1990"]).max() < 1e-9
+    else:
+        with pytest.raises(dc.InputError, match="coordinates: the integrals of Kane–Levinson's"):
+            dc.balance(mechanism, run, coordinates=balanced)
     # Wang's function does not divide the energy, and quadrature takes both sides itself.
     others = [
         dc.balance(mechanism, run, testing=("wang",), coordinates=balanced),
@@ -161,16 +164,3 @@ def test_both_sides_of_kane_levinson_are_divided_alike(simulated: Any, balanced:
     for ledger in others:
         for delta_c in ledger.delta_c.values():
             assert np.abs(delta_c).max() < 1e-9  # ode5 at h = 1e-3, 20 J exchanged
-
-
-def test_constraints_divide_the_motion_themselves() -> None:
-    guide = dc.constraints.point_on("guide", "b", ["y"], point=(1.2, 0, 0))
-    mechanism = _chain(guide)
-    start = dc.assemble(mechanism, {"i": 0.5, "j": -1.0}).state
-    fewer = dc.CoordinateMap(speeds=("x",), u={"i": "u.x", "j": "-u.x"})
-    for given in (OWN, fewer):
-        with pytest.raises(dc.InputError, match="has constraints"):
-            dc.simulate(mechanism, start, 0.1, 1e-3, coordinates=given)
-    run = dc.simulate(mechanism, start, 0.1, 1e-3)
-    with pytest.raises(dc.InputError, match="has constraints"):
-        dc.balance(mechanism, run, coordinates=OWN)

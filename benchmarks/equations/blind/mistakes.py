@@ -16,9 +16,21 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
         ("the parent's rate after the turn", "np.cross(w, np.cross(w, p)))", "np.cross(w, p))"),
         ("not transposed", "vd = R.T @ (vd", "vd = R @ (vd"),
         ("the child's force without its arm", "np.cross([link.a, 0.0, 0.0], f_child) + ", ""),
-        ("the base's acceleration upside down", "gravity=(0.0, 9.81, 0.0)", "gravity=(0.0, -9.81, 0.0)"),
-        ("the inertia torque forgotten", " + np.cross(link.r, F[j]) + N[j]", " + np.cross(link.r, F[j])"),
-        ("the centre of the wrong link", "np.cross(w, np.cross(w, link.r))\n", "np.cross(w, np.cross(w, p))\n"),
+        (
+            "the base's acceleration upside down",
+            "gravity=(0.0, 9.81, 0.0)",
+            "gravity=(0.0, -9.81, 0.0)",
+        ),
+        (
+            "the inertia torque forgotten",
+            " + np.cross(link.r, F[j]) + N[j]",
+            " + np.cross(link.r, F[j])",
+        ),
+        (
+            "the centre of the wrong link",
+            "np.cross(w, np.cross(w, link.r))\n",
+            "np.cross(w, np.cross(w, p))\n",
+        ),
     ],
     "vec2d_world": [
         ("one mass in the second rod", "(1 / m1 + 1 / m2)", "(1 / m2)"),
@@ -45,7 +57,11 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
         ("masses above", "range(max(i, j), N)", "range(max(i, j) + 1, N)"),
         ("the elimination's start", "s -= A[i, j] * x[j]", "s -= A[j, i] * x[j]"),
         ("gravity's sign", "b[i] -= below * G", "b[i] += below * G"),
-        ("the one length twice", "* lengths[i] * lengths[j] * math.cos", "* lengths[i] * lengths[i] * math.cos"),
+        (
+            "the one length twice",
+            "* lengths[i] * lengths[j] * math.cos",
+            "* lengths[i] * lengths[i] * math.cos",
+        ),
     ],
     "casadi_function": [
         ("the damper's sign", "- d * vel", "+ d * vel"),
@@ -58,7 +74,7 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
         ("Coriolis", "- 2 * rdot * phidot", "- rdot * phidot"),
         ("mass forgotten", 'spring(r, rdot) / cfg["mass"]', "spring(r, rdot)"),
         ("a default", "default=0.45", "default=0.54"),
-        ("the rest length", '(r - cfg["rest"])', 'r'),
+        ("the rest length", '(r - cfg["rest"])', "r"),
     ],
     "match_walrus": [
         ("half the coupling", "2 * (h := m2", "(h := m2"),
@@ -70,11 +86,19 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
     ],
     "recursive_links": [
         ("the recursion stops early", "drift(q, u, k - 1) + l[k]", "l[k]"),
-        ("sine's sign", "np.array([-np.sin(q[k]), np.cos(q[k])])", "np.array([np.sin(q[k]), np.cos(q[k])])"),
+        (
+            "sine's sign",
+            "np.array([-np.sin(q[k]), np.cos(q[k])])",
+            "np.array([np.sin(q[k]), np.cos(q[k])])",
+        ),
         ("a mass forgotten", "M += mk * J.T @ J", "M += J.T @ J"),
         ("= for +=", "rhs += J.T", "rhs = J.T"),
         ("a rate", "u[k] ** 2", "u[k]"),
-        ("sine and cosine exchanged", "np.array([np.cos(q[k]), np.sin(q[k])])", "np.array([np.sin(q[k]), np.cos(q[k])])"),
+        (
+            "sine and cosine exchanged",
+            "np.array([np.cos(q[k]), np.sin(q[k])])",
+            "np.array([np.sin(q[k]), np.cos(q[k])])",
+        ),
     ],
     "lagrangian_jax": [
         ("a relative rate", "qt[0], qt[0] + qt[1]", "qt[0], qt[1]"),
@@ -83,7 +107,11 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
         ("a length", "(L2 / 2 * w2) ** 2", "(L2 * w2) ** 2"),
     ],
     "pan_tilt_chain": [
-        ("the axis not turned", "tilt_axis = Rz(q[0]) @ np.array([0.0, -1.0, 0.0])", "tilt_axis = np.array([0.0, -1.0, 0.0])"),
+        (
+            "the axis not turned",
+            "tilt_axis = Rz(q[0]) @ np.array([0.0, -1.0, 0.0])",
+            "tilt_axis = np.array([0.0, -1.0, 0.0])",
+        ),
         ("the tensor turned the wrong way", "R @ I_cam @ R.T", "R.T @ I_cam @ R"),
         ("the gyroscopic torque's order", "np.cross(w, I @ w)", "np.cross(I @ w, w)"),
         ("the tilt's sign", "Ry(-q[1])", "Ry(q[1])"),
@@ -101,8 +129,16 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
         ("a half", "qdot = 0.5 * (", "qdot = ("),
         ("the order of a product", "(q * Quaternion(0.0, *w))", "(Quaternion(0.0, *w) * q)"),
         ("not back into the body", "q.conj().rotate", "q.rotate"),
-        ("the cross product's order", "np.cross(w, self.inertia * w)", "np.cross(self.inertia * w, w)"),
-        ("a sign in the product", "self.w * o.w - self.vec @ o.vec", "self.w * o.w + self.vec @ o.vec"),
+        (
+            "the cross product's order",
+            "np.cross(w, self.inertia * w)",
+            "np.cross(self.inertia * w, w)",
+        ),
+        (
+            "a sign in the product",
+            "self.w * o.w - self.vec @ o.vec",
+            "self.w * o.w + self.vec @ o.vec",
+        ),
     ],
     "complex_foucault": [
         ("Coriolis", "2j * Om * zd", "1j * Om * zd"),
@@ -120,7 +156,11 @@ MISTAKES: dict[str, list[tuple[str, str, str]]] = {
     "state_tuple": [
         ("the damper", " + p.c * state.rdot", ""),
         ("Coriolis", "2 * state.rdot * state.phidot", "state.rdot * state.phidot"),
-        ("fields exchanged", "r=state.rdot,\n        phi=state.phidot", "r=state.phidot,\n        phi=state.rdot"),
+        (
+            "fields exchanged",
+            "r=state.rdot,\n        phi=state.phidot",
+            "r=state.phidot,\n        phi=state.rdot",
+        ),
         ("the radius", "state.r * state.phidot**2", "state.phidot**2"),
         ("gravity's sign", "+ p.g * cos", "- p.g * cos"),
     ],

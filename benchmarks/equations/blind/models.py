@@ -31,10 +31,7 @@ def three_links() -> Pair:
     ):
         p |= {f"m{k}": m, f"a{k}": a, f"c{k}": c, f"I{k}": i}
     return dc.Mechanism(
-        [
-            dc.body(f"link{k}", f"m{k}", (0.1, 0.1, f"I{k}"), (f"c{k}", 0, 0))
-            for k in (1, 2, 3)
-        ],
+        [dc.body(f"link{k}", f"m{k}", (0.1, 0.1, f"I{k}"), (f"c{k}", 0, 0)) for k in (1, 2, 3)],
         [
             dc.revolute("q1", "ground", "link1"),
             dc.revolute("q2", "link1", "link2", position=("a1", 0, 0)),
@@ -125,7 +122,13 @@ def stage() -> Pair:
         [dc.prismatic("x", "ground", "slide"), dc.prismatic("y", "slide", "mass", "y")],
         [
             dc.forces.spring_damper(
-                "left", "ground", "mass", point1=("-d", 0, 0), stiffness="k1", length="L1", damping="c"
+                "left",
+                "ground",
+                "mass",
+                point1=("-d", 0, 0),
+                stiffness="k1",
+                length="L1",
+                damping="c",
             ),
             dc.forces.spring_damper(
                 "right", "ground", "mass", point1=("d", 0, 0), stiffness="k2", length="L2"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, NoReturn
@@ -26,7 +27,9 @@ from deltac.cli import (
     reproduce,
     states,
     study,
+    sweep,
 )
+from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
@@ -70,6 +73,12 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Find the cheapest solver and step that keep a tolerance.",
         "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
     ),
+    "sweep": (
+        "Run thousands of motions or studies by one plan, and go on after a kill.",
+        "deltac sweep arm.toml --out results\n"
+        "  deltac sweep --status results\n"
+        "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
@@ -90,6 +99,7 @@ PAGES = {
     "mutate": "repair",
     "states": "other-languages",
     "cache": "guide",
+    "sweep": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -103,7 +113,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, recommend, check, mutate),
+    *(examine, audit, study, sweep, recommend, check, mutate),
     *(describe, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
@@ -138,6 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
             sys.exit(app(given, prog_name="deltac", standalone_mode=False))
     except ClickException as error:

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, Model, StartState, deliver, progress_bar
+from deltac.cli.output import (
+    FigureFile,
+    Form,
+    Format,
+    Json,
+    Model,
+    PageFile,
+    StartState,
+    deliver,
+    progress_bar,
+)
 
 
 def command(
@@ -29,6 +39,8 @@ def command(
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
     state: StartState = None,
+    figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -50,4 +62,4 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=model)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page, model=model)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, Model, deliver, progress_bar
+from deltac.cli.output import FigureFile, Form, Format, Json, Model, deliver, progress_bar
 
 
 def command(
@@ -34,6 +34,7 @@ def command(
         ),
     ] = None,
     most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
+    figure: FigureFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -55,4 +56,4 @@ def command(
             most=most,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=equations)
+    deliver(found, form.unless(as_json), name=equations, figure=figure)

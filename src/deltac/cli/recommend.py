@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from deltac.cli.output import (
+    FigureFile,
     Form,
     Format,
     Json,
     Model,
+    PageFile,
     StartState,
-    checked_figure,
     deliver,
     progress_bar,
-    write,
 )
 
 
@@ -48,9 +47,8 @@ def command(
             help="Input of a MuJoCo model: (model, data).",
         ),
     ] = None,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw work against precision (PNG).")
-    ] = None,
+    figure: FigureFile = None,
+    page: PageFile = None,
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
@@ -65,7 +63,6 @@ def command(
     from deltac.diagnosis.recommend.recommend import recommend
     from deltac.models import load_callable
 
-    checked_figure(figure)
     chosen = None
     if solvers is not None:
         chosen = [name.strip() for name in solvers.split(",") if name.strip()]
@@ -81,8 +78,4 @@ def command(
             time_limit=time_limit,
             progress=progress,
         )
-    if figure is not None:
-        from deltac.report import recommendation_figure
-
-        write(recommendation_figure(f"{model}: work and precision", found), figure)
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page, model=model)

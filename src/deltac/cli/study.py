@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from deltac.cli.output import (
+    FigureFile,
     Form,
     Format,
     Json,
     Model,
+    PageFile,
     StartState,
-    checked_figure,
     deliver,
     progress_bar,
-    write,
 )
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.study.study import Study
     from deltac.simulation.equations import Equations
 
 
@@ -57,9 +56,8 @@ def command(
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw |ΔC| over the step and time (PNG).")
-    ] = None,
+    figure: FigureFile = None,
+    page: PageFile = None,
     state: StartState = None,
     form: Format = Form.text,
     as_json: Json = False,
@@ -71,7 +69,6 @@ def command(
     """
     from deltac.diagnosis.study.study import study
 
-    checked_figure(figure)
     with progress_bar() as progress:
         found = study(
             model,
@@ -86,9 +83,7 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    if figure is not None:
-        _draw(found, figure)
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
@@ -111,9 +106,3 @@ def _equations(text: str) -> Equations:
 
     found = load_equations(text)
     return found if isinstance(found, Equations) else Equations(found, name=text)
-
-
-def _draw(found: Study, path: Path) -> None:
-    from deltac.report import study_figure
-
-    write(study_figure(f"{found.mechanism.name}: {found.solver}", found), path)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
+import numpy as np
 
+from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.errors import InputError
+from deltac.errors import InputError, ModelError, UnknownName, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
+
+KEPT = 1e-7
+"""Own speeds that move a constraint by less than this share of its terms satisfy it."""
+
+REGULAR = 1e-6
+"""Own speeds whose constraint columns are independent by less than this are not taken as dependent."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +29,11 @@ class OwnCoordinates:
 
     `q` and `u` are the mechanism's free coordinates and speeds, u = `Y` u′ + `Z`; all of (t, q′, u′).
     `own_qdot` is q̇′. `inverse` is q′ of the mechanism's symbols (t, q), or None if unknown.
+
+    `mapped` tells that q′ are the user's; else they are the mechanism's, because the user chose none, or
+    chose some that give the others only by assembly: then `told` are the user's coordinates, of (t, q′).
+    `removal` tells that speeds without a law follow from the constraints: it gives the change of speeds
+    that removes a violation (nc,) of them and leaves the own speeds alone.
     """
 
     own_q: SX
@@ -30,6 +44,9 @@ class OwnCoordinates:
     Z: SX
     own_qdot: SX
     inverse: SX | None
+    mapped: bool
+    told: SX | None = None
+    removal: Callable[[SX], SX] | None = None
 
     def own_state(self, system: System) -> tuple[SX, SX]:
         """q′ and u′ in the mechanism's symbols (t, q, u); InputError if the map has no inverse."""
@@ -39,73 +56,261 @@ class OwnCoordinates:
                 "give inverse= with each own coordinate as a law of the mechanism's q.<coordinate>"
             )
         Y, Z = ca.substitute([self.Y, self.Z], [self.own_q], [self.inverse])
-        return self.inverse, _solve(Y, system.u - Z) if Y.shape[0] else Z
+        return self.inverse, solve_tall(Y, system.u - Z) if Y.shape[0] else Z
 
     def udot(self, system: System, own_udot: SX) -> SX:
         """The mechanism's free accelerations from u̇′, in (t, q′, u′, u̇′)."""
         along = ca.vertcat(self.own_q, self.own_u, system.t)
         return ca.jtimes(self.u, along, ca.vertcat(self.own_qdot, own_udot, 1))
 
+    def told_rate(self, system: System) -> SX:
+        """Rates of the coordinates that the user chose, of (t, q′, u′)."""
+        if self.told is None:
+            return self.own_qdot
+        along = ca.vertcat(self.own_q, system.t)
+        return ca.jtimes(self.told, along, ca.vertcat(self.own_qdot, 1))
 
-def trace_map(system: System, given: CoordinateMap) -> OwnCoordinates:
-    """Write a coordinate map out in symbols; InputError where it does not fit the mechanism."""
+
+def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinates:
+    """Write a coordinate map out in symbols; `rows` are the mechanism's constraints, or independent ones.
+
+    InputError where it does not fit the mechanism.
+    """
     mechanism = system.mechanism
     given.check(mechanism)
+    q_laws, u_laws = given.laws()
     q_names = [mechanism.coordinates[i].name for i in system.free_q]
     u_names = [mechanism.speeds[i].name for i in system.free_u]
-    constants = {name: system.values[name] for name in mechanism.parameters}
-    own_names = given.coordinates if given.q else tuple(q_names)
-    own_q = ca.SX.sym("own_q", len(own_names))
+    assembled = given.assembled(mechanism)
+    mapped = bool(q_laws) and not assembled
+    own_names = given.coordinates if given.coordinates else tuple(q_names)
     own_u = ca.SX.sym("own_u", len(given.speeds) or len(own_names))
-    values: dict[str, SX] = {**constants, "t": system.t}
-    values.update({f"q.{name}": own_q[k] for k, name in enumerate(own_names)})
+    if u_laws or assembled:
+        _enough(own_u.shape[0], len(u_laws) or own_u.shape[0], rows, u_names, mechanism.name)
+    values: dict[str, SX] = {
+        **{name: system.values[name] for name in mechanism.parameters},
+        "t": system.t,
+    }
     values.update({f"u.{name}": own_u[k] for k, name in enumerate(given.speeds)})
 
-    q = ca.vertcat(*(to_casadi(given.q[n], values) for n in q_names)) if given.q else own_q
-    Jq = ca.jacobian(q, own_q)
-    q_t = ca.jacobian(q, system.t)
+    # The user's coordinates y: own ones, or functions of the mechanism's.
+    chosen = ca.SX.sym("own_q", len(own_names))
+    told: SX | None = None
+    own_q = chosen if mapped else system.q
+    if assembled:
+        told = _told(system, given, q_laws, values, q_names)
+    values.update({f"q.{name}": chosen[k] for k, name in enumerate(own_names)})
+    in_state = told if told is not None else own_q
+
+    def law(given_law: object) -> SX:
+        return ca.substitute(to_casadi(given_law, values), chosen, in_state)
+
+    q = ca.vertcat(*(law(q_laws[n]) for n in q_names)) if mapped else own_q
     W = _rates_matrix(system, q)
-    if given.u:
-        u = ca.vertcat(*(to_casadi(given.u[name], values) for name in u_names))
+    Jq, q_t = ca.jacobian(q, own_q), ca.jacobian(q, system.t)
+    G, psi = (
+        ca.substitute(x, system.q, q)
+        for x in (rows.G, ca.substitute(rows.psi, system.u, ca.SX.zeros(len(u_names))))
+    )
+    removal: Callable[[SX], SX] | None = None
+    if u_laws:
+        places = [k for k, name in enumerate(u_names) if name in u_laws]
+        known = ca.vertcat(*(law(u_laws[u_names[k]]) for k in places))
+    elif assembled and q_laws:
+        missing = [name for name in q_laws if name not in u_names]
+        if missing:
+            raise ModelError(
+                f"the coordinate map has no u=, but the rate of {missing[0]!r} is no speed of the mechanism; "
+                "give u= with some of the mechanism's speeds"
+            )
+        places = [u_names.index(name) for name in q_laws]
+        rates = ca.vertcat(*(to_casadi(q_laws[u_names[k]], values) for k in places))
+        known = ca.jtimes(rates, ca.vertcat(chosen, system.t), ca.vertcat(own_u, 1))
+        known = ca.substitute(known, chosen, in_state)
+    elif assembled:  # rates of functions of the mechanism's coordinates
+        assert told is not None
+        slope, drift = ca.mtimes(ca.jacobian(told, own_q), W), ca.jacobian(told, system.t)
+        stack = ca.vertcat(G, slope)
+
+        def removal(violation: SX) -> SX:
+            return solve_tall(stack, ca.vertcat(-violation, ca.SX.zeros(own_u.shape[0])))
+
+        u = solve_tall(stack, ca.vertcat(-psi, own_u - drift))
+        places = list(range(len(u_names)))
+        known = u
     else:
         if not _all_rates(system):
             raise InputError(
                 "the coordinate map has no u=, but the speeds of spherical and free joints are not the "
                 "rates of their coordinates; give u= with each of the mechanism's speeds"
             )
-        u = ca.mtimes(Jq, own_u) + q_t
+        places, known = list(range(len(u_names))), ca.mtimes(Jq, own_u) + q_t
+    if len(places) < len(u_names):  # the others follow from the constraints
+        rest = [k for k in range(len(u_names)) if k not in places]
+
+        def removal(violation: SX) -> SX:
+            change = ca.SX.zeros(len(u_names))
+            change[rest] = -solve_tall(G[:, rest], violation)
+            return change
+
+        u = ca.SX.zeros(len(u_names))
+        u[places] = known
+        u[rest] = -solve_tall(G[:, rest], psi + ca.mtimes(G[:, places], known))
+    else:
+        u = known
     Y = ca.jacobian(u, own_u)
     if ca.depends_on(Y, own_u):
         raise InputError("the coordinate map's u= must be linear in its own speeds u.<name>")
     Z = ca.substitute(u, own_u, ca.SX.zeros(own_u.shape[0]))
-    if not given.u:
-        own_qdot = own_u
-    elif given.q:
-        own_qdot = _solve(Jq, ca.mtimes(W, u) - q_t)
-    else:
+    if not mapped:
         own_qdot = ca.mtimes(W, u)
-    return OwnCoordinates(
-        own_q, own_u, q, u, Y, Z, own_qdot, _inverse(system, given, own_q, q, Jq, constants)
+    elif not u_laws:
+        own_qdot = own_u
+    else:
+        own_qdot = solve_tall(Jq, ca.mtimes(W, u) - q_t)
+    inverse = _inverse(system, given, own_q, q, Jq, values, q_names) if mapped else system.q
+    return OwnCoordinates(own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, told, removal)
+
+
+def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: str) -> None:
+    """ModelError where own speeds, or laws of some speeds, cannot tell the motion."""
+    free = len(names) - len(rows)
+    if min(own, laws) >= free:
+        return
+    what = f"names {own} speeds" if own < free else f"gives {laws} of the mechanism's speeds"
+    left = "" if not len(rows) else f" that the constraints leave of {', '.join(names)}"
+    raise ModelError(
+        f"the coordinate map {what}, but the motion of {mechanism!r} has {free} independent ones{left}; give "
+        f"{free - min(own, laws)} more"
     )
 
 
-def trace_split(system: System, given: CoordinateMap | None) -> OwnCoordinates | None:
+def _told(
+    system: System,
+    given: CoordinateMap,
+    q_laws: Mapping[str, object],
+    values: Mapping[str, SX],
+    q_names: Sequence[str],
+) -> SX:
+    """Own coordinates as functions of the mechanism's (t, q)."""
+    if given.inverse:
+        return _laws_of_state(system, given, values, q_names)
+    y = ca.SX.sym("y", len(given.coordinates))
+    of_y = {**values, **{f"q.{name}": y[k] for k, name in enumerate(given.coordinates)}}
+    laws = ca.vertcat(*(to_casadi(law, of_y) for law in q_laws.values()))
+    slope = ca.jacobian(laws, y)
+    if slope.shape[0] != slope.shape[1] or ca.depends_on(slope, y):
+        raise ModelError(
+            f"the coordinate map gives {', '.join(q_laws)} by {', '.join(given.coordinates)}, and how these "
+            "follow from the mechanism's coordinates is not known; give inverse= with each own coordinate "
+            "as a law of the mechanism's q.<coordinate>"
+        )
+    for name in q_laws:
+        if name not in q_names:
+            raise UnknownName(f"the coordinate map: {name!r} is prescribed{closest(name, q_names)}")
+    offset = ca.substitute(laws, y, ca.SX.zeros(y.shape[0]))
+    here = ca.vertcat(*(system.q[list(q_names).index(name)] for name in q_laws))
+    return ca.solve(slope, here - offset)
+
+
+def trace_split(
+    system: System, given: CoordinateMap | None, rows: Rows | None = None
+) -> OwnCoordinates | None:
     """Own generalized speeds in which testing functions divide the kinetic energy; none by default.
 
-    InputError for a mechanism with constraints: there λ belongs to the speeds of the joints, and v_t is what
-    the constraints leave.
+    `rows` are the mechanism's independent constraints. Own speeds that they make dependent on the others are
+    eliminated: the last of them that can be, as the textbooks number them.
     """
     if given is None:
         return None
-    if system.mechanism.constraints:
-        raise InputError(
-            f"coordinates: mechanism {system.mechanism.name!r} has constraints, which choose already how "
-            "the motion is divided; leave own generalized speeds out"
+    bound = _no_rows(system) if rows is None else rows
+    own = trace_map(system, given, bound)
+    count, free = own.own_u.shape[0], own.u.shape[0] - len(bound)
+    if not len(bound) or own.removal is not None or count == free:
+        return own
+    G, psi = (
+        ca.substitute(x, system.q, own.q)
+        for x in (bound.G, ca.substitute(bound.psi, system.u, ca.SX.zeros(own.u.shape[0])))
+    )
+    columns, rest = ca.mtimes(G, own.Y), psi + ca.mtimes(G, own.Z)
+    dependent = _dependent(system, own, columns, count - free)
+    kept = [k for k in range(count) if k not in dependent]
+    small = ca.SX.sym("own_u", len(kept))
+    full = ca.SX.zeros(count)
+    full[kept] = small
+    full[dependent] = -solve_tall(columns[:, dependent], rest + ca.mtimes(columns[:, kept], small))
+    u = ca.mtimes(own.Y, full) + own.Z
+    return replace(
+        own,
+        own_u=small,
+        u=u,
+        Y=ca.jacobian(u, small),
+        Z=ca.substitute(u, small, ca.SX.zeros(len(kept))),
+    )
+
+
+def _dependent(system: System, own: OwnCoordinates, columns: SX, wanted: int) -> list[int]:
+    """The last own speeds whose constraint columns are independent, at places in general position."""
+    rng = np.random.default_rng(1)
+    inputs = [system.t, own.own_q, system.p]
+    function = ca.Function("columns", inputs, [ca.densify(columns)])
+    p = [system.mechanism.parameters[name] for name in system.vary]
+    some = [
+        np.array(function(rng.uniform(0, 1), rng.uniform(-1.5, 1.5, own.own_q.shape[0]), p))
+        for _ in range(4)
+    ]
+    found: list[int] = []
+    for k in reversed(range(columns.shape[1])):
+        tried = [matrix[:, [k, *found]] for matrix in some]
+        values = [np.linalg.svd(matrix, compute_uv=False) for matrix in tried]
+        if min(value[-1] / max(value[0], 1e-300) for value in values) > REGULAR:
+            found.append(k)
+        if len(found) == wanted:
+            return sorted(found)
+    raise ModelError(
+        f"the coordinate map has {columns.shape[1]} own speeds, of which the constraints of "
+        f"{system.mechanism.name!r} determine {len(found)} where they should determine {wanted}: own speeds "
+        "are too few, or not independent"
+    )
+
+
+def check_split(
+    system: System, own: OwnCoordinates, rows: Rows, t: Array, q: Array, p: Array
+) -> None:
+    """InputError unless motion by own speeds satisfies the constraints at places t (B,), q (nq, B).
+
+    Only then do the own speeds say how the motion is divided: u = Y u′ + Z with G Y = 0.
+    """
+    if own.inverse is None or not len(rows):
+        return
+    Y, Z = ca.substitute([own.Y, own.Z], [own.own_q], [own.inverse])
+    psi = ca.substitute(rows.psi, system.u, ca.SX.zeros(Z.shape[0]))
+    moved, drift = ca.mtimes(rows.G, Y), ca.mtimes(rows.G, Z)
+    # A row's size by all of its entries: alone those that own speeds reach may be rounding.
+    size = ca.mmax(ca.fabs(ca.horzcat(ca.densify(Y), ca.densify(Z))))
+    terms = size * ca.sum2(ca.fabs(rows.G)) + ca.fabs(psi)
+    off = ca.sum2(ca.fabs(moved)) + ca.fabs(drift + psi)
+    function = ca.Function("split", [system.t, system.q, system.p], [off / (terms + 1e-300)])
+    count = len(t)
+    share = np.array(
+        function.map(count)(t[None, :], q, np.repeat(np.reshape(p, (-1, 1)), count, 1))
+    )
+    worst = np.nan_to_num(share, nan=0.0).max(axis=1, initial=0.0)
+    if worst.max(initial=0.0) > KEPT:
+        name = rows.names[int(np.argmax(worst))]
+        raise ModelError(
+            f"the own speeds do not satisfy constraint {name!r} (they violate it by "
+            f"{worst.max():.2g} of its terms), so the motion cannot be divided by them; leave laws of "
+            "dependent speeds out of u=, and they are found from the constraints"
         )
-    return trace_map(system, given)
 
 
-def _solve(A: SX, b: SX) -> SX:
+def _no_rows(system: System) -> Rows:
+    none, n = ca.SX(0, 1), system.u.shape[0]
+    return Rows((), (), none, none, ca.SX(0, system.u_all.shape[0]), ca.SX(0, n), none, none)
+
+
+def solve_tall(A: SX, b: SX) -> SX:
     """Solve A x = b, where b is in the range of a matrix with at least as many rows as columns."""
     if A.shape[0] == A.shape[1]:
         return ca.solve(A, b)
@@ -123,16 +328,25 @@ def _rates_matrix(system: System, q: SX) -> SX:
 
 
 def _inverse(
-    system: System, given: CoordinateMap, own_q: SX, q: SX, Jq: SX, constants: Mapping[str, SX]
+    system: System,
+    given: CoordinateMap,
+    own_q: SX,
+    q: SX,
+    Jq: SX,
+    values: Mapping[str, SX],
+    q_names: Sequence[str],
 ) -> SX | None:
-    if not given.q:
-        return system.q
     if given.inverse:
-        names = [system.mechanism.coordinates[i].name for i in system.free_q]
-        values = {**constants, "t": system.t}
-        values.update({f"q.{name}": system.q[k] for k, name in enumerate(names)})
-        return ca.vertcat(*(to_casadi(given.inverse[name], values) for name in given.coordinates))
+        return _laws_of_state(system, given, values, q_names)
     if ca.depends_on(Jq, own_q) or Jq.shape[0] != Jq.shape[1]:
         return None
     offset = ca.substitute(q, own_q, ca.SX.zeros(own_q.shape[0]))
     return ca.solve(Jq, system.q - offset)
+
+
+def _laws_of_state(
+    system: System, given: CoordinateMap, values: Mapping[str, SX], q_names: Sequence[str]
+) -> SX:
+    """Own coordinates by `inverse`, of the mechanism's (t, q)."""
+    of_q = {**values, **{f"q.{name}": system.q[k] for k, name in enumerate(q_names)}}
+    return ca.vertcat(*(to_casadi(given.inverse[name], of_q) for name in given.coordinates))

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 
 from deltac.dynamics.constraints import Rows
-from deltac.dynamics.coordinates import OwnCoordinates
+from deltac.dynamics.coordinates import OwnCoordinates, solve_tall
 from deltac.dynamics.forces import Channel, channels, total_force
 from deltac.dynamics.kkt import Schur
 from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
@@ -160,8 +160,9 @@ def acatastatic(
 ) -> Acatastatic:
     """The part of the motion that is there when the generalized speeds are zero.
 
-    With constraints that depend on time, or that prescribed joints take part in, it is the motion least
-    in the mass metric that satisfies them: smooth, and the same whatever the independent speeds.
+    With constraints that depend on time, or that prescribed joints take part in, it is the motion at zero
+    own speeds; without these the motion least in the mass metric that satisfies the constraints, which is
+    smooth, and the same whatever the independent speeds.
     """
     nu = len(system.mechanism.speeds)
     u_t, udot_t = ca.SX.zeros(nu), ca.SX.zeros(nu)
@@ -176,7 +177,7 @@ def acatastatic(
         Z_dot = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
         for k, place in enumerate(system.free_u):
             u_t[place], udot_t[place] = Z[k], Z_dot[k]
-    if constrained is not None:
+    elif constrained is not None:
         rows = constrained.rows
         moving = ca.simplify(rows.b + ca.mtimes(rows.G_all, u_t))
         if ca.sparsify(moving).nnz():
@@ -292,11 +293,11 @@ def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
     """∂K/∂t + Σ X_s ∂K/∂q_s of K as a function of q, u′, t (Kane and Levinson 1988)."""
     along = ca.vertcat(system.q, system.t)
     direction = ca.vertcat(drift.X, 1)
-    held = ca.SX.sym("own_u", system.u.shape[0])
+    held = ca.SX.sym("own_u", drift.Y.shape[1])
     u = ca.mtimes(drift.Y, held) + drift.Z
     u_rate = ca.jtimes(u, along, direction)
     if u_rate.nnz() and ca.depends_on(u_rate, held):
-        own_u = ca.solve(drift.Y, system.u - drift.Z)
+        own_u = solve_tall(drift.Y, system.u - drift.Z)
         u_rate = ca.substitute(u_rate, held, own_u)
     return ca.jtimes(K, along, direction) + ca.jtimes(K, system.u, u_rate)
 

@@ -66,8 +66,8 @@ def testing_functions(
 ) -> tuple[TestingFunction, ...]:
     """The functions of those names.
 
-    Raises InputError with the closest match for an unknown one, and for the 1988 form on a `constrained`
-    mechanism: it needs independent coordinates.
+    Raises InputError with the closest match for an unknown one, and for the 1988 form on a mechanism that is
+    `constrained` and not told by independent speeds.
     """
     if isinstance(names, str):
         names = (names,)
@@ -78,8 +78,9 @@ def testing_functions(
             )
     if constrained and "kane-levinson-1988" in names:
         raise ModelError(
-            "'kane-levinson-1988' differentiates the kinetic energy by independent coordinates, which a "
-            "mechanism with constraints does not have; use 'kane-levinson-1990'"
+            "'kane-levinson-1988' differentiates the kinetic energy at fixed independent speeds, and the "
+            "joints' speeds are not independent where there are constraints; name such speeds, "
+            "coordinates=deltac.CoordinateMap(speeds=(…)), or use 'kane-levinson-1990'"
         )
     return tuple(TESTING_FUNCTIONS[name] for name in names)
 

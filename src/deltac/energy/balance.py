@@ -12,6 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords
+from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -34,7 +35,7 @@ from deltac.energy.terms import (
     variants,
 )
 from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
-from deltac.errors import InputError
+from deltac.errors import InputError, ModelError
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -44,6 +45,9 @@ from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WORK = ("in-loop", "samples", "discrete")
+DIVISIONS = 64
+"""Samples at which own speeds are held against the constraints."""
+
 EPS = float(np.finfo(np.float64).eps)
 
 
@@ -67,7 +71,8 @@ def balance(
             where the run has them). "samples": by quadrature along the samples. "discrete": forces held
             over a step do the work h fᵀ(u_k + u_{k+1})/2, for engines that step so.
         testing: names of testing functions; by default those integrated in the loop, or all.
-        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson).
+        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
+            those in which the run's integrals were taken.
 
     Returns:
         The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
@@ -80,7 +85,10 @@ def balance(
     mechanism = load_model(model).mechanism
     _require_trajectory(run)
     method = _method(run, work)
-    tied = bool(mechanism.constraints)
+    noted = run.provenance.coordinates
+    if coordinates is None and noted and method == "in-loop":
+        coordinates = CoordinateMap(**noted)
+    tied = bool(mechanism.constraints) and coordinates is None
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
     if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
@@ -88,6 +96,7 @@ def balance(
     log = LoggedForces.of(rows)
     samples, basis = checked_samples(mechanism, rows, log)
     symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
+    _check_division(symbols, samples)
     sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
     places = kernels.at_samples.output_slices.items()
     here = {name: sampled[where][:, rows.own] for name, where in places}
@@ -211,7 +220,8 @@ def residuals(
     log = LoggedForces.of(run)
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
-    tied = bool(mechanism.constraints)
+    _check_division(symbols, samples)
+    tied = bool(mechanism.constraints) and coordinates is None
     functions = testing_functions(
         applicable(constrained=tied) if testing is None else testing, constrained=tied
     )
@@ -246,13 +256,28 @@ def _method(run: Trajectory, work: str | None) -> str:
 
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
     """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
-    taken, _, names = run.provenance.notes.get("coordinates", "").partition(" ")
+    noted = run.provenance.coordinates
+    taken, _, names = run.provenance.notes.get("coordinates", "").partition(
+        " "
+    )  # schema 3, before 0.3
+    if noted:
+        known = CoordinateMap(**noted)
+        taken, names = known.digest, ", ".join(known.speeds)
     if taken != ("" if coordinates is None else coordinates.digest):
         of = f"in the own speeds {names}" if taken else "in the mechanism's speeds"
-        raise InputError(
+        raise ModelError(
             f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
-            f"balance {'the same coordinates=' if taken else 'none'}, or work='samples'"
+            "balance none, so that it takes the same, or work='samples'"
         )
+
+
+def _check_division(symbols: LedgerSymbols, samples: Samples) -> None:
+    """Own speeds must satisfy the constraints wherever they divide the motion."""
+    if symbols.split is None or symbols.constrained is None:
+        return
+    rows = np.unique(np.linspace(0, len(samples.t) - 1, DIVISIONS).astype(np.intp))
+    t, q = samples.t[rows], samples.smooth["q"].values[rows].T
+    check_split(symbols.system, symbols.split, symbols.constrained.rows, t, q, np.empty(0))
 
 
 def _chosen(

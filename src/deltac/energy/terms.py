@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.dynamics.coordinates import trace_split
+from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.forces import Channel, total_force
 from deltac.dynamics.independence import independence
@@ -98,7 +98,8 @@ class LedgerSymbols:
     """A mechanism and the channels that a log's energy flows through, in symbols.
 
     `parts` are the model's channels, with those that the log holds in place of the model's own, and
-    the log's further ones. `measured` are driving forces of prescribed joints that were logged.
+    the log's further ones. `split` are the generalized speeds in which the kinetic energy is divided, where
+    they are the user's; `measured` are driving forces of prescribed joints that were logged.
     """
 
     system: System
@@ -106,6 +107,7 @@ class LedgerSymbols:
     logged: SX
     measured: Mapping[ChannelName, SX]
     constrained: Constrained | None
+    split: OwnCoordinates | None
     reactions: Reactions
     computed: Terms
     with_measured: Terms | None
@@ -139,8 +141,8 @@ def ledger_symbols(
     """
     motion = equations_of_motion(mechanism)
     system = motion.system
-    own = trace_split(system, speeds)
     bound = motion.constrained(independence(motion, *start).independent)
+    own = trace_split(system, speeds, None if bound is None else bound.rows)
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)
     driven = {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}
@@ -173,7 +175,7 @@ def ledger_symbols(
         reactions = _measured(measured, driven, nu, bound, system)
         with_measured = terms(system, udot, given, own, bound, reactions)
     return LedgerSymbols(
-        system, given, logged, measured, bound, reactions, computed, with_measured, udot
+        system, given, logged, measured, bound, own, reactions, computed, with_measured, udot
     )
 
 

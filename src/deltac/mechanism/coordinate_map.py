@@ -15,8 +15,9 @@ from typing import Any
 from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
-from deltac.mechanism.laws import as_law, check_symbols
+from deltac.mechanism.laws import as_law, as_text, check_symbols
 from deltac.mechanism.laws import q as symbol
+from deltac.mechanism.laws import u as speed_symbol
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import IDENTITY
 from deltac.mechanism.scope import GROUND
@@ -34,8 +35,13 @@ class CoordinateMap:
     ``u.<own speed>``, linear in u′. Left out: `q` (the mechanism's own coordinates are used), `u`
     (own speeds are the rates of own coordinates), `speeds` (named like the coordinates). `inverse`
     gives own coordinates as laws of t and the mechanism's ``q.<coordinate>``; it is found
-    automatically when `q` is linear. Of a mechanism with constraints, fewer own coordinates and speeds
-    than it has may satisfy them by themselves.
+    automatically when `q` is linear.
+
+    Of a mechanism with constraints, own coordinates and speeds may be fewer. Either the laws satisfy the
+    constraints by themselves, or they leave out what follows from the constraints: coordinates without a law
+    are found by assembly, speeds without a law by the constraint Jacobian. Names alone, and `inverse` alone,
+    say as much: ``CoordinateMap(("crank",))`` tells a four-bar by its joint's angle `crank`,
+    ``CoordinateMap(("x",), inverse={"x": "r*cos(q.crank)"})`` by a place.
 
     >>> absolute = CoordinateMap(
     ...     ("theta1", "theta2"), q={"joint1": "q.theta1", "joint2": "q.theta2 - q.theta1"}
@@ -58,7 +64,7 @@ class CoordinateMap:
             object.__setattr__(self, attribute, FrozenDict(laws))
         object.__setattr__(self, "coordinates", _names(self.coordinates, "coordinates"))
         object.__setattr__(self, "speeds", _names(self.speeds, "speeds") or self.coordinates)
-        if not self.q and not self.u:
+        if not self.coordinates and not self.speeds and not self.q and not self.u:
             raise ModelError("a coordinate map needs q= (own coordinates) or u= (own speeds)")
         if self.q and not self.coordinates:
             raise ModelError("a coordinate map with q= must name its own coordinates")
@@ -71,37 +77,69 @@ class CoordinateMap:
         laws = [sorted(law.items()) for law in (self.q, self.u)]
         return hashlib.sha256(repr((self.coordinates, self.speeds, laws)).encode()).hexdigest()[:16]
 
+    def laws(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+        """`q` and `u`; where names stand alone, they are the mechanism's own."""
+        q, u = self.q, self.u
+        if self.coordinates and not q and not self.inverse:
+            q = FrozenDict({name: symbol(name) for name in self.coordinates})
+        if not self.coordinates and not u:
+            u = FrozenDict({name: speed_symbol(name) for name in self.speeds})
+        return q, u
+
+    def assembled(self, mechanism: Mechanism) -> bool:
+        """Whether the constraints, by assembly, say what the own coordinates leave open."""
+        q, _ = self.laws()
+        free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
+        return bool(self.coordinates) and any(name not in q for name in free)
+
     def check(self, mechanism: Mechanism) -> None:
-        """InputError unless the map gives every free coordinate and speed of the mechanism."""
+        """InputError unless the map gives every free coordinate and speed of the mechanism.
+
+        What a mechanism's constraints can give may be left out.
+        """
+        q, u = self.laws()
         parameters = tuple(mechanism.parameters)
         q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
         u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
-        own_q = self.coordinates if self.q else tuple(q_free)
+        own_q = self.coordinates or tuple(q_free)
         symbols_q = ["t", *parameters, *(f"q.{name}" for name in own_q)]
         symbols_u = [*symbols_q, *(f"u.{name}" for name in self.speeds)]
-        if self.q:
-            _cover(self.q, q_free, "q", "coordinate")
-        if self.u:
-            _cover(self.u, u_free, "u", "speed")
-        elif not _fits(len(own_q), len(u_free), mechanism):
+        open_ = bool(mechanism.constraints)
+        assembled = self.assembled(mechanism)
+        if q:
+            _cover(q, q_free, "q", "coordinate", partly=open_)
+        if u:
+            _cover(u, u_free, "u", "speed", partly=open_)
+        elif not assembled and not _fits(len(own_q), len(u_free), mechanism):
             raise ModelError(
                 f"the coordinate map has {len(own_q)} coordinates for {len(u_free)} speeds: rates "
                 "cannot serve as speeds; give u="
             )
-        if self.u and not _fits(len(self.speeds), len(u_free), mechanism):
+        own = len(self.speeds)
+        if (u or assembled) and not _fits(own, len(u_free), mechanism):
             raise ModelError(
-                f"the coordinate map names {len(self.speeds)} speeds; the mechanism has "
+                f"the coordinate map names {own} speeds; the mechanism has "
                 f"{len(u_free)} free ones: {', '.join(u_free)}"
             )
-        for name, law in self.q.items():
+        for name, law in q.items():
             check_symbols(law, symbols_q, f"q of {name!r} in the coordinate map")
-        for name, law in self.u.items():
+        for name, law in u.items():
             check_symbols(law, symbols_u, f"u of {name!r} in the coordinate map")
         if self.inverse:
             _cover(self.inverse, list(self.coordinates), "inverse", "own coordinate")
         allowed = ["t", *parameters, *(f"q.{name}" for name in q_free)]
         for name, law in self.inverse.items():
             check_symbols(law, allowed, f"inverse of {name!r} in the coordinate map")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The map as texts, which `CoordinateMap(**…)` takes; what a run notes of its own speeds."""
+        found: dict[str, Any] = {
+            "coordinates": list(self.coordinates),
+            "speeds": list(self.speeds),
+        }
+        for name in ("q", "u", "inverse"):
+            found[name] = {key: as_text(law) for key, law in getattr(self, name).items()}
+        return found
 
 
 def _fits(own: int, free: int, mechanism: Mechanism) -> bool:
@@ -120,14 +158,21 @@ def _names(value: Sequence[str], what: str) -> tuple[str, ...]:
     return names
 
 
-def _cover(laws: Mapping[str, Any], expected: Sequence[str], what: str, noun: str) -> None:
+def _cover(
+    laws: Mapping[str, Any],
+    expected: Sequence[str],
+    what: str,
+    noun: str,
+    *,
+    partly: bool = False,
+) -> None:
     for name in laws:
         if name not in expected:
             raise UnknownName(
                 f"{what} of the coordinate map: unknown {noun} {name!r}{closest(name, expected)}"
             )
     missing = [name for name in expected if name not in laws]
-    if missing:
+    if missing and not partly:
         raise ModelError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")
 
 

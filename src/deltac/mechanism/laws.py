@@ -143,6 +143,38 @@ def as_law(value: object, where: str) -> Law:
     )
 
 
+def as_text(law: Law) -> str:
+    """The law as a text of the grammar; names of coordinates and speeds in brackets, whatever they are."""
+    if isinstance(law, float):
+        return repr(law)
+    from sympy.printing.str import StrPrinter
+
+    class Printer(StrPrinter):  # type: ignore[misc]
+        def _print_Symbol(self, expr: Any) -> str:  # noqa: N802
+            kind, dot, name = expr.name.partition(".")
+            return f'{kind}["{name}"]' if dot else str(expr.name)
+
+        def _print_Float(self, expr: Any) -> str:  # noqa: N802
+            return repr(float(expr))
+
+        def _print_And(self, expr: Any) -> str:  # noqa: N802
+            return " and ".join(f"({self._print(arg)})" for arg in expr.args)
+
+        def _print_Or(self, expr: Any) -> str:  # noqa: N802
+            return " or ".join(f"({self._print(arg)})" for arg in expr.args)
+
+        def _print_Not(self, expr: Any) -> str:  # noqa: N802
+            return f"not ({self._print(expr.args[0])})"
+
+        def _print_Piecewise(self, expr: Any) -> str:  # noqa: N802
+            text = str(self._print(expr.args[-1].expr))
+            for part in reversed(expr.args[:-1]):
+                text = f"where({self._print(part.cond)}, {self._print(part.expr)}, {text})"
+            return text
+
+    return str(Printer().doprint(law))
+
+
 def symbol_names(law: Law) -> frozenset[str]:
     """The names of the symbols that the law depends on."""
     if isinstance(law, float):

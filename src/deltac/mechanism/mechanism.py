@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,6 +21,8 @@ from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
 from deltac.mechanism.scope import GROUND, Element, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
+from deltac.mechanism.visuals import Visual
+from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,13 +33,14 @@ NO_GRAVITY = (0.0, 0.0, 0.0)
 
 @constructor
 @dataclass(frozen=True, eq=False)
-class Mechanism:
+class Mechanism(Shown):
     """Bodies, the tree of joints that connects them to the ground, forces and constraints.
 
     `joints` may come in any order; they are kept with parents before children, which is also the
     order of q and u. `gravity` is the acceleration of free fall in world components (m/s²).
     `parameters` are named numbers that any quantity or law may use. `events` are impacts, joint stops
-    and other instants that a run looks for.
+    and other instants that a run looks for. `visuals` are what bodies look like in pictures; nothing
+    else depends on them.
 
     Raises InputError, naming the part, for a mass or inertia that no rigid body can have, unknown or
     repeated names, bodies that no joint or more than one joint carries, cycles, laws with unknown
@@ -52,6 +55,7 @@ class Mechanism:
     parameters: Mapping[str, float] = field(default_factory=dict)
     name: str = "mechanism"
     events: Sequence[Happening] = ()
+    visuals: Sequence[Visual] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         def store(attribute: str, value: Any) -> None:
@@ -69,6 +73,7 @@ class Mechanism:
                 Happening,
                 "deltac.events.joint_stop(...), deltac.events.impact(...) or deltac.events.event(...)",
             ),
+            ("visuals", Visual, "deltac.shapes.Visual(...)"),
         ):
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
         store("joints", _tree_order(self.bodies, self.joints))
@@ -79,6 +84,8 @@ class Mechanism:
         self.scope.laws(self.gravity, self.scope.constants, "gravity")
         for part in self.parts:
             part.check(self.scope)
+        for visual in self.visuals:
+            self.scope.body(visual.body, "a visual")
         _check_channels(self.parts)
         _check_mass_carried(self)
 
@@ -201,11 +208,37 @@ class Mechanism:
         """
         return make_state(self.joints, self.scope, coordinates, speeds, t)
 
-    def __repr__(self) -> str:
-        return (
-            f"Mechanism({self.name!r}: {len(self.bodies)} bodies, {len(self.joints)} joints, "
-            f"{len(self.free.u)} free speeds, {len(self.elements)} force elements)"
+    # --- for people ----------------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """Its name and how many parts it has, in one line."""
+        counts = (
+            *(
+                f"{len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.free.u)} free speeds, ",
+            ),
+            f"{len(self.elements)} force elements",
+            f", {len(self.constraints)} constraints" if self.constraints else "",
+            f", {len(self.events)} events" if self.events else "",
         )
+        return f"{self.name!r}: {''.join(counts)}"
+
+    def sections(self) -> Iterator[Section]:
+        """Tables of joints with the bodies that they carry, of all other parts, and of parameters."""
+        rows = []
+        for joint in self.joints:
+            body = self.body(joint.child)
+            mass = "" if body.massless else number(self.number(body.mass), "kg")
+            kind = f"{joint.kind}, prescribed" if joint.prescribed else joint.kind
+            rows.append((joint.name, kind, joint.parent, joint.child, mass))
+        yield Table(("joint", "kind", "from", "carries", "mass"), tuple(rows))
+        others = (*self.elements, *self.constraints, *self.events)
+        parts = tuple((part.noun, part.name, ", ".join(part.channel_kinds)) for part in others)
+        yield Table(("part", "name", "channels"), parts)
+        values = tuple((name, number(value)) for name, value in self.parameters.items())
+        yield Table(("parameter", "value"), values)
+
+    def __repr__(self) -> str:
+        return f"Mechanism({self.summary()})"
 
 
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:

@@ -144,6 +144,11 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
     return forces
 
 
+def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array) -> Forces:
+    """As `generalized_forces`, the channels of passive forces alone: springs, dampers, fluid, …."""
+    return dict(_passive(model, data, elements, plastic, _Remainders(model, elements)))
+
+
 def mass_times(model: Model, data: Data, acceleration: Array) -> Array:
     """M(q) a (nv,), with the mass matrix of the last forward pass."""
     product = np.zeros(model.nv)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltac.diagnosis.check.matching import explain_residual
+from deltac.diagnosis.residuals.states import told
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -240,7 +241,8 @@ def undefined(program: Program, target: Target) -> str:
             continue
         at = int(np.flatnonzero(~finite)[0])
         place = tape.nodes[k]
-        states = target.test().states
+        test = target.test()
+        states = told(test.kane, test.states)
         names = (
             *(f"q.{name}" for name in states.coordinates),
             *(f"u.{name}" for name in states.speeds),

@@ -14,13 +14,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.check import chosen_map
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
 from deltac.repair.edits.by_running import found_by_running
 from deltac.repair.edits.candidates import Candidate, unified_diff
@@ -115,7 +114,9 @@ def repair_equations(
         rhs = rhs.rhs
     else:
         chosen = chosen_map(found, coordinates)
-    return repair_source(read_source(rhs), Target(found.mechanism, chosen, seed), time_limit)
+    return repair_source(
+        read_source(rhs), Target(found.mechanism, chosen, seed, found.first), time_limit
+    )
 
 
 def repair_loaded(
@@ -137,7 +138,7 @@ def repair_loaded(
         chosen = function.coordinates
     else:
         chosen = chosen_map(found, coordinates)
-    target = Target(found.mechanism, chosen, seed)
+    target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
     try:
         source = read_source(text)
@@ -305,7 +306,7 @@ def _report(
     source, program = reading.source, reading.worst
     names = (
         *program.samples.speeds,
-        *(f"q̇ of {name}" for name in target.test().states.coordinates),
+        *(f"q̇ of {name}" for name in target.test().kane.told_names),
     )
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:

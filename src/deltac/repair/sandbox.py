@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.repair.tracing.modules import bound
 from deltac.repair.tracing.samples import Samples
 from deltac.repair.tracing.source import Source
+from deltac.simulation.state_form import PLAIN
 
 WORKER = Path(__file__).with_name("sandbox_worker.py")
 

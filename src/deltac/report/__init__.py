@@ -1,14 +1,11 @@
-"""Pictures of runs and ledgers, and files that appear complete or not at all."""
+"""Pictures of results, and files that appear complete or not at all."""
 
 from __future__ import annotations
 
 from deltac.report.figures import (
     Curve,
     angles_figure,
-    audit_figure,
     chain_figure,
-    recommendation_figure,
-    study_figure,
     testing_figure,
     torque_figure,
 )
@@ -17,12 +14,9 @@ from deltac.report.files import check_figure, output_folder, write_figure, write
 __all__ = [
     "Curve",
     "angles_figure",
-    "audit_figure",
     "chain_figure",
     "check_figure",
     "output_folder",
-    "recommendation_figure",
-    "study_figure",
     "testing_figure",
     "torque_figure",
     "write_figure",

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deltac.errors import FileError
@@ -27,20 +27,47 @@ def output_folder(path: Path) -> Path:
     return path
 
 
+FORMATS = ("pdf", "svg", "png")
+"""Of figures, by the ending of the name."""
+
+
 def check_figure(path: Path) -> None:
     """InputError, before the work is done, for a path that a figure could not be written to."""
-    if path.suffix.lower() != ".png":
-        raise FileError(f"{path}: figures are written as .png; name it so")
+    if path.suffix.lower().lstrip(".") not in FORMATS:
+        raise FileError(
+            f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"
+        )
     if not path.parent.is_dir():
         raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
+    if path.is_dir():
+        raise FileError(f"{path} is a folder; name a file")
+
+
+def check_page(path: str | PurePath) -> Path:
+    """The path of a page, refused before the work is done where none can be written.
+
+    Raises InputError for another ending than .html, and for a folder that does not exist.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise FileError(
+            f"{path}: a report is a page for the browser; name it {path.with_suffix('.html').name}. A PDF is "
+            "printed from there; --figure draws pictures, --json prints the numbers"
+        )
+    if not path.parent.is_dir():
+        raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; expected the name of a file")
+    return path
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
-    from deltac.report.figures import styled
+    """Write a figure in the format that the path's ending says; the same figure gives the same bytes."""
+    from deltac.report.style import UNDATED, styled
 
+    kind = path.suffix.lower().lstrip(".")
     with _written(path) as file, styled():
-        figure.savefig(file, format="png")
+        figure.savefig(file, format=kind, metadata=UNDATED.get(kind))
 
 
 def write_json(value: Any, path: Path) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -13,11 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
+from deltac.dynamics.equations_of_motion import equations_of, evaluate_at
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.errors import InputError, StateError, UnknownName, WrongType, closest
+from deltac.errors import (
+    InputError,
+    SourceError,
+    StateError,
+    UnknownName,
+    WrongType,
+    closest,
+    listed,
+)
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.simulation.state_form import (
+    MATCH,
+    PLAIN,
+    Order,
+    StateForm,
+    candidate_forms,
+    likeliest,
+    signature,
+    state_names,
+)
+from deltac.trajectories.columns import QUATERNION
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,19 +47,34 @@ class Equations:
 
     `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
     likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
-    ones (the prescribed joints follow their laws). A function of arithmetic and NumPy's elementary
-    functions is traced and compiled; any other (with branches, look-up tables, memory) is called from
-    Python at every stage, more slowly. `compiled` = True insists on the former, False on the latter.
+    ones (the prescribed joints follow their laws). With a map that leaves the rest to the constraints, such
+    as ``CoordinateMap(("crank",))`` of a four-bar, they are equations in minimal coordinates.
+
+    A function of arithmetic and NumPy's elementary functions is traced and compiled; any other (with
+    branches, look-up tables, memory) is called from Python at every stage, more slowly. `compiled` = True
+    insists on the former, False on the latter.
+
+    `rhs` may also be what SciPy's solvers take, a function of (t, y) or (y, t) that returns ẏ: `form` = "ode"
+    says so, and without it the arguments do. `order` names the entries of y, such as ``("a", "u.a", "b",
+    "u.b")``, or is "interleaved" for just that; without it, it is found out from the returned rates q̇.
+    They must be those of the speeds: what is integrated is the mechanism's own q̇ = W u.
     """
 
     rhs: Callable[..., Any]
     coordinates: CoordinateMap | None = None
     name: str = "equations by hand"
     compiled: bool | None = None
+    form: str | None = None
+    order: Order = None
 
     def __post_init__(self) -> None:
         if not callable(self.rhs):
             raise InputError(f"{self.name}: rhs is {self.rhs!r}, expected a function of (t, q, u)")
+        if self.form not in (None, "ode"):
+            raise InputError(
+                f"{self.name}: form is {self.form!r}; expected 'ode' for a function of (t, y) that returns "
+                "ẏ, or None for one of (t, q, u) that returns u̇"
+            )
 
     def __call__(self, t: float, q: Array, u: Array) -> Array:
         """u̇ as a float array; InputError for a result of another shape."""
@@ -49,6 +85,175 @@ class Equations:
                 "expected u̇ in the shape of u"
             )
         return value
+
+
+def as_equations(given: Equations | Callable[..., Any]) -> Equations:
+    """Equations as they are, or those of a bare function, which gives them its name."""
+    if isinstance(given, Equations):
+        return given
+    return Equations(given, name=str(getattr(given, "__name__", "equations by hand")))
+
+
+@dataclass(frozen=True, eq=False)
+class StateSymbols:
+    """The state in which equations are written, in symbols of a traced system.
+
+    `q`, `u`, `qdot` are the coordinates, speeds and rates: the mechanism's free ones, or those of `own` where
+    there is a map. A function takes the coordinates `told`, with rates `told_rate`, and the speeds, named
+    `coordinates` and `speeds`: those of the state, or own ones that give the others only by assembly.
+    """
+
+    own: OwnCoordinates | None
+    q: SX
+    u: SX
+    qdot: SX
+    told: SX
+    told_rate: SX
+    coordinates: tuple[str, ...]
+    speeds: tuple[str, ...]
+
+
+def state_symbols(
+    system: System, given: CoordinateMap | None, rows: Rows | None = None
+) -> StateSymbols:
+    """The state of a system's equations; InputError for a map that does not fit.
+
+    `rows` are the mechanism's independent constraints, all of them by default.
+    """
+    coordinates = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
+    speeds = tuple(system.mechanism.speeds[i].name for i in system.free_u)
+    if given is None:
+        q, qdot = system.q, system.qdot
+        return StateSymbols(None, q, system.u, qdot, q, qdot, coordinates, speeds)
+    own = trace_map(system, given, equations_of(system).rows if rows is None else rows)
+    coordinates = given.coordinates if own.mapped or own.told is not None else coordinates
+    told = own.own_q if own.told is None else own.told
+    return StateSymbols(
+        own,
+        own.own_q,
+        own.own_u,
+        own.own_qdot,
+        told,
+        own.told_rate(system),
+        coordinates,
+        given.speeds or coordinates,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Explicit:
+    """A function of a state vector as one of (t, q, u) that returns u̇; of symbols and batches, too."""
+
+    rhs: Callable[..., Any]
+    form: StateForm
+    nq: int
+    nu: int
+
+    def __call__(self, t: Any, q: Any, u: Any) -> Any:
+        found = self.rhs(*self.form.given(t, q, u, np.array, 0.0))
+        return np.array(self.form.split(list(np.asarray(found)), self.nq, self.nu)[1])
+
+    @property
+    def __code__(self) -> Any:  # where messages look for the user's line
+        return getattr(self.rhs, "__code__", None)
+
+
+def explicit(system: System, equations: Equations) -> Equations:
+    """The equations as u̇ = rhs(t, q, u), however their function takes the state.
+
+    How it does is found out from its arguments and from the rates q̇ that it returns at some states.
+
+    Raises InputError where it takes no state of this size, or returns other rates than those of the speeds.
+    """
+    known = signature(equations.rhs)
+    told = equations.form is not None or equations.order is not None
+    if not told and (known is None or known[1] >= len(PLAIN.arguments)):
+        return equations
+    state = state_symbols(system, equations.coordinates)
+    coordinates, speeds = state.coordinates, state.speeds
+    nq, nu = len(coordinates), len(speeds)
+    place = [system.t, state.q, state.u]
+    seen = ca.Function("told", place, [state.told, state.told_rate])
+    names = coordinates
+    if state.own is not None and state.own.told is not None:  # the state holds the mechanism's
+        names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
+    drawn = _some_states(names, nu)
+    values = [[np.array(x).ravel() for x in seen(*at)] for at in drawn]
+    states = [(t, y, u) for (t, _, u), (y, _) in zip(drawn, values)]
+    right = np.array([rate for _, rate in values]).T
+
+    def evaluate(form: StateForm) -> tuple[Array, Array]:
+        found = []
+        for at, position, speed in states:
+            arguments = form.given(at, position.copy(), speed.copy(), np.array, 0.0)
+            with np.errstate(all="ignore"):
+                value = np.asarray(equations.rhs(*arguments), dtype=np.float64)
+            if value.ndim != 1:
+                raise ValueError(f"it returns an array of shape {value.shape}")
+            found.append(np.array(sum(form.split(list(value), nq, nu), [])))
+        table = np.array(found).T
+        return (table[:nq], table[nq:]) if len(table) > nu else (table[:0], table)
+
+    motors = len(system.mechanism.motors)
+    candidates = candidate_forms(
+        equations.rhs, equations.form, equations.order, coordinates, speeds, motors
+    )
+    form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
+    if form is None or form.plain:
+        if form is None and (told or len(known[0] if known else ()) < len(PLAIN.arguments)):
+            raise _no_form(equations, candidates, evaluate, nq, nu)
+        return equations  # called as it is: its own error says what does not fit
+    found, _ = evaluate(form)
+    size = np.abs(right).max(axis=1, initial=0.0) + 1e-300
+    wrong = [
+        f"{name} ({found[k, 0]:.6g} where its speed is {right[k, 0]:.6g})"
+        for k, name in enumerate(coordinates)
+        if len(found) and not np.abs(found[k] - right[k]).max() <= MATCH * size[k]
+    ]
+    if wrong:
+        raise SourceError(
+            f"{equations.name}, taken as {form.describe(coordinates, speeds)}, returns rates that are not "
+            f"those of the speeds: {listed(wrong)}. If y is in another order, say so: "
+            f"deltac.Equations(f, form='ode', order={tuple(state_names(coordinates, speeds))}) with the "
+            "names in the order of y; if not, deltac.check_equations(model, f) says which rates are wrong"
+        )
+    return replace(equations, rhs=_Explicit(equations.rhs, form, nq, nu), form=None, order=None)
+
+
+def _no_form(
+    equations: Equations,
+    candidates: Sequence[StateForm],
+    evaluate: Callable[[StateForm], Any],
+    nq: int,
+    nu: int,
+) -> InputError:
+    """Why a function that is said to be ẏ = f(t, y) cannot be called so."""
+    why = f"its arguments are {signature(equations.rhs)}"
+    for form in [one for one in candidates if "state" in one.arguments][:1]:
+        try:
+            evaluate(form)
+        except ValueError as error:
+            why = str(error)
+        except Exception as error:  # whatever a function of a user raises
+            why = f"{type(error).__name__}: {error}"
+    return SourceError(
+        f"{equations.name}: called with a state y of {nq} coordinates and {nu} speeds it does not return "
+        f"{nq + nu} rates ({why}); expected a function of (t, y) that returns ẏ, as SciPy's solve_ivp takes"
+    )
+
+
+def _some_states(coordinates: Sequence[str], nu: int) -> list[tuple[float, Array, Array]]:
+    """States to try a function at: quaternions of length one, nothing near zero alone."""
+    rng = np.random.default_rng(2011)
+    states = []
+    for k in range(4):
+        q = rng.uniform(-1.0, 1.0, len(coordinates))
+        for place, name in enumerate(coordinates):
+            if name.rpartition(".")[2] == QUATERNION[0]:
+                part = slice(place, place + 4)
+                q[part] /= np.linalg.norm(q[part])
+        states.append((0.1 + 0.3 * k, q, rng.uniform(-1.0, 1.0, nu)))
+    return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,20 +318,34 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations) -> ByHand:
-    """Trace hand-written equations, now."""
-    own = None
-    q, u, qdot = system.q, system.u, system.qdot
-    if equations.coordinates is not None:
-        own = trace_map(system, equations.coordinates)
-        q, u, qdot = own.own_q, own.own_u, own.own_qdot
-    udot = trace_rhs(equations, system.t, q, u)
+def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> ByHand:
+    """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
+    equations = explicit(system, equations)
+    state = state_symbols(system, equations.coordinates, rows)
+    q, u, own = state.q, state.u, state.own
+    if own is not None and own.told is not None:
+        equations = replace(equations, rhs=_of_state(equations.rhs, system, own.told))
+    udot = trace_rhs(equations, system.t, q, u)
     if udot is not None:
         expression = ca.Function("rhs", [system.t, q, u], [udot]).serialize()
         digest = hashlib.sha256(expression.encode()).digest()
         key = (digest, equations.coordinates, equations.name)
-    return ByHand(equations, own, q, u, qdot, udot, key)
+    return ByHand(equations, state.own, q, u, state.qdot, udot, key)
+
+
+def _of_state(rhs: Callable[..., Any], system: System, told: SX) -> Callable[..., Any]:
+    """A function of own coordinates as one of the mechanism's, which are functions `told` of (t, q)."""
+    p = [system.mechanism.parameters[name] for name in system.vary]
+    numbers = ca.Function("told", [system.t, system.q, system.p], [ca.densify(told)])
+
+    def of_state(t: Any, q: Any, u: Any) -> Any:
+        if np.asarray(q).dtype != object:
+            return rhs(t, evaluate_at(numbers, t, q, p)[0], u)
+        place = [t, ca.vertcat(*q)]
+        return rhs(t, _objects(*ca.substitute([told], [system.t, system.q], place)), u)
+
+    return of_state
 
 
 def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:

@@ -139,6 +139,13 @@ class Flow(Once):
         return bool(self.given.shape[0] == 0)
 
     @property
+    def quaternions(self) -> tuple[slice, ...]:
+        """Places of unit quaternions in x; none where x holds the user's own coordinates."""
+        if self.own is not None and self.own.mapped:
+            return ()
+        return quaternions(self.system.mechanism)
+
+    @property
     def parts(self) -> tuple[slice, slice, slice]:
         """Where q, u and what is integrated (`works` and `integrals`) lie in x."""
         n = self.q_size + self.u_size
@@ -170,10 +177,8 @@ class Flow(Once):
 
     def normalised(self, x: SX) -> SX:
         """The state with its quaternions brought back to unit length."""
-        if self.own is not None:
-            return x
         result = ca.SX(x)
-        for place in quaternions(self.system.mechanism):
+        for place in self.quaternions:
             result[place] = x[place] / ca.sqrt(ca.dot(x[place], x[place]))
         return result
 
@@ -229,10 +234,11 @@ def build_flow(
     """
     mechanics = equations_of_motion(mechanism, vary)
     system = mechanics.system
-    functions = testing_functions(testing, constrained=bool(mechanism.constraints))
+    dependent = bool(mechanism.constraints) and split is None
+    functions = testing_functions(testing, constrained=dependent)
     parts = mechanics.channels
-    split_own = trace_split(system, split)
     bound = mechanics.constrained(rows)
+    split_own = trace_split(system, split, None if bound is None else bound.rows)
     own: OwnCoordinates | None = None
     correcting = isinstance(constraints, Projection) and constraints.energy
     damping = (0.0, 0.0)
@@ -272,7 +278,14 @@ def build_flow(
         outputs = _substituted(outputs, [system.udot], [free_udot])
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
-    projecting = bound is not None and own is None and isinstance(constraints, Projection)
+    # Equations in fewer speeds keep ψ = 0 by themselves, and the coordinates that follow are brought back.
+    held = own is None or own.removal is not None
+    projecting = bound is not None and held and isinstance(constraints, Projection)
+    if correcting and own is not None and bound is not None:
+        raise InputError(
+            f"{written.equations.name if written else 'equations'}: the energy of equations in own "
+            "coordinates of a mechanism with constraints is not corrected; use constraints='projection'"
+        )
     booked: tuple[str, ...] = CORRECTIONS if projecting or correcting else ()
     booked = (*booked, ENERGY_CORRECTION) if correcting else booked
     due = (ENERGY_DUE,) if correcting else ()

@@ -11,7 +11,8 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords, warn_renamed
-from deltac.dynamics.system import trace
+from deltac.dynamics.coordinates import check_split
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError, warn_user
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
@@ -33,7 +34,7 @@ from deltac.simulation.arguments import (
 from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.equations import Controller, Equations, by_hand
+from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
@@ -133,11 +134,13 @@ def simulate(
         record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
             steps.
         equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
-            function (t, q, u) -> u̇ of the mechanism's coordinates.
+            function (t, q, u) -> u̇ of the mechanism's coordinates, or (t, y) -> ẏ as SciPy takes it.
         controller: sets the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
-        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy. Of
+            a mechanism with constraints they may be as many as there are independent ones, or more: the
+            constraints give the others. The trajectory's provenance holds them.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
         switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
@@ -164,8 +167,7 @@ def simulate(
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)
     found, wanted, kept = find_solver(options.name), Record.of(record), keeping(constraints)
-    if equations is not None and not isinstance(equations, Equations):
-        equations = Equations(equations, name=getattr(equations, "__name__", "equations by hand"))
+    equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
     every = count(wanted.every, "record: every")
     check_request(mechanism, state, found, equations, controller, step)
@@ -190,6 +192,9 @@ def simulate(
     flow = made.flow
     check_derivatives(flow, found, controller)
     p = np.array([mechanism.parameters[name] for name in vary])
+    if flow.split is not None and flow.bound is not None:
+        q0 = state.q[mechanism.free.q][:, None]
+        check_split(flow.system, flow.split, flow.bound.rows, np.array([state.t]), q0, p)
     x0 = flow.start(state, p)
     check_accelerations(flow, mechanism, controller, state, x0, p)
     if found.takes_steps:
@@ -285,7 +290,10 @@ def _compiled(
     switches: bool,
 ) -> Compiled:
     """The flow, its solver's method and its observer; made once for all that differs in code."""
-    written = None if equations is None else by_hand(trace(mechanism, vary), equations)
+    written = None
+    if equations is not None:
+        motion = equations_of_motion(mechanism, vary)
+        written = by_hand(motion.system, equations, motion.rows.select(rows))
     key = (
         mechanism.digest(vary),
         solver.name,
@@ -351,9 +359,6 @@ def _circumstances(
     coordinates: CoordinateMap | None,
 ) -> dict[str, Any]:
     """What is said in the provenance of how the run was made."""
-    notes: dict[str, str] = {}
-    if coordinates is not None:
-        notes["coordinates"] = f"{coordinates.digest} {', '.join(coordinates.speeds)}"
     held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
         held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
@@ -362,7 +367,7 @@ def _circumstances(
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,
         "held": held,
-        "notes": notes,
+        "coordinates": {} if coordinates is None else coordinates.to_dict(),
     }
 
 

@@ -8,7 +8,7 @@ import json
 import math
 import operator
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,12 +19,20 @@ import numpy.typing as npt
 
 from deltac.errors import InputError, LogError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
+from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
     import polars
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+ROWS, INTERPOLATED = "rows", "interpolated"
+"""The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
+
+
+MAPPINGS = ("coordinates", "strengths", "derived", "notes")
+"""Fields of a provenance that are mappings."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,8 @@ class Provenance:
     completed  False when the run stopped before its end; `message` then says why
     ended      the event of the user's that ended it, in words
     equations  name of equations by hand that were integrated in place of the model's
+    coordinates  own generalized speeds in which the integrals of Kane–Levinson's functions were taken, as
+               `CoordinateMap(**…)` takes them; empty for the joints' own
     corrected  what the solver corrected after each step: "energy"
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
@@ -66,6 +76,7 @@ class Provenance:
     message: str = ""
     ended: str = ""
     equations: str = ""
+    coordinates: Mapping[str, Any] = field(default_factory=dict, hash=False)
     corrected: str = ""
     singular: str = ""
     held: tuple[str, ...] | None = None
@@ -108,18 +119,17 @@ class Provenance:
             if not isinstance(values, list | tuple) or not all(isinstance(v, str) for v in values):
                 raise _unfit(name, values, "a list of names")
             _set(self, name, tuple(values))
-        for name in ("strengths", "derived", "notes"):
+        for name in MAPPINGS:
             if not isinstance(getattr(self, name), Mapping):
                 raise _unfit(name, getattr(self, name), "a mapping")
             _set(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        mappings = ("strengths", "derived", "notes")
-        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
+        return _rebuild(self, **{name: dict(getattr(self, name)) for name in MAPPINGS})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Trajectory:
+class Trajectory(Shown):
     """Samples of a motion; immutable, validated, rows in time order.
 
     t           (T,) time, s, strictly increasing
@@ -227,6 +237,10 @@ class Trajectory:
         return len(self.t)
 
     def __repr__(self) -> str:
+        return f"Trajectory({self.summary()})"
+
+    def summary(self) -> str:
+        """Who made it, how long it is and what it holds, in one line."""
         p = self.provenance
         what = [p.simulator if p.solver is None else f"{p.simulator} {p.solver}"]
         if p.model:
@@ -243,7 +257,26 @@ class Trajectory:
             what.append(f"{len(self.events)} events")
         if not p.completed:
             what.append("stopped early" + (f": {p.message}" if p.message else ""))
-        return f"Trajectory({'; '.join(what)})"
+        return "; ".join(what)
+
+    def sections(self) -> Iterator[Section]:
+        """Tables of coordinates and speeds with their ranges, of channels, and of what happened."""
+
+        def row(name: str, values: FloatArray) -> tuple[str, ...]:
+            told = (values[0], values[-1], values.min(), values.max())
+            return (name, *(number(float(x)) for x in told))
+
+        rows = [row(f"q {name}", values) for name, values in zip(self.coordinates, self.q.T)]
+        rows += [row(f"u {name}", values) for name, values in zip(self.speeds, self.u.T)]
+        yield Table(("", "first", "last", "least", "largest"), tuple(rows))
+        channels = tuple(
+            (str(name), number(float(np.abs(f).max()))) for name, f in self.forces.items()
+        )
+        yield Table(("channel", "largest |force| (N, N·m)"), channels)
+        events = tuple((f"{event.t:.6g}", ", ".join(event.names)) for event in self.events)
+        yield Table(("time (s)", "what happened"), events)
+        if self.provenance.message:
+            yield self.provenance.message
 
     def __reduce__(self) -> tuple[Any, ...]:
         mappings = ("forces", "works", "integrals")
@@ -306,6 +339,50 @@ class Trajectory:
             works={channel: values[rows] for channel, values in self.works.items()},
             integrals={name: values[rows] for name, values in self.integrals.items()},
         )
+
+    @classmethod
+    def from_scipy(
+        cls,
+        result: Any,
+        model: Any,
+        *,
+        order: str | Sequence[str] | None = None,
+        coordinates: Any = None,
+        equations: Any = None,
+        provenance: Provenance | None = None,
+    ) -> Trajectory:
+        """The trajectory of what an ODE solver returned, for a model.
+
+        A result of `solve_ivp` has the solver's own steps as rows, or with ``t_eval`` values in between,
+        which obey the equations less exactly; with ``dense_output=True`` the own steps are taken in any case.
+
+        Args:
+            result: of SciPy's `solve_ivp`; of diffrax; or a pair (t, y) of times (T,) and states (T, n), as
+                `odeint` gives them.
+            model: what moved: a Mechanism, a Problem, or what else `load_model` takes.
+            order: what the entries of y are, such as ``("a", "u.a", "b", "u.b")``, or "interleaved" for just
+                that. By default it is found out: coordinates and then speeds, the reverse, or interleaved.
+            coordinates: the coordinates and speeds of y, as for `check_equations`: a CoordinateMap, "joint"
+                or "absolute".
+            equations: the function (or `Equations`) that was integrated; with it the trajectory has
+                accelerations, and an audit tests the equations as well.
+            provenance: what is known of the solver, such as ``Provenance("SciPy", solver="RK45")``.
+
+        Raises:
+            InputError: states of another size, or of which no usual order makes sense; the message has the
+                names for `order`.
+        """
+        from importlib import import_module
+
+        made: Trajectory = import_module("deltac.recorders.state_vectors").trajectory_of_states(
+            result,
+            model,
+            order=order,
+            coordinates=coordinates,
+            equations=equations,
+            provenance=provenance,
+        )
+        return made
 
     def to_frame(self) -> polars.DataFrame:
         """A polars DataFrame with the columns of the log schema (see `schema`)."""

@@ -249,7 +249,7 @@ def audit(
     Args:
         model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
-        log: a Trajectory, or the path of a log.
+        log: a Trajectory; the path of a log; or what SciPy returned (see `Trajectory.from_scipy`).
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.

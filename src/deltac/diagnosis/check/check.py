@@ -17,13 +17,13 @@ from deltac.diagnosis.check.whole import whole_causes
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.state_form import PLAIN, StateForm
 from deltac.diagnosis.residuals.states import (
     Place,
     Scales,
     States,
     close_states,
     draw,
+    from_told,
     joined,
     natural_scales,
     not_sampled,
@@ -34,10 +34,11 @@ from deltac.diagnosis.residuals.states import (
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
-from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
-from deltac.models import Model, ModelLike, load_model
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import Model, ModelLike, chosen_map, load_model
 from deltac.results import Section, Table, number
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, as_equations
+from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
 
 SHOWN = 6
@@ -222,12 +223,12 @@ def check_equations(
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
     loaded = load_model(model)
-    equations = rhs if isinstance(rhs, Equations) else Equations(rhs, name=_name_of(rhs))
+    equations = as_equations(rhs)
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates
     else:
         chosen = chosen_map(loaded, coordinates)
-    kane = Kane(loaded.mechanism, chosen)
+    kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise InputError(
             f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
@@ -242,8 +243,8 @@ def check_equations(
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
-    caller = Caller(equations.rhs, equations.name)
-    caller.find_form(test, len(loaded.mechanism.motors))
+    caller = Caller(equations.rhs, equations.name, kane)
+    caller.find_form(test, equations, len(loaded.mechanism.motors))
     udot = caller(drawn)
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
@@ -286,7 +287,7 @@ def check_equations(
     if not caller.form.plain:
         evidence = (
             *evidence,
-            f"called as {caller.form.describe(kane.coordinate_names, test.speeds)}",
+            f"called as {caller.form.describe(kane.told_names, test.speeds)}",
         )
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
@@ -297,7 +298,7 @@ def check_equations(
             confidence,
             evidence,
             findings,
-            _limits(loaded, where, test.states),
+            _limits(loaded, kane, where, test.states),
             MEANINGS[kind],
         ),
         blame=found,
@@ -393,7 +394,7 @@ def _misses(test: EquationTest, found: Array) -> dict[str, float]:
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
     off = np.abs(found - test.rates).max(axis=1) / size
     off = np.where(np.isfinite(off), off, np.inf)
-    return dict(zip(test.states.coordinates, map(float, off)))
+    return dict(zip(test.kane.told_names, map(float, off)))
 
 
 def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
@@ -417,42 +418,25 @@ def _drawn(
     return random if close is None else joined([random, close])
 
 
-def _limits(model: Model, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
+def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
     """What the check cannot see, of this mechanism at these states."""
     events = tuple(event.name for event in model.mechanism.events)
     told = (f"what happens at events ({', '.join(events)})",) if events else ()
+    if where_from := kane.mode:
+        told = (*told, f"other assemblies of the loops than that of {where_from}")
     return (*LIMITS, *not_sampled(where, states), *told)
 
 
 def _fitting(kane: Kane, states: States) -> States:
     names = (states.coordinates, states.speeds)
+    if kane.assembled and names == (kane.told_names, kane.speed_names):
+        return from_told(kane, states)
     if names != (kane.coordinate_names, kane.speed_names):
         raise InputError(
             f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "
             f"{', '.join(kane.coordinate_names)}. Draw them with the same coordinates="
         )
     return states
-
-
-def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
-    """The coordinates that equations of a model are written in (see `check_equations`)."""
-    if isinstance(coordinates, CoordinateMap):
-        return coordinates
-    own = None if model.problem is None else model.problem.equations
-    offered = None if own is None else own.coordinates
-    if coordinates is None:
-        return offered
-    if coordinates == "joint":
-        return None
-    if coordinates == "absolute":
-        return offered or absolute_angles(model.mechanism)
-    raise InputError(
-        f"unknown coordinates {coordinates!r}: expected 'joint', 'absolute' or a CoordinateMap"
-    )
-
-
-def _name_of(rhs: Any) -> str:
-    return str(getattr(rhs, "__name__", "equations by hand"))
 
 
 def _judged(
@@ -620,8 +604,8 @@ def _other_coordinates(
             scales = natural_scales(kane)
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
-            caller = Caller(equations.rhs, equations.name)
-            caller.find_form(test, len(model.mechanism.motors))
+            caller = Caller(equations.rhs, equations.name, kane)
+            caller.find_form(test, equations, len(model.mechanism.motors))
             udot = caller(states)
             relative, residuals = test.relative(udot), test(udot)
         except InputError:

@@ -367,6 +367,9 @@ def _variables(test: EquationTest) -> list[tuple[str, str, Any]]:
                 start = place[test.kane.mechanism.coordinates.of(joint.name).start + offset]
                 taken |= set(range(start, start + 4))
                 found.append((f"q.{joint.name} (orientation)", "q", slice(start, start + 4)))
+    if test.kane.assembled:  # one coordinate alone would leave the constraints
+        found = []
+        taken = set(range(len(states.coordinates)))
     found += [(f"q.{n}", "q", k) for k, n in enumerate(states.coordinates) if k not in taken]
     found += [(f"u.{n}", "u", k) for k, n in enumerate(states.speeds)]
     return found

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.check import EquationCheck, check_states, chosen_map
+from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import States, draw, natural_scales
+from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
 from deltac.errors import FileError, LimitError, LogError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 
 MOST_ROWS = 100_000
 """Rows of a table that is read."""
@@ -47,8 +47,8 @@ def write_states(
     Raises InputError for a model that has no such states, and a file that cannot be written.
     """
     loaded = load_model(model)
-    kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates))
-    states = draw(kane, natural_scales(kane), count=count, seed=seed)
+    kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)
+    states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
     try:
@@ -84,11 +84,11 @@ def check_table(
     """
     loaded = load_model(model)
     chosen = chosen_map(loaded, coordinates)
-    kane = Kane(loaded.mechanism, chosen)
+    kane = Kane(loaded.mechanism, chosen, loaded.first)
     columns, digits = _read(Path(path))
     names = (
         ["t"]
-        + [f"q.{name}" for name in kane.coordinate_names]
+        + [f"q.{name}" for name in kane.told_names]
         + [f"u.{name}" for name in kane.speed_names]
     )
     wanted = [f"udot.{name}" for name in kane.speed_names]
@@ -98,15 +98,15 @@ def check_table(
             f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *wanted])}, as `deltac states` "
             "writes them"
         )
-    nq = len(kane.coordinate_names)
+    nq = len(kane.told_names)
     rows = np.array([columns[name] for name in names])
-    states = States(
-        rows[0], rows[1 : 1 + nq], rows[1 + nq :], kane.coordinate_names, kane.speed_names
-    )
+    states = States(rows[0], rows[1 : 1 + nq], rows[1 + nq :], kane.told_names, kane.speed_names)
+    if kane.assembled:
+        states = from_told(kane, states)
     udot = np.array([columns[name] for name in wanted])
     _finite(path, names, rows)
     _finite(path, wanted, udot)
-    rates = [f"qdot.{name}" for name in kane.coordinate_names]
+    rates = [f"qdot.{name}" for name in kane.told_names]
     qdot = np.array([columns[n] for n in rates]) if all(n in columns for n in rates) else None
     test = EquationTest(kane, states)
     return check_states(

@@ -14,7 +14,6 @@ from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
-from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import crba, gather, rnea, velocities
@@ -135,7 +134,7 @@ def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
     kind, name, rates = key
     free = system.free_u
     n = len(free)
-    own = None if kane.coordinates is None else trace_map(system, kane.coordinates)
+    own = kane.own
     own_q, own_u = (system.q, system.u) if own is None else (own.own_q, own.own_u)
     Y = ca.SX.eye(n) if own is None else own.Y
 

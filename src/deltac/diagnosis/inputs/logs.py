@@ -14,7 +14,7 @@ from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
-from deltac.errors import InputError, LogError, WrongType, closest
+from deltac.errors import InputError, LogError, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
@@ -120,6 +120,7 @@ def read_log(
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 
+    What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, too.
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
     another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
     computed here, is not searched for slips of its columns.
@@ -131,7 +132,7 @@ def read_log(
             raise InputError("mapping= is for log files; this log is a Trajectory already")
         return _whole(mechanism, source, work, measured=measured)
     if not isinstance(source, str | Path):
-        raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+        return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
     path = Path(source)
     if path.suffix.lower() == ".parquet" and path.is_file():
         rows, columns = _size(path)

@@ -177,8 +177,8 @@ class EquationTest:
 
     @cached_property
     def rates(self) -> Array:
-        """q̇ (nq, B) of the own coordinates."""
-        return self.kane.own_rates(self.states.t, self.states.q, self.states.u)
+        """Rates (nq, B) of the coordinates that functions of the user's are written in."""
+        return self.kane.told(self.states.t, self.states.q, self.states.u)[1]
 
     @cached_property
     def _projector(self) -> Array | None:

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.state_form import PLAIN, StateForm, forms, likeliest, signature
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import States, told
 from deltac.errors import InputError, SourceError
+from deltac.simulation.equations import Equations
+from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -39,20 +41,24 @@ ROUGH = 2e-13
 class Caller:
     """A function u̇ = rhs(t, q, u), or of another `form`, called with care.
 
-    `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single calls give (None: not
-    known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was given (copies).
+    `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
+    `residuals.states.told`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single
+    calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was
+    given (copies).
     """
 
     rhs: Callable[..., Any]
     name: str
+    kane: Kane
     vectorised: bool | None = None
     overwrites: str = ""
     form: StateForm = PLAIN
 
-    def find_form(self, test: EquationTest, motors: int) -> None:
-        """Find out how the function takes the state, by trying at some states."""
-        known = signature(self.rhs)
-        if known is None:
+    def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
+        """Find out how the function of `equations` takes the state, by trying at some states."""
+        names = self.kane.told_names, test.states.speeds
+        candidates = candidate_forms(self.rhs, equations.form, equations.order, *names, motors)
+        if candidates == [PLAIN]:
             return
         right = test.rates, test.acceleration
         places = np.unique(np.linspace(0, len(test.states) - 1, SAMPLED).astype(int))
@@ -61,18 +67,17 @@ class Caller:
         def evaluate(form: StateForm) -> tuple[Array, Array]:
             return self.with_form(form).whole(some)
 
-        candidates = forms(*known, len(some.q), len(some.u), motors)
         found = likeliest(candidates, evaluate, *(x[:, places] for x in right))
         self.form = PLAIN if found is None else found
 
     def with_form(self, form: StateForm) -> Caller:
         """The same function, taken to be of another form."""
-        return Caller(self.rhs, self.name, False, form=form)
+        return Caller(self.rhs, self.name, self.kane, False, form=form)
 
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
-        nq = len(states.q)
-        found = self._singly(states)
+        nq = len(self.kane.told_names)
+        found = self._singly(told(self.kane, states))
         return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
 
     def __call__(self, states: States) -> Array:
@@ -82,9 +87,9 @@ class Caller:
         gives other values than the first.
         """
         if self.vectorised is None:
-            self._examine(states)
+            self._examine(told(self.kane, states))
         if self.vectorised:
-            found = self._batch(states)
+            found = self._batch(told(self.kane, states))
             if found is not None:
                 return found
         return self.whole(states)[1]

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import (
@@ -26,8 +27,13 @@ from deltac.dynamics.equations_of_motion import (
 from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
+from deltac.errors import ModelError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+
+ASSEMBLED = 1e-9
+"""A place that meets its constraints to this (m, rad) is assembled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,24 +53,98 @@ class Point:
 class Kane:
     """A mechanism written out, and functions of arrays of its states (batch last)."""
 
-    def __init__(self, mechanism: Mechanism, coordinates: CoordinateMap | None = None) -> None:
-        """Trace the mechanism and the map; InputError where the map does not fit it."""
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        coordinates: CoordinateMap | None = None,
+        start: State | None = None,
+    ) -> None:
+        """Trace the mechanism and the map; InputError where the map does not fit it.
+
+        `start` tells which assembly of its loops is meant, where own coordinates leave that open.
+        """
         self.mechanism = mechanism
+        self.start = start
         self.coordinates = coordinates
         self.motion: EquationsOfMotion = equations_of_motion(mechanism)
         self.system: System = self.motion.system
         self.parts: tuple[Channel, ...] = self.motion.channels
         self.rows: Rows = self.motion.rows
         self.own: OwnCoordinates | None = (
-            None if coordinates is None else trace_map(self.system, coordinates)
+            None if coordinates is None else trace_map(self.system, coordinates, self.rows)
         )
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the own coordinates (without a map, of the free ones)."""
-        if self.coordinates is not None and self.coordinates.q:
+        """Names of the coordinates of states: own ones, or the mechanism's free ones.
+
+        These too where the user's give the others only by assembly (`told_names`).
+        """
+        if self.coordinates is not None and self.own is not None and self.own.mapped:
             return self.coordinates.coordinates
         return tuple(self.mechanism.coordinates[int(k)].name for k in self.mechanism.free.q)
+
+    @property
+    def assembled(self) -> bool:
+        """Whether the constraints say what the user's coordinates leave open."""
+        return self.own is not None and self.own.told is not None
+
+    @property
+    def mode(self) -> str:
+        """From where the assembly of the loops is taken, in words; "" where nothing is left open."""
+        if not self.assembled or not any(self.rows.holonomic):
+            return ""
+        if self.start is not None:
+            return "the start"
+        return "one that was drawn; a pair (mechanism, state) for the model says which is meant"
+
+    @cached_property
+    def base(self) -> tuple[float, Array]:
+        """A time and an assembled configuration (nq,) that tells which assembly is meant."""
+        given = self.mechanism.state() if self.start is None else self.start
+        q0 = given.q[self.mechanism.free.q]
+        rng, still = np.random.default_rng(0), np.zeros(len(self.mechanism.free.u))
+        for spread in (0.0, *np.linspace(0.1, 3.0, 30)):  # an assembled place may be far from q = 0
+            near = q0 + spread * rng.standard_normal(len(q0))
+            for place in self.motion.quaternions:
+                near[place] /= np.linalg.norm(near[place])
+            q = onto_positions(self.motion, given.t, near)
+            phi, _ = self.motion.violation(given.t, q, still)
+            if np.abs(phi).max(initial=0.0) < ASSEMBLED:
+                return given.t, q
+        raise ModelError(
+            f"mechanism {self.mechanism.name!r} could not be assembled near q = 0; give a pair (mechanism, "
+            "state) for the model, so that the assembly that is meant is known"
+        )
+
+    @cached_property
+    def told_names(self) -> tuple[str, ...]:
+        """Names of the coordinates that functions of the user's are written in."""
+        if not self.assembled:
+            return self.coordinate_names
+        assert self.coordinates is not None
+        return self.coordinates.coordinates
+
+    @cached_property
+    def _told(self) -> Any:
+        assert self.own is not None and self.own.told is not None
+        s, own = self.system, self.own
+        columns = [own.told, own.told_rate(s), ca.vec(ca.jacobian(own.told, s.q))]
+        given = [s.t, s.q, own.own_u]
+        return ca.Function("told", given, [ca.densify(x) for x in columns], {"cse": True})
+
+    def told(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """The coordinates that functions of the user's are written in, and their rates, at states."""
+        if not self.assembled:
+            return q, self.own_rates(t, q, u)
+        y, rate, _ = evaluate_at(self._told, t[None, :], q, u)
+        return y, rate
+
+    def told_slope(self, t: Array, q: Array) -> Array:
+        """Jacobian (B, ny, nq) of those coordinates by the mechanism's."""
+        u = np.zeros((len(self.speed_names), q.shape[1]))
+        y, _, slope = evaluate_at(self._told, t[None, :], q, u)
+        return matrices(slope, len(y), len(q))
 
     @cached_property
     def speed_names(self) -> tuple[str, ...]:

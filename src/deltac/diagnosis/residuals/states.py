@@ -46,6 +46,15 @@ MAP_RANK = 1e-12
 WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
 
+PATH_STEPS, PATH_NEWTON = 48, 4
+"""Steps of a path of assembled configurations, and of Newton's method in each."""
+
+ON_PATH, PATH = 1e-13, 1e-4
+"""Violation at which Newton's steps end, and at which a place on the way has been reached (m, rad)."""
+
+CROSSING = 1e-2
+"""A path on which the loops and own coordinates have a smaller ratio of singular values may change sides."""
+
 REGULAR = 1e-11
 """A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
 
@@ -116,11 +125,14 @@ def random_states(
     Angles lie anywhere on the circle, slides within the mechanism's own length, quaternions have unit
     length; speeds are about those at which inertia forces equal the forces at rest (√(g/l) of a
     pendulum), from a third of it to three times it; times lie in `window` (s). Positions and speeds meet
-    all constraints. The same seed gives the same states.
+    all constraints. The same seed gives the same states. Where the constraints say what own coordinates
+    leave open, the states are in the mechanism's coordinates and own speeds, and the loops are assembled
+    as at the model's start.
 
     Raises InputError for a map that does not fit, or if too few states meet the constraints.
     """
-    kane = Kane(load_model(model).mechanism, coordinates)
+    loaded = load_model(model)
+    kane = Kane(loaded.mechanism, coordinates, loaded.first)
     return draw(kane, natural_scales(kane), count=count, seed=seed, window=window)
 
 
@@ -151,6 +163,64 @@ def draw(
         kane.speed_names,
     )
     return joined.take(slice(0, count))
+
+
+def told(kane: Kane, states: States) -> States:
+    """The states as functions of the user's take them: where these leave coordinates to assembly, without."""
+    if not kane.assembled or states.coordinates == kane.told_names:
+        return states
+    y, _ = kane.told(states.t, states.q, states.u)
+    return States(states.t, y, states.u, kane.told_names, states.speeds)
+
+
+def from_told(kane: Kane, states: States) -> States:
+    """States in the user's coordinates, assembled; InputError where one cannot be."""
+    q, good = assembled_at(kane, states.t, states.q)
+    if not good.all():
+        k = int(np.argmin(good))
+        raise InputError(
+            f"the mechanism cannot be assembled at state {dict(states.describe(k))}, or only beyond a "
+            f"singular configuration of {kane.mode}"
+        )
+    return States(states.t, q, states.u, kane.coordinate_names, states.speeds)
+
+
+def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Coordinates (nq, B) assembled at times t (B,) and own coordinates y (ny, B), and where that succeeded.
+
+    From `kane.base` along a straight line of t and y in short steps, each solved by Newton's method: so the
+    loops stay in the same assembly, which changes only through a singular configuration.
+    """
+    t0, q0 = kane.base
+    count = y.shape[1]
+    q = np.repeat(q0[:, None], count, axis=1)
+    y0, _ = kane.told(np.full(count, t0), q, np.zeros((len(kane.speed_names), count)))
+    holonomic = np.array(kane.rows.holonomic, dtype=bool)
+    still = np.zeros((len(kane.system.free_u), count))
+    good = np.ones(count, dtype=bool)
+    for share in np.linspace(0.0, 1.0, PATH_STEPS + 1)[1:]:
+        when, target = t0 + share * (t - t0), y0 + share * (y - y0)
+        for _ in range(PATH_NEWTON if share < 1.0 else NEWTON_STEPS):
+            _, phi, _, G, W = kane.motion.ties(when, q, still)
+            own, _ = kane.told(when, q, np.zeros((len(kane.speed_names), count)))
+            slope = kane.told_slope(when, q) @ W
+            rows = np.concatenate([G[:, holonomic], slope], axis=1)
+            off = np.concatenate([phi[holonomic], own - target])
+            good &= np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
+            rows, off = np.where(good[:, None, None], rows, 0.0), np.where(good, off, 0.0)
+            if np.abs(off).max(initial=0.0) < ON_PATH:
+                break
+            step = times(W, times(np.linalg.pinv(rows, rcond=MAP_RANK), -off))
+            q = q + np.where(good, step, 0.0)
+            for place in kane.motion.quaternions:
+                q[place] /= np.linalg.norm(q[place], axis=0)
+        size = np.linalg.norm(rows, axis=2, keepdims=True)
+        values = np.linalg.svd(
+            np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
+        )
+        good &= values[:, -1] > CROSSING * values[:, 0]
+        good &= np.abs(off).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ON_CONSTRAINTS)
+    return q, good
 
 
 def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
@@ -243,6 +313,7 @@ def _draw_once(
     pace = SPREAD ** rng.uniform(-1.0, 1.0, count)
     u = scales.speed[:, None] * pace * rng.standard_normal((len(scales.lever), count))
     own_q = None if kane.own is not None and kane.own.inverse is None else q
+    held = np.ones(count, dtype=bool)
     with np.errstate(all="ignore"):
         if own_q is None:  # the map leads from own coordinates only
             assert kane.own is not None
@@ -253,8 +324,11 @@ def _draw_once(
             moved = kane.own_coordinates(t, q)
             assert moved is not None
             own_q = moved
+            if kane.mode:
+                y, _ = kane.told(t, q, np.zeros((len(kane.speed_names), count)))
+                own_q, held = assembled_at(kane, t, y)
         own_u, regular = own_speeds(kane, t, own_q, u)
-        good = regular & admissible(kane, scales, t, own_q, own_u)
+        good = regular & held & admissible(kane, scales, t, own_q, own_u)
     return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names).take(good)
 
 

@@ -27,6 +27,7 @@ from deltac.diagnosis.study.convergence import Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.coordinates import trace_map
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Record
@@ -205,7 +206,7 @@ def _in_own(
     if own is None:
         return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
     system = terms.evaluator.symbols.system
-    traced = trace_map(system, own)
+    traced = trace_map(system, own, equations_of(system).rows)
     if traced.inverse is None:
         return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
     Y = ca.substitute(traced.Y, traced.own_q, traced.inverse)

@@ -32,13 +32,14 @@ from deltac.diagnosis.study.runs import (
     unblinded,
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.dynamics.system import trace
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
-from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.equations import Controller, Equations, as_equations, explicit
 from deltac.simulation.flow import Keeping, stabilised
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Options, find_solver, solver_options
@@ -173,8 +174,9 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
 
     Raises InputError if they raise at the start, or return there what is no u̇ or is not finite.
     """
+    equations = explicit(trace(mechanism), equations)
     kane = Kane(mechanism, equations.coordinates)
-    caller = Caller(equations.rhs, equations.name, vectorised=False)
+    caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
     start = _start(kane, state)
     if start is not None:
         udot = caller(start)[:, 0]
@@ -184,9 +186,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
                 f"{udot.tolist()}. State: {at}"
             )
-    return replace(
-        equations, rhs=_Careful(caller, tuple(kane.coordinate_names), tuple(kane.speed_names))
-    )
+    return replace(equations, rhs=_Careful(caller, kane.told_names, tuple(kane.speed_names)))
 
 
 def _start(kane: Kane, state: State) -> States | None:
@@ -477,8 +477,7 @@ def study(
         warn_renamed("study(stabilisation=…)", "study(constraints=…)")
         constraints = stabilised(stabilisation)
     loaded = load_model(model)
-    if equations is not None and not isinstance(equations, Equations):
-        equations = Equations(equations)
+    equations = None if equations is None else as_equations(equations)
     if logs:
         given = simulator is not None or steps is not None or tolerances is not None
         if given or solver:

@@ -203,7 +203,7 @@ def jumps(
     if not events:
         return Jumps({}, {}, {}, 0.0)
     impulses = Impulses.symbols(len(system.mechanism.speeds))
-    own = trace_split(system, speeds)
+    own = trace_split(system, speeds, None if constrained is None else constrained.rows)
     known = impulse_terms(system, impulses, own, constrained)
     balances = momentum_balances(system)
     outputs = [function.P(known) for function in functions]

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.check.check import chosen_map
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.mutate.suite import copied
 from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
@@ -198,7 +197,7 @@ def mutate_equations(
         rhs = rhs.rhs
     else:
         chosen = chosen_map(found, coordinates)
-    target = Target(found.mechanism, chosen, seed)
+    target = Target(found.mechanism, chosen, seed, found.first)
     source = read_source(rhs)
     program = read(source, target)
     varied = program.varied

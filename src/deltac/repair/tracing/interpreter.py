@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.errors import InputError, SourceError
 from deltac.repair.tracing import library
 from deltac.repair.tracing.modules import UserModule, found_beside
@@ -44,6 +43,7 @@ from deltac.repair.tracing.values import (
     kind,
     objects,
 )
+from deltac.simulation.state_form import PLAIN
 
 FAILURES = (
     InputError,

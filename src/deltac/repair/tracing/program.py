@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.state_form import StateForm, forms, likeliest
 from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
+from deltac.simulation.state_form import StateForm, forms, likeliest
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_states import LEAST as FLOOR
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.states import random_states
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import draw, natural_scales, told
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
 
 NOMINAL, VARIED, SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""
@@ -102,6 +104,7 @@ class Target:
     mechanism: Mechanism
     coordinates: CoordinateMap | None = None
     seed: int = 0
+    start: State | None = None
     _tests: dict[tuple[int, int, tuple[str, ...]], EquationTest] = field(default_factory=dict)
     _samples: dict[tuple[tuple[str, ...], bool], Samples] = field(default_factory=dict)
 
@@ -124,8 +127,10 @@ class Target:
             mechanism = self.mechanism.with_parameters(**self.values(group, varied))
             seed = 1000 * self.seed + 10 * group + 5 * fresh
             count = VARIED if group else NOMINAL
-            states = random_states(mechanism, self.coordinates, count=count, seed=seed)
-            self._tests[key] = EquationTest(mechanism, states, self.coordinates)
+            kane = Kane(mechanism, self.coordinates, self.start)
+            scales = natural_scales(kane)
+            states = draw(kane, scales, count=count, seed=seed)
+            self._tests[key] = EquationTest(kane, states, scales=scales)
         return self._tests[key]
 
     def values(self, group: int, varied: tuple[str, ...]) -> dict[str, float]:
@@ -161,7 +166,7 @@ class Target:
 
         return Samples(
             t=join([test.states.t for test in tests]),
-            q=join([test.states.q for test in tests]),
+            q=join([told(test.kane, test.states).q for test in tests]),
             u=join([test.states.u for test in tests]),
             acceleration=join([test.acceleration for test in tests]),
             rates=join([test.rates for test in tests]),

@@ -11,9 +11,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from deltac.diagnosis.residuals.state_form import StateForm
 from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
+from deltac.simulation.state_form import StateForm
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -26,7 +26,8 @@ def projection(flow: Flow) -> Any:
     """(t, x; p) -> x on the constraints, and the smallest pivot met, as a CasADi function.
 
     One Newton step on the coordinates; then, with the factorisation there, a second one and the speeds:
-    what a step leaves of order h^(p+1) is left in fourth power.
+    what a step leaves of order h^(p+1) is left in fourth power. Equations by hand in independent speeds
+    determine some coordinates; only those that follow from the constraints are moved.
     """
     bound = flow.bound
     assert bound is not None
@@ -34,17 +35,18 @@ def projection(flow: Flow) -> Any:
     q_part, u_part, z_part = flow.parts
     W = equations_of(system).W
     place = [flow.t, system.q, system.p]
-    first = ca.Function(
-        "first", place, [ca.mtimes(W, bound.schur.least(rows.phi)), smallest_pivot(flow)]
-    )
+    u_symbols = system.u
+    least, speeds = bound.schur.least(rows.phi), bound.schur.least(rows.psi)
+    if flow.own is not None:  # own speeds satisfy the constraints by themselves, and stay
+        assert flow.own.removal is not None
+        u_symbols = flow.own.own_u
+        least, speeds = flow.own.removal(rows.phi), ca.SX.zeros(u_symbols.shape[0])
+    moved_q = ca.mtimes(W, least)
+    first = ca.Function("first", place, [moved_q, smallest_pivot(flow)])
     second = ca.Function(
         "second",
-        [flow.t, system.q, system.u, system.p],
-        [
-            ca.mtimes(W, bound.schur.least(rows.phi)),
-            bound.schur.least(rows.psi),
-            smallest_pivot(flow),
-        ],
+        [flow.t, system.q, u_symbols, system.p],
+        [moved_q, speeds, smallest_pivot(flow)],
     )
     energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]

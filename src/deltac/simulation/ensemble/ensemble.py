@@ -56,6 +56,9 @@ class Ensemble:
         q, u: coordinates (K, N, nq) and speeds (K, N, nu) of all joints.
         integrals: ∫P of each testing function (K, N), J.
         delta_c: ΔC of each testing function (K, N), J.
+        kinetic, potential: K and V of all sources (K, N), J.
+        corrections: work of the projections onto constraints since the start (K, N), J; zero without any. ΔC
+            counts it as a force, as `Ledger.corrections` does.
         stopped: time up to which the state of a member that blew up was seen finite (to a few steps), NaN
             for those that completed (N,); after it its values are NaN.
         steps, solvers: of each member, (N,).
@@ -67,6 +70,9 @@ class Ensemble:
     u: Array
     integrals: Mapping[str, Array]
     delta_c: Mapping[str, Array]
+    kinetic: Array
+    potential: Array
+    corrections: Array
     stopped: Array
     steps: Array
     solvers: tuple[str, ...]
@@ -254,7 +260,7 @@ def _flow(
 
 @derived
 def _observation(flow: Flow, along: int) -> Kernel:
-    """(t, x; p) -> full q, u; of the testing functions ∫P, E, and their derivatives by parameters."""
+    """(t, x; p) -> full q, u; ∫P and E of the testing functions, K, V, corrections; ∂ΔC by parameters."""
     n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)
     E, given, outputs = flow.energies[:count, :], [flow.x], {}
     moved = ca.SX(0, 1)
@@ -268,7 +274,8 @@ def _observation(flow: Flow, along: int) -> Kernel:
         "q": ca.densify(flow.q_all),
         "u": ca.densify(flow.u_all),
         "integral": flow.x[z : z + count],
-        "E": E,
+        "E": flow.energies,
+        "corrections": ca.sum1(flow.x[z + count :]),
         "moved": ca.densify(moved),
     }
     return Kernel({"t": flow.t, "x": ca.vertcat(*given)}, outputs, flow.p, name="observation")
@@ -288,7 +295,7 @@ class _Result:
     @staticmethod
     def empty(mechanism: Mechanism, flow: Flow, K: int, N: int, along: int) -> _Result:
         nq, nu, count = len(mechanism.coordinates), len(mechanism.speeds), len(flow.testing)
-        sizes = {"integral": count, "E": count, "moved": 2 * count * along}
+        sizes = {"integral": count, "E": count + 2, "corrections": 1, "moved": 2 * count * along}
         sums = {name: np.empty((size, K, N)) for name, size in sizes.items()}
         observe = _observation(flow, along).compile()
         return _Result(flow, observe, np.empty((K, N, nq)), np.empty((K, N, nu)), sums, np.empty(N))
@@ -314,8 +321,8 @@ class _Result:
         parameters: Sequence[str],
     ) -> Ensemble:
         """The finished ensemble, with ΔC and its derivatives."""
-        E, z = self.sums["E"], self.sums["integral"]
-        names = self.flow.testing
+        names, z = self.flow.testing, self.sums["integral"]
+        *E, kinetic, potential = self.sums["E"]
         moved = self.sums["moved"].reshape(len(parameters), 2, len(names), *z.shape[1:])
         slopes = moved[:, 0] - moved[:, 0, :, :1] - moved[:, 1]
         shared = len(set(solvers)) == 1 and len(set(steps.tolist())) == 1
@@ -324,7 +331,10 @@ class _Result:
             q=self.q,
             u=self.u,
             integrals=dict(zip(names, z)),
-            delta_c=dict(zip(names, E - E[:, :1] - z)),
+            delta_c={name: e - e[:1] - flowed for name, e, flowed in zip(names, E, z)},
+            kinetic=kinetic,
+            potential=potential,
+            corrections=self.sums["corrections"][0],
             stopped=self.stopped,
             steps=steps,
             solvers=tuple(solver.name for solver in solvers),

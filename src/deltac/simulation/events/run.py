@@ -57,7 +57,7 @@ def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventfu
         held = switched(flow)
         flow, functions, names = held.flow, held.functions, held.names
     points = impact_points(system)
-    own = trace_split(system, split)
+    own = trace_split(system, split, None if flow.bound is None else flow.bound.rows)
     events = tuple(e for e in system.mechanism.events if isinstance(e, Event))
     watch = Witnesses(flow, points, events, functions, names)
     return Eventful(flow, watch, Collider.of(flow, points, own))

@@ -7,7 +7,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
-from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction
@@ -33,7 +32,7 @@ def settle_kernel(flow: Flow) -> Kernel | None:
 
     (t, x, p) -> x and the smallest pivot; None where there is nothing to be done.
     """
-    if flow.bound is None and (flow.own is not None or not quaternions(flow.system.mechanism)):
+    if flow.bound is None and not flow.quaternions:
         return None
     x, worst = settled(flow, flow.t, flow.normalised(flow.x))
     inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}

@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.equations_of_motion import quaternions
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
@@ -87,7 +86,7 @@ class SundialsSteps:
             check_interrupted()
             self._failed = True  # from here one by one: how far does it get?
             return None
-        for place in [] if self._flow.own is not None else quaternions(self._flow.system.mechanism):
+        for place in self._flow.quaternions:
             found[:, place] /= np.linalg.norm(found[:, place], axis=1, keepdims=True)
         return Block(found)
 

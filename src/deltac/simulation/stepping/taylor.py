@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.interrupts import waiting
 from deltac.mechanism.laws import is_smooth
@@ -62,7 +61,7 @@ class TaylorSteps:
             ) from None
         self._flow, self._tolerance = flow, tolerance
         self._real: Any = hy.real128 if quad else float
-        self._quaternions = [] if flow.own is not None else quaternions(flow.system.mechanism)
+        self._quaternions = flow.quaternions
         self._p, self._at, self._pair = p, math.nan, dict[tuple[float, ...], tuple[Any, Any]]()
 
     @property

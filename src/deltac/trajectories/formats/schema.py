@@ -24,7 +24,7 @@ import numpy.typing as npt
 from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
-from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory, as_numbers
+from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
 
 SCHEMA_VERSION = 3
 """Raised whenever a reader of the old version would misread or refuse the new one.
@@ -335,7 +335,7 @@ def _read_events(metadata: Mapping[str, Any] | None, t: FloatArray) -> tuple[Occ
 
 def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
     values = {f.name: getattr(provenance, f.name) for f in fields(provenance)}
-    values |= {name: dict(values[name]) for name in ("strengths", "derived", "notes")}
+    values |= {name: dict(values[name]) for name in MAPPINGS}
     # What nobody said is not written, so that headers stay short; that nothing was held is said.
     return {n: v for n, v in values.items() if n in _ALWAYS or v or (n == "held" and v is not None)}
 

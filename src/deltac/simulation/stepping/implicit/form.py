@@ -175,6 +175,11 @@ def _check_by_hand(flow: Flow) -> None:
             f"{name}: an implicit solver differentiates the equations, and these can only be called from "
             "Python; write rhs with arithmetic and NumPy's elementary functions, or use 'Radau'"
         )
+    if flow.own is not None and flow.own.removal is not None:
+        raise SolverError(
+            f"{name}: an implicit solver keeps equations of the mechanism on its constraints, not those in "
+            "fewer coordinates; use 'Radau', or solve the mechanism's own equations"
+        )
     if flow.own is not None and not _same(flow.own.own_qdot, flow.own.own_u):
         raise SolverError(
             f"{name}: an implicit solver needs own speeds that are the rates of the own coordinates; "

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError, UnknownName, closest, listed
 
 TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
 """Names of an argument that is the time."""
@@ -86,7 +86,7 @@ class StateForm:
         if len(found) == nu:
             return [], list(found)
         if len(found) != nq + nu:
-            raise ValueError(f"{len(found)} numbers")
+            raise ValueError(f"it returns {len(found)} numbers")
         back: list[Any] = [None] * len(found)
         for entry, k in zip(found, self.order or range(nq + nu)):
             back[k] = entry
@@ -94,7 +94,7 @@ class StateForm:
 
     def describe(self, coordinates: Sequence[str], speeds: Sequence[str]) -> str:
         """The form in words: "f(t, y) with y = (x, theta, u.x, u.theta)"."""
-        names = [*coordinates, *(f"u.{n}" for n in speeds)]
+        names = state_names(coordinates, speeds)
         said = {"state": "y", "control": "0"}
         text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
         if "state" in self.arguments:
@@ -144,7 +144,7 @@ def forms(
             kinds += [["t", *body], [*body, "t"]]
     if count == 3 and kinds[:1] != [["t", "q", "u"]] and timed is None:
         kinds.insert(0, ["t", "q", "u"])
-    orders = list(_orders(nq, nu))
+    orders = list(usual_orders(nq, nu))
     for kind in kinds:
         sizes = dict.fromkeys((motors, 0, 1, nu, 2, 3, 4)) if "control" in kind else (0,)
         for controls in sizes:
@@ -152,13 +152,89 @@ def forms(
                 yield StateForm(tuple(kind), order, controls)
 
 
-def _orders(nq: int, nu: int) -> Iterator[tuple[int, ...]]:
+def usual_orders(nq: int, nu: int) -> Iterator[tuple[int, ...]]:
     """(q, u), (u, q), and (q1, u1, q2, u2, …)."""
     yield tuple(range(nq + nu))
     yield (*range(nq, nq + nu), *range(nq))
     if nq == nu > 1:
         yield tuple(k for i in range(nq) for k in (i, nq + i))
         yield tuple(k for i in range(nq) for k in (nq + i, i))
+
+
+Order: TypeAlias = "str | Sequence[str] | None"
+"""What the entries of a state vector are: names, or "interleaved"; None where it is to be found out."""
+
+
+def told_order(
+    order: str | Sequence[str], coordinates: Sequence[str], speeds: Sequence[str]
+) -> tuple[int, ...]:
+    """The order that a user told: entry k of the state is entry order[k] of (q, u).
+
+    Names are those of coordinates, ``theta`` or ``q.theta``, and of speeds, ``u.theta``; a speed whose name
+    no coordinate has needs no ``u.``. "interleaved" is (q1, u1, q2, u2, …).
+
+    Raises InputError for a name that is unknown, left out or given twice.
+    """
+    nq, nu = len(coordinates), len(speeds)
+    if order == "interleaved":
+        if nq != nu:
+            raise SourceError(
+                f"order 'interleaved': there are {nq} coordinates and {nu} speeds; expected as many. Give "
+                f"the names in order: {listed(state_names(coordinates, speeds))}"
+            )
+        return tuple(k for i in range(nq) for k in (i, nq + i))
+    names = state_names(coordinates, speeds)
+    if isinstance(order, str):
+        raise SourceError(
+            f"order {order!r}: expected 'interleaved', or the names of the state's entries in their order: "
+            f"{listed(names)}"
+        )
+    places = {name: k for k, name in enumerate(speeds, nq)}
+    places |= {name: k for k, name in enumerate(coordinates)}
+    places |= {f"q.{name}": k for k, name in enumerate(coordinates)}
+    places |= {f"u.{name}": k for k, name in enumerate(speeds, nq)}
+    found = []
+    for name in order:
+        if name not in places:
+            raise UnknownName(f"order: unknown entry {name!r}{closest(str(name), names)}")
+        found.append(places[name])
+    if sorted(found) != list(range(nq + nu)):
+        twice = next((names[k] for k in found if found.count(k) > 1), None)
+        missing = [names[k] for k in range(nq + nu) if k not in found]
+        what = f"{twice!r} is given twice" if twice else f"{listed(missing)} is missing"
+        raise SourceError(f"order: {what}; expected each of {listed(names)} once")
+    return tuple(found)
+
+
+def state_names(coordinates: Sequence[str], speeds: Sequence[str]) -> list[str]:
+    """Names of the entries of (q, u): coordinates as they are, speeds with ``u.``."""
+    return [*coordinates, *(f"u.{name}" for name in speeds)]
+
+
+def candidate_forms(
+    function: Callable[..., Any],
+    form: str | None,
+    order: Order,
+    coordinates: Sequence[str],
+    speeds: Sequence[str],
+    motors: int = 0,
+) -> list[StateForm]:
+    """Forms in which a function may take the state, as its arguments and its user say, likeliest first."""
+    known = signature(function)
+    told = None if order is None else told_order(order, coordinates, speeds)
+    if known is None:
+        found = [
+            StateForm(("t", "state"), order)
+            for order in usual_orders(len(coordinates), len(speeds))
+        ]
+        found = found if form == "ode" or told is not None else [PLAIN]
+    else:
+        found = list(forms(*known, len(coordinates), len(speeds), motors))
+    if form == "ode" or told is not None:
+        found = [one for one in found if "state" in one.arguments]
+    if told is not None:
+        found = list(dict.fromkeys(replace(one, order=told) for one in found))
+    return found
 
 
 def likeliest(

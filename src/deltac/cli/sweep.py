@@ -1,0 +1,154 @@
+"""`deltac sweep`: thousands of runs or studies by one plan; stopped or killed, it goes on where it was."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from deltac.cli.formats import Case
+from deltac.cli.output import (
+    Form,
+    Format,
+    Json,
+    Progress,
+    print_cases,
+    print_json,
+    print_sections,
+    progress_bar,
+)
+from deltac.errors import InputError
+
+if TYPE_CHECKING:
+    from deltac.fleets.result import Fleet
+
+Workers = Annotated[
+    int | None, typer.Option(min=1, help="Worker processes; by default one a core.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="tcp://…", help="Do the work on a Dask cluster, by its scheduler's address."
+    ),
+]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(metavar="SECONDS", help="Seconds that a piece of work may take (600)."),
+]
+RetryFailed = Annotated[
+    bool, typer.Option("--retry-failed", help="Try again what was set aside before.")
+]
+INTERVAL = 10.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+def command(
+    plan: Annotated[
+        Path | None, typer.Argument(metavar="SWEEP.toml", help="What is swept; see docs/fleets.md.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the results (by default NAME.sweep)."),
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    time_limit: TimeLimit = None,
+    retries: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="More attempts for a run whose process died or took too long (2)."
+        ),
+    ] = None,
+    chunk: Annotated[int | None, typer.Option(min=1, help="Runs in a piece of work.")] = None,
+    retry_failed: RetryFailed = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Make this one run here and show its row; keep nothing."
+        ),
+    ] = None,
+    status: Annotated[
+        Path | None,
+        typer.Option("--status", metavar="DIR", help="Show how far a sweep is; run nothing."),
+    ] = None,
+    form: Format = Form.text,
+    as_json: Json = False,
+) -> None:
+    """Sweep models, parameters, initial states, solvers and steps: one table, one exit code.
+
+    What is in the results folder already is not done again, so a sweep that was stopped or killed goes on
+    where it was. Exit code 0 if all runs keep their energy within the tolerance, 1 if not, 3 if some are
+    unresolved, 2 if some could not be run.
+    """
+    form = form.unless(as_json)
+    if status is not None:
+        from deltac.fleets.result import fleet_status
+
+        deliver_fleet(fleet_status(status), form)
+    if plan is None:
+        raise InputError("say what is swept: deltac sweep SWEEP.toml, or --status DIR")
+    if plan.suffix.lower() != ".toml":
+        raise InputError(
+            f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
+        )
+    from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan
+
+    made = plan_sweep(str(plan))
+    if only is not None:
+        (row,) = run_only(made, only).to_dicts()
+        print_json("Run", {"exit_code": 0, **row})
+        raise typer.Exit
+    execution = made.spec.execution.overridden(
+        workers=workers,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        retries=retries,
+        chunk=chunk,
+    )
+    with fleet_progress("runs", len(made.addresses)) as progress:
+        fleet = run_plan(
+            made,
+            folder_of(made, out),
+            execution,
+            retry_failed=retry_failed,
+            progress=progress,
+            reproducer=f"deltac sweep {plan}",
+        )
+    deliver_fleet(fleet, form)
+
+
+@contextmanager
+def fleet_progress(what: str, total: int) -> Iterator[Progress]:
+    """A bar with the time left on terminals, else a line now and then, on standard error."""
+    from deltac.fleets.execution import Pace
+
+    if sys.stderr.isatty():
+        with progress_bar(f"{total} {what}") as bar:
+            yield bar
+        return
+    pace, last = Pace(total), time.monotonic()
+
+    def tell(fraction: float) -> None:
+        nonlocal last
+        line = pace.told(fraction)
+        if time.monotonic() - last >= INTERVAL:
+            last = time.monotonic()
+            print(f"deltac: {what}: {line}", file=sys.stderr, flush=True)
+
+    yield tell
+
+
+def deliver_fleet(fleet: Fleet, form: Form) -> None:
+    """Print the results of a fleet, and end with its exit code."""
+    if form is Form.json:
+        print_json("Fleet", fleet.contents())
+    elif form in (Form.text, Form.github):
+        print_sections(fleet.sections())
+    if form not in (Form.text, Form.json):
+        print_cases([Case(group.name, str(fleet.folder), group) for group in fleet.groups()], form)
+    raise typer.Exit(fleet.exit_code)

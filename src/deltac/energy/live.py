@@ -1,0 +1,238 @@
+"""A balance that goes along with a simulation: one compiled step of it, in constant memory.
+
+The rules are those of `balance`. Powers are integrated over each interval through its two ends ("hermite 2":
+the motion by Hermite's polynomial, logged forces linearly between the rows), and the error bar comes from
+leaving out every second row. Forces that were held over a step do the work fᵀ∫u dt of that step.
+All of it, the sums included, is one kernel: a call for each row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.caching import LRUCache
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.spatial import SX
+from deltac.dynamics.terms import Energies
+from deltac.dynamics.testing_functions import testing_functions
+from deltac.energy.sampling.interpolation import hermite_kernel
+from deltac.energy.sampling.quadrature import INNER, INNER_WEIGHTS, OUTER_WEIGHT
+from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
+from deltac.kernels import Kernel
+from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.mechanism import Mechanism
+
+EPS = float(np.finfo(np.float64).eps)
+
+NODES = (0.0, *INNER, 1.0)
+WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)
+
+GIVEN = ChannelName("applied", "given")
+"""The sum of the given forces of which the model has no channel."""
+
+SUMS = ("E0", "work", "open", "apart", "flow", "K-", "K+", "V-", "V+", "rows")
+"""What is carried on from row to row, before the works of the channels; see `LiveKernels`."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What each row brings beside t, q and u.
+
+    `forces`: channels whose force is that of the row's instant; `held`: channels whose force was constant
+    over the step that led to the row. `rated`: whether rows bring u̇.
+    """
+
+    forces: tuple[ChannelName, ...] = ()
+    held: tuple[ChannelName, ...] = ()
+    rated: bool = False
+
+    @property
+    def channels(self) -> tuple[ChannelName, ...]:
+        """All of them, in the order of a row."""
+        return self.forces + self.held
+
+
+@dataclass(frozen=True, eq=False)
+class LiveKernels:
+    """A step of the balance.
+
+    A row (of size `row`) is t, q and u (the free ones), u̇ if it is given, and the force (nu) of each given
+    channel. `step` takes the row before, the new row and the sums so far, and gives ``delta_c``, its
+    ``rounding``, the energy ``exchanged``, E, K and V (J), and the new ``sums``. These are, in the order of
+    `SUMS`: E at the start; the work P of the testing function; the part of it that has a quadrature error;
+    how far that is from the trapezoidal rule; ∫|P| dt; least and largest K and V; the number of rows; then
+    the work of each of the `channels`, and the potential of each of the `sources`.
+
+    `skipped` takes two rows that lie two intervals apart and gives the work with a quadrature error in
+    between; it is None where no work has one.
+
+    `driven`: sources whose potential depends on time.
+    """
+
+    given: Given
+    channels: tuple[ChannelName, ...]
+    sources: tuple[ChannelName, ...]
+    driven: frozenset[ChannelName]
+    step: Kernel
+    skipped: Kernel | None
+    row: int
+
+
+_KEPT: LRUCache[LiveKernels] = LRUCache(16)
+
+
+def live_kernels(
+    mechanism: Mechanism, given: Given, testing: str, start: tuple[float, Array]
+) -> LiveKernels:
+    """Written out once for a mechanism and what its rows bring; compiled at the first call.
+
+    `start`: time and free coordinates, where the independent constraints are chosen.
+    """
+    where = (start[0], start[1].tobytes()) if mechanism.constraints else None
+    key = (mechanism.digest(), given, testing, where)
+    return _KEPT.get(key, lambda: _written_out(mechanism, given, testing, start))
+
+
+def _written_out(
+    mechanism: Mechanism, given: Given, testing: str, start: tuple[float, Array]
+) -> LiveKernels:
+    nu = len(mechanism.speeds)
+    known = {part.name for part in equations_of_motion(mechanism).channels}
+    known |= {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}
+    known |= {ChannelName("constraint", c.name) for c in mechanism.constraints}
+    logged = [name for name in given.channels if name in known]
+    further = [name for name in given.channels if name not in known]
+    logged += [GIVEN] if further else []
+    places = {name: slice(k * nu, (k + 1) * nu) for k, name in enumerate(logged)}
+    log = LoggedForces(dict.fromkeys(logged, list(range(nu))), places, nu * len(logged))
+    symbols = ledger_symbols(mechanism, log, None, start)
+    (function,) = testing_functions((testing,), constrained=bool(mechanism.constraints))
+    ledger = ledger_kernels(symbols, (function,), logged)
+    s = symbols.system
+    speeds = ca.Function("speeds", [s.t, s.q, s.u], [s.u_all])
+
+    # Two rows, and the forces at the ends of the interval between them.
+    n = s.u.numel()
+    sizes = {"t": 1, "q": s.q.numel(), "u": n, "udot": n if given.rated else 0}
+    sizes["forces"] = nu * len(given.channels)
+    before, after = (
+        {name: ca.SX.sym(f"{name}{k}", size) for name, size in sizes.items()} for k in (0, 1)
+    )
+    qdot = ca.Function("qdot", [s.t, s.q, s.u], [s.qdot])
+    width = after["t"] - before["t"]
+
+    def forces(row: dict[str, SX], later: dict[str, SX]) -> dict[ChannelName, SX]:
+        parts = {}
+        for k, name in enumerate(given.channels):
+            parts[name] = (later if name in given.held else row)["forces"][k * nu : (k + 1) * nu]
+        parts[GIVEN] = sum((parts[name] for name in further), start=ca.SX.zeros(nu))
+        return parts
+
+    ends = forces(before, after), forces(after, after)
+
+    # The motion at the nodes, and the powers there.
+    column = ca.vertcat(s.q, s.u)
+    y = [ca.vertcat(row["q"], row["u"]) for row in (before, after)]
+    chord = [(after["u"] - before["u"]) / width] * 2
+    rates = [before["udot"], after["udot"]] if given.rated else chord
+    dy = [
+        ca.vertcat(qdot(row["t"], row["q"], row["u"]), rate)
+        for row, rate in zip((before, after), rates)
+    ]
+    size = column.numel()
+    between = hermite_kernel(2, size, size, 0, INNER)
+    x = ca.vertcat(ca.SX([0.0, 1.0]), width, *y, *dy)
+    inner = ca.vertsplit(between.function(x, ca.SX(0, 1)), 2 * size)
+    motions = [ca.vertcat(y[0], dy[0]), *inner, ca.vertcat(y[1], dy[1])]
+    q, u, v = (slice(0, s.q.numel()), slice(s.q.numel(), size), slice(size + s.q.numel(), None))
+    found = []
+    first, second = ca.SX.zeros(nu), ca.SX.zeros(nu)  # ∫ (1 − x) u dt and ∫ x u dt
+    for node, weight, motion in zip(NODES, WEIGHTS, motions):
+        t = before["t"] + node * width
+        given_there = [(1 - node) * ends[0][name] + node * ends[1][name] for name in logged]
+        values = {"t": t, "q": motion[q], "u": motion[u], "udot": motion[v]}
+        values["logged"] = ca.vertcat(ca.SX(0, 1), *given_there)
+        found.append(_evaluated(ledger.between, values))
+        moved = weight * width * speeds(t, motion[q], motion[u])
+        first, second = first + (1 - node) * moved, second + node * moved
+    powers = {name: [parts[name] for parts in found] for name in ("channels", "functions")}
+    sums = {name: width * sum(w * p for w, p in zip(WEIGHTS, at)) for name, at in powers.items()}
+    plain = width * 0.5 * (powers["functions"][0] + powers["functions"][-1])
+
+    # The works of this interval; those of held forces have no quadrature error.
+    channels = tuple(name for name in ledger.channels if name != GIVEN)
+    of_model = dict(zip(ledger.channels, ca.vertsplit(sums["channels"])))
+    of_further = {
+        name: ca.dot(ends[0][name], first) + ca.dot(ends[1][name], second) for name in further
+    }
+    works = {**{name: of_model[name] for name in channels}, **of_further}
+    held = [name for name in given.held if name in works and name not in ledger.potential]
+    steady = sum((works[name] for name in held), start=ca.SX(0))
+    mean = width * 0.5 * (speeds(*_state(before)) + speeds(*_state(after)))
+    steady_plain = sum((ca.dot(ends[1][name], mean) for name in held), start=ca.SX(0))
+    total, open_work = sums["functions"][0], sums["functions"][0] - steady
+
+    # The energies of the new row, and the sums.
+    values = {"t": after["t"], "q": after["q"], "u": after["u"], "udot": rates[1]}
+    values["logged"] = ca.vertcat(ca.SX(0, 1), *(ends[1][name] for name in logged))
+    here = _evaluated(ledger.at_samples, values)
+    energies = Energies(*ca.vertsplit(here["energies"]))
+    E, K, V = function.E(energies), energies.K, energies.V
+    potential = ca.densify(here["potential"])
+    so_far = ca.SX.sym("sums", len(SUMS) + len(works) + potential.numel())
+    old = dict(zip(SUMS, ca.vertsplit(so_far)[: len(SUMS)]))
+    cumulated = [so_far[len(SUMS) + k] + work for k, work in enumerate(works.values())]
+    lost = ca.vertsplit(potential - so_far[len(SUMS) + len(works) :])
+    flow = sum(map(ca.fabs, [*works.values(), *lost]), start=ca.SX(0))
+    new = {
+        "E0": old["E0"],
+        "work": old["work"] + total,
+        "open": old["open"] + open_work,
+        "apart": old["apart"] + ca.fabs(open_work - (plain[0] - steady_plain)),
+        "flow": old["flow"] + flow,
+        "K-": ca.fmin(old["K-"], K),
+        "K+": ca.fmax(old["K+"], K),
+        "V-": ca.fmin(old["V-"], V),
+        "V+": ca.fmax(old["V+"], V),
+        "rows": old["rows"] + 1,
+    }
+    exchanged = new["flow"] + (new["K+"] - new["K-"]) + (new["V+"] - new["V-"])
+    size_of_terms = exchanged + new["K+"] + ca.fmax(ca.fabs(new["V-"]), ca.fabs(new["V+"]))
+    outputs = {
+        "delta_c": E - new["E0"] - new["work"],
+        "rounding": EPS * size_of_terms * (4 + ca.sqrt(new["rows"])),
+        "exchanged": exchanged,
+        "E": E,
+        "K": K,
+        "V": V,
+        "sums": ca.vertcat(*new.values(), *cumulated, potential),
+    }
+    rows = ca.vertcat(*before.values(), *after.values())
+    skipped = None
+    if not ca.simplify(open_work).is_zero():
+        skipped = Kernel({"rows": rows}, {"open": open_work}, name="live, skipped")
+    step = Kernel({"rows": rows, "sums": so_far}, outputs, name="live")
+    return LiveKernels(
+        given,
+        tuple(works),
+        ledger.potential,
+        symbols.driven,
+        step,
+        skipped,
+        rows.numel() // 2,
+    )
+
+
+def _state(row: dict[str, SX]) -> tuple[SX, SX, SX]:
+    return row["t"], row["q"], row["u"]
+
+
+def _evaluated(kernel: Kernel, values: dict[str, SX]) -> dict[str, SX]:
+    """A kernel of a ledger, of other symbols."""
+    x = ca.vertcat(*(values[name] for name in kernel.input_names))
+    y = kernel.function(x, ca.SX(0, 1))
+    return {name: y[where] for name, where in kernel.output_slices.items()}

@@ -1,0 +1,172 @@
+"""The points of a sweep: settings (model, solver, step, duration) and values of parameters and states."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+from deltac.fleets.spec import Range, SweepSpec
+from deltac.limits import Limits, require_memory
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the runs of an ensemble share; None is the model's own."""
+
+    model: str
+    solver: str | None
+    step: float | None
+    duration: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """N points.
+
+    settings: the distinct ones; `setting` (N,): which of them each point has.
+    axes: names of what else varies, "parameter.m", "q.hip", "u.hip"; `values` (N, axes), SI units.
+    """
+
+    settings: tuple[Setting, ...]
+    setting: NDArray[np.intp]
+    axes: tuple[str, ...]
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.setting)
+
+
+GROUPS = ("parameter", "q", "u")
+
+
+def lay_out(spec: SweepSpec) -> Design:
+    """The points of a sweep, in order: settings first, and of these the model first.
+
+    A grid has every combination. A list takes the k-th value of everything for the k-th point. A Latin
+    hypercube or a Sobol sequence fills the space of parameters and states with `points` points, each run
+    in every setting. Seeded: the same always.
+
+    Raises InputError for designs without points, lists of unequal length, ranges without a count.
+    """
+    chosen = {name: getattr(spec.vary, name) for name in ("model", "solver", "step", "duration")}
+    for name, values in chosen.items():
+        if values is not None and getattr(spec, name) is not None:
+            raise InputError(
+                f"{name} is given once for all runs and varied too; leave out one of them"
+            )
+        if values is not None and len(set(values)) < len(values) and spec.design.kind != "list":
+            raise InputError(f"vary.{name}: a value is there twice: {values}")
+    axes = {f"{g}.{n}": axis for g in GROUPS for n, axis in getattr(spec.vary, g).items()}
+    for name in axes:
+        group, _, own = name.partition(".")
+        if own in getattr(spec, group):
+            raise InputError(
+                f"{name} is given once for all runs and varied too; leave out one of them"
+            )
+    if spec.design.kind == "list":
+        return _listed(spec, chosen, axes)
+    settings = tuple(
+        Setting(*values)
+        for values in itertools.product(
+            *([getattr(spec, n)] if values is None else values for n, values in chosen.items())
+        )
+    )
+    count = spec.design.points
+    if spec.design.kind == "grid":
+        if count is not None:
+            raise InputError(
+                "design.points: a grid has as many points as its axes make; leave it out"
+            )
+        columns = [_grid_values(name, axis) for name, axis in axes.items()]
+        _check_size(len(settings) * math.prod(map(len, columns)), len(axes))
+        mesh = np.meshgrid(*columns, indexing="ij")
+        values = np.stack([c.ravel() for c in mesh], axis=1) if columns else np.empty((1, 0))
+    else:
+        values = _drawn(spec, axes, len(settings))
+    which = np.repeat(np.arange(len(settings)), len(values))
+    return Design(settings, which, tuple(axes), np.tile(values, (len(settings), 1)))
+
+
+def _check_size(points: int, axes: int) -> None:
+    Limits.current().check("rows", points, "the design has points:")
+    require_memory(points * (8.0 * axes + 100.0), f"{points} points of a design")
+
+
+def _grid_values(name: str, axis: list[float] | Range) -> Array:
+    if isinstance(axis, list):
+        return np.array(axis, dtype=np.float64)
+    if axis.count is None:
+        raise InputError(f"vary.{name}: a range in a grid needs count = …, or give the values")
+    if axis.count == 1:
+        return np.array([axis.low])
+    space = np.geomspace if axis.scale == "log" else np.linspace
+    return np.asarray(space(axis.low, axis.high, axis.count))
+
+
+def _drawn(spec: SweepSpec, axes: Mapping[str, Any], settings: int) -> Array:
+    """Points (P, axes) of a random design; of a list of values each is as likely."""
+    from scipy.stats import qmc
+
+    kind, count = spec.design.kind, spec.design.points
+    if count is None:
+        raise InputError(f"design.points: say how many points the design {kind!r} has")
+    if not axes:
+        raise InputError(
+            f"design {kind!r} draws parameters and states, and none is varied: add vary.parameter, vary.q or "
+            "vary.u, or take kind = 'grid'"
+        )
+    _check_size(settings * count, len(axes))
+    make = qmc.LatinHypercube if kind == "latin-hypercube" else qmc.Sobol
+    sampler = make(len(axes), rng=np.random.default_rng(spec.design.seed))
+    if kind == "sobol":  # whole powers of two are balanced, and the rest is cut off
+        unit: Array = sampler.random_base2(max(0, math.ceil(math.log2(count))))[:count]
+    else:
+        unit = sampler.random(count)
+    values: Array = np.empty_like(unit)
+    for k, axis in enumerate(axes.values()):
+        x = unit[:, k]
+        if isinstance(axis, list):
+            given = np.array(axis)
+            values[:, k] = given[np.minimum((x * len(given)).astype(int), len(given) - 1)]
+        elif axis.scale == "log":
+            values[:, k] = axis.low * (axis.high / axis.low) ** x
+        else:
+            values[:, k] = axis.low + (axis.high - axis.low) * x
+    return values
+
+
+def _listed(spec: SweepSpec, chosen: Mapping[str, Any], axes: Mapping[str, Any]) -> Design:
+    if spec.design.points is not None:
+        raise InputError(
+            "design.points: a list has as many points as values are given; leave it out"
+        )
+    given: dict[str, Any] = {f"vary.{n}": v for n, v in chosen.items() if v is not None}
+    given |= {
+        f"vary.{name}": axis if isinstance(axis, list) else list(_grid_values(name, axis))
+        for name, axis in axes.items()
+    }
+    sizes = {name: len(values) for name, values in given.items()}
+    if not sizes:
+        raise InputError("a list without points: nothing is varied; add values under vary")
+    if len(set(sizes.values())) > 1:
+        told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise InputError(
+            f"a list takes the k-th value of everything, but {told}; give equally many"
+        )
+    count = next(iter(sizes.values()))
+    each = [
+        Setting(*(getattr(spec, n) if v is None else v[k] for n, v in chosen.items()))
+        for k in range(count)
+    ]
+    settings = tuple(dict.fromkeys(each))
+    places = {setting: k for k, setting in enumerate(settings)}
+    values = np.array([given[f"vary.{name}"] for name in axes]).reshape(len(axes), count).T
+    return Design(settings, np.array([places[s] for s in each]), tuple(axes), values)

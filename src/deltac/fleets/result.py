@@ -1,0 +1,228 @@
+"""What a fleet came to: one table, counts of verdicts, the worst cases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deltac.fleets.rows import FAILED
+from deltac.fleets.store import RESULTS, Store
+from deltac.results import Report, Section, Table, number, percent
+
+if TYPE_CHECKING:
+    import polars
+
+WORST_FIRST = (FAILED, "integration-error", "equation-error", "unresolved", "consistent")
+"""Verdicts, the one to look at first at the front."""
+
+EXIT_CODES = {
+    FAILED: 2,
+    "integration-error": 1,
+    "equation-error": 1,
+    "unresolved": 3,
+    "consistent": 0,
+}
+
+SHOWN = 10
+"""Worst cases that are listed."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fleet(Report):
+    """The results of a sweep, or of the audits of many logs.
+
+    Attributes:
+        kind: "sweep" or "audit".
+        name: what it is called.
+        folder: where the results are.
+        total: how many rows it has to have; `done`: how many it has, with those that failed.
+        verdicts: how many rows have each verdict; "failed": those that could not be made.
+        aside: how many of the failed were set aside since their process died, hung or went wrong.
+        exit_codes: those that rows have, each once.
+        worst: the worst rows: failed ones, then by the energy error as a fraction.
+    """
+
+    kind: str
+    name: str
+    folder: Path
+    total: int
+    done: int
+    verdicts: Mapping[str, int]
+    aside: int
+    exit_codes: tuple[int, ...]
+    worst: tuple[Mapping[str, Any], ...]
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 2 some failed, 1 some are wrong, 3 some are unresolved, else 0.
+
+        Of audits as for `audit`: a mistake that stays within the tolerance is named, and is 0.
+        """
+        if self.done < self.total:
+            return 3
+        return worst_code(self.exit_codes)
+
+    @property
+    def frame(self) -> polars.DataFrame:
+        """The table (a polars DataFrame): of a fleet that is not complete, the rows that are there."""
+        import polars
+
+        path = self.folder / RESULTS
+        if self.done == self.total and path.exists():
+            return polars.read_parquet(path, glob=False)
+        return Store.open(self.folder).rows()
+
+    def groups(self) -> tuple[Group, ...]:
+        """The rows of each setting: model, solver and step; of audits each log, or episode."""
+        frame = self.frame
+        if self.kind == "audit":
+            return tuple(
+                Group(
+                    " ".join(filter(None, (row["log"], row["episode"]))),
+                    {row["verdict"]: 1},
+                    (int(row["exit_code"]),),
+                    ({n: row[n] for n in ("verdict", "relative", "findings", "message")},),
+                )
+                for row in frame.iter_rows(named=True)
+            )
+        keys = [n for n in ("model", "solver", "step", "duration") if n in frame.columns]
+        if not keys or not len(frame):
+            return ()
+        several = [n for n in keys if n == "model" or frame[n].n_unique() > 1]
+        return tuple(
+            Group(
+                ", ".join(str(part.row(0, named=True)[n]) for n in several),
+                _counted(part),
+                _exit_codes(part),
+                _worst(part, 1),
+            )
+            for part in frame.partition_by(keys, maintain_order=True)
+        )
+
+    def summary(self) -> str:
+        """How many rows there are, and how many of each verdict."""
+        told = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
+        done = f"{self.done}" if self.done == self.total else f"{self.done} of {self.total}"
+        what = "runs" if self.kind == "sweep" else "audits"
+        return f"{self.name}: {done} {what}{': ' if told else ''}{told}"
+
+    def sections(self) -> Iterator[Section]:
+        """Counts, the worst cases, where the table is."""
+        yield self.summary() + "."
+        if self.done < self.total:
+            left = self.total - self.done
+            yield f"{left} are not there yet: run it again, and it goes on where it stopped."
+        if self.worst:
+            names = [n for n in self.worst[0] if n not in ("address", "message")]
+            heads = (*names, "address")
+            rows = tuple(tuple(_cell(row.get(n), n) for n in heads) for row in self.worst)
+            yield Table(heads, rows)
+        reasons = {row["message"]: None for row in self.worst if row.get("verdict") == FAILED}
+        for message in list(reasons)[:3]:
+            yield f"Failed: {message}"
+        if self.aside:
+            yield (
+                f"{self.aside} were set aside, since their process died, took too long or went wrong; "
+                f"{self.folder}/aside has the error of each and the command that runs it alone."
+            )
+        yield f"Table: {self.folder / RESULTS}"
+
+
+def _cell(value: Any, name: str) -> str:
+    if value is None:
+        return "–"
+    if name == "relative":
+        return percent(value)
+    return number(value) if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Group(Report):
+    """Rows of one setting: a case for the reports of a CI."""
+
+    name: str
+    verdicts: Mapping[str, int]
+    exit_codes: tuple[int, ...]
+    worst: tuple[Mapping[str, Any], ...]
+
+    @property
+    def exit_code(self) -> int:
+        """As of a fleet."""
+        return worst_code(self.exit_codes)
+
+    def summary(self) -> str:
+        """The worst verdict, and how many of each."""
+        worst = next((v for v in WORST_FIRST if self.verdicts.get(v)), "consistent")
+        told = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
+        return f"{worst}: {told}"
+
+    def sections(self) -> Iterator[Section]:
+        """Counts, and the worst row."""
+        yield self.summary()
+        for row in self.worst:
+            yield ", ".join(f"{n} {_cell(v, n)}" for n, v in row.items() if v is not None)
+
+
+def _counted(frame: polars.DataFrame) -> dict[str, int]:
+    if "verdict" not in frame.columns:
+        return {}
+    return {str(v): int(n) for v, n in frame["verdict"].value_counts(sort=True).iter_rows()}
+
+
+def worst_code(codes: Iterable[int]) -> int:
+    """The exit code that hides the others."""
+    return min(codes, key=(2, 1, 3, 0).index, default=0)
+
+
+def _exit_codes(frame: polars.DataFrame) -> tuple[int, ...]:
+    if "exit_code" in frame.columns:
+        return tuple(sorted(int(code) for code in frame["exit_code"].drop_nulls().unique()))
+    return tuple(sorted({EXIT_CODES[verdict] for verdict in _counted(frame)}))
+
+
+HIDDEN = ("details", "text", "report", "confidence", "seconds", "evaluations", "energy")
+
+
+def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
+    """The worst rows: failed ones, then wrong ones by their energy error; columns in which they differ."""
+    import polars
+
+    if "verdict" not in frame.columns:
+        return ()
+    rank = {verdict: k for k, verdict in enumerate(WORST_FIRST)}
+    bad = frame.filter(polars.col("verdict") != "consistent")
+    order = polars.col("verdict").replace_strict(rank, default=len(rank))
+    bad = bad.sort(order, -polars.col("relative"), maintain_order=True, nulls_last=True).head(most)
+    keep = [
+        n
+        for n in bad.columns
+        if n in ("address", "message", "verdict", "relative")
+        or (n not in HIDDEN and bad[n].n_unique() > 1 and not n.startswith("delta_c."))
+    ]
+    return tuple(bad.select(keep).to_dicts())
+
+
+def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
+    """The fleet of the rows that are there."""
+    return Fleet(
+        kind=str(store.head.get("kind")),
+        name=str(store.head.get("name")),
+        folder=store.folder,
+        total=total,
+        done=len(frame),
+        verdicts=_counted(frame),
+        aside=len(store.aside()),
+        exit_codes=_exit_codes(frame),
+        worst=_worst(frame, SHOWN),
+    )
+
+
+def fleet_status(folder: str | Path) -> Fleet:
+    """What is in a folder of results, finished or not, also while another process writes there.
+
+    Raises InputError for a folder that is none of ours, or of a later version.
+    """
+    store = Store.open(Path(folder))
+    return summarise(store, store.table(), len(store.planned()))

@@ -1,0 +1,316 @@
+"""The work of a sweep: runs of one model in one setting, as an ensemble where that can be; or studies."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+from deltac.fleets.isolation import Failure
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+
+if TYPE_CHECKING:
+    from deltac.simulation.ensemble.ensemble import Ensemble
+
+RECORDS = 8
+"""Times at which the energies of a run are looked at, at most, besides the start."""
+
+TESTING = ("wang", "liu-huston")
+
+OUTCOME: dict[str, str] = {
+    "verdict": TEXT,
+    "confidence": TEXT,
+    "relative": NUMBER,
+    "energy_error": NUMBER,
+    "energy": NUMBER,
+    **{f"delta_c.{name}": NUMBER for name in TESTING},
+    "order": NUMBER,
+    "stopped": NUMBER,
+    "evaluations": NUMBER,
+    "seconds": NUMBER,
+    "findings": TEXT,
+    "code": TEXT,
+    "message": TEXT,
+    "details": TEXT,
+}
+"""What the table says of every run; see docs/fleets.md."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What the runs of a piece share.
+
+    label: the model's name in the table. `start`: where a run starts, but for what the axes say. `fixed` in
+    the mechanism already: parameters given once for all runs. Solver, step and duration are written out.
+    """
+
+    verb: str
+    label: str
+    mechanism: Mechanism
+    start: State
+    solver: str
+    step: float | None
+    duration: float
+    tolerance: float
+    axes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RunPiece:
+    """Some runs: the values of their axes (N, axes), and their addresses."""
+
+    task: Task
+    values: Array
+    addresses: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """How many runs."""
+        return len(self.addresses)
+
+    def halves(self) -> tuple[RunPiece, RunPiece]:
+        """The first runs, and the others."""
+        middle = self.rows // 2
+        return (
+            replace(self, values=self.values[:middle], addresses=self.addresses[:middle]),
+            replace(self, values=self.values[middle:], addresses=self.addresses[middle:]),
+        )
+
+    def __call__(self) -> bytes:
+        """The rows, as a Parquet file."""
+        return self._table(_outcome(self))
+
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a run that could not be made."""
+        return self._table(failed_outcome(failure))
+
+    def about(self) -> dict[str, Any]:
+        """Model, setting and axes of the first run."""
+        task = self.task
+        values = dict(zip(task.axes, self.values[0].tolist()))
+        return {"model": task.label, "solver": task.solver, "step": task.step, **values}
+
+    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+        task = self.task
+        point = {
+            "model": (TEXT, [task.label] * self.rows),
+            "solver": (TEXT, [task.solver] * self.rows),
+            "step": (NUMBER, [task.step] * self.rows),
+            "duration": (NUMBER, [task.duration] * self.rows),
+            **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(task.axes)},
+        }
+        return rows_as_parquet(self.addresses, point, OUTCOME, outcome)
+
+
+def _parameters(task: Task, row: Array) -> dict[str, float]:
+    """Values of the parameters that vary."""
+    named = zip(task.axes, row.tolist())
+    return {n.removeprefix("parameter."): v for n, v in named if n.startswith("parameter.")}
+
+
+def _states(task: Task, values: Array) -> tuple[Array, Array]:
+    """Q (N, nq) and U (N, nu): the start, with what the axes say put in."""
+    Q, U = (np.tile(part, (len(values), 1)) for part in (task.start.q, task.start.u))
+    for k, axis in enumerate(task.axes):
+        group, _, name = axis.partition(".")
+        if group == "q":
+            Q[:, task.mechanism.coordinates.names.index(name)] = values[:, k]
+        elif group == "u":
+            U[:, task.mechanism.speeds.names.index(name)] = values[:, k]
+    return Q, U
+
+
+def _outcome(piece: RunPiece) -> dict[str, Any]:
+    from deltac.simulation.solvers import find_solver
+
+    if piece.task.verb == "study":
+        return _by_members(piece, _study, together=False)
+    solver = find_solver(piece.task.solver)
+    if solver.family == "fixed" and not piece.task.mechanism.events:
+        return _by_members(piece, _ensemble, together=True)
+    return _by_members(piece, _single, together=False)
+
+
+def _by_members(piece: RunPiece, work: Any, *, together: bool) -> dict[str, Any]:
+    """The outcome of `work`; where it refuses, that of the halves, down to the run that is refused."""
+    if piece.rows == 1 or together:
+        try:
+            return dict(work(piece))
+        except InputError as error:
+            if piece.rows == 1:
+                return failed_outcome(Failure(error.code, str(error)))
+    halves = piece.halves()
+    (a, n), (b, m) = ((_by_members(half, work, together=together), half.rows) for half in halves)
+    return {name: [*a.get(name, [None] * n), *b.get(name, [None] * m)] for name in {**a, **b}}
+
+
+_WARM: set[Any] = set()
+"""Settings whose kernels are compiled in this process."""
+
+
+def _ensemble(piece: RunPiece) -> dict[str, Any]:
+    from deltac.simulation.arguments import whole_steps
+    from deltac.simulation.ensemble.steps import LANES
+    from deltac.simulation.solvers import find_solver
+
+    task = piece.task
+    assert task.step is not None
+    steps = whole_steps(task.duration, task.step, 1)
+    records = max(k for k in range(1, RECORDS + 1) if steps % k == 0)
+    own = [name for name in task.axes if name.startswith("parameter.")]
+
+    def run(members: slice) -> Ensemble:
+        from deltac.simulation.ensemble.ensemble import simulate_ensemble
+
+        values = piece.values[members]
+        states: Any = task.start
+        if len(own) < len(task.axes):
+            Q, U = _states(task, values)
+            states = (Q, U)
+            if task.start.t:
+                states = [State(task.start.t, q, u) for q, u in zip(Q, U)]
+        vary = {n.removeprefix("parameter."): values[:, task.axes.index(n)] for n in own}
+        return simulate_ensemble(
+            task.mechanism,
+            states,
+            task.duration,
+            task.step,  # type: ignore[arg-type]
+            task.solver,
+            TESTING,
+            vary=vary,
+            record_every=steps // records,
+            threads=1,
+        )
+
+    key = (task.mechanism.digest(own and [n[10:] for n in own]), task.solver, steps // records)
+    if key not in _WARM:  # compiled before the clock runs
+        run(slice(0, LANES))
+        _WARM.add(key)
+    began = time.process_time()
+    found = run(slice(None))
+    count = len(piece.addresses)
+    seconds = (time.process_time() - began) / count
+    lost = np.isfinite(found.stopped)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of runs that are lost before the first record
+        left = np.nanmax(np.abs(found.delta_c["wang"] + found.corrections), axis=0)
+        V = found.potential
+        energy = np.nanmax(found.kinetic, axis=0) + np.nanmax(V, axis=0) - np.nanmin(V, axis=0)
+        largest = {n: np.nanmax(np.abs(found.delta_c[n]), axis=0) for n in TESTING}
+    relative, verdict = judged(left, energy, lost, task.tolerance)
+    stages = find_solver(task.solver).stages
+    taken = np.where(lost, np.round((found.stopped - task.start.t) / task.step), steps)
+    return {
+        "verdict": verdict,
+        "relative": relative,
+        "energy_error": left,
+        "energy": energy,
+        **{f"delta_c.{name}": values for name, values in largest.items()},
+        "stopped": found.stopped,
+        "evaluations": stages * taken,
+        "seconds": np.full(count, seconds),
+    }
+
+
+def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[Array, list[str]]:
+    """Energy errors as fractions of the energy that the system has, and what they mean.
+
+    Our own runs obey the model's equations: an error is the integration's. A system without energy tells
+    nothing.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(energy > 0.0, left / energy, math.nan)
+    words = np.where(relative <= tolerance, "consistent", "integration-error")
+    words = np.where(np.isnan(relative), "unresolved", words)
+    return relative, np.where(lost, "integration-error", words).tolist()
+
+
+def _single(piece: RunPiece) -> dict[str, Any]:
+    """One run by `simulate`: of solvers that ensembles do not have, and of mechanisms with events."""
+    from deltac.energy.balance import balance
+    from deltac.simulation.simulate import Record, simulate
+    from deltac.simulation.solvers import find_solver
+
+    task, (row,) = piece.task, piece.values
+    parameters = _parameters(task, row)
+    mechanism = task.mechanism.with_parameters(**parameters)
+    Q, U = _states(task, piece.values)
+    solver = find_solver(task.solver)
+    began = time.process_time()
+    run = simulate(
+        mechanism,
+        State(task.start.t, Q[0], U[0]),
+        task.duration,
+        task.step,
+        task.solver,
+        Record(TESTING),
+    )
+    seconds = time.process_time() - began
+    ledger = balance(mechanism, run)
+    left = float(np.abs(ledger.uncorrected("wang")).max())
+    energy = float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
+    lost = not run.provenance.completed
+    relative, verdict = judged(
+        np.array([left]), np.array([energy]), np.array([lost]), task.tolerance
+    )
+    steps = None
+    if solver.family == "fixed" and task.step is not None:
+        steps = [float(solver.stages * round(run.duration / task.step))]
+    return {
+        "verdict": verdict,
+        "relative": relative,
+        "energy_error": [left],
+        "energy": [energy],
+        **{f"delta_c.{n}": [float(np.abs(ledger.delta_c[n]).max())] for n in TESTING},
+        "stopped": [float(run.t[-1]) if lost else None],
+        "message": [run.provenance.message or None],
+        "seconds": [seconds],
+        **({} if steps is None else {"evaluations": steps}),
+    }
+
+
+def _study(piece: RunPiece) -> dict[str, Any]:
+    """One study: at 4, 2 and 1 times the step; at 1, 1/2 and 1/4 where these do not divide the duration."""
+    from deltac.diagnosis.study.study import study
+
+    task, (row,) = piece.task, piece.values
+    mechanism = task.mechanism.with_parameters(**_parameters(task, row))
+    Q, U = _states(task, piece.values)
+    began = time.process_time()
+    steps = None
+    if task.step is not None:
+        ratio = task.duration / (4.0 * task.step)
+        whole = abs(ratio - round(ratio)) < 1e-9 * ratio
+        steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]
+    found = study(
+        mechanism,
+        State(task.start.t, Q[0], U[0]),
+        task.duration,
+        steps,
+        task.solver,
+        testing=TESTING,
+        tolerance=task.tolerance,
+    )
+    order = found.observed_order["state"].order if "state" in found.observed_order else None
+    left = float(found.measures.left[-1])
+    return {
+        "verdict": [found.verdict.kind],
+        "confidence": [found.verdict.confidence],
+        "relative": [found.relative],
+        "energy_error": [left],
+        "energy": [found.energy_exchanged],
+        "order": [order],
+        "seconds": [time.process_time() - began],
+        "findings": [" ".join(f.code for f in found.findings)],
+        "message": [found.summary()],
+        "details": [None if found.exit_code == 0 else found.explain()],
+    }

@@ -1,0 +1,274 @@
+"""What a sweep is, as TOML or as arguments: validated at once, with messages that point at the line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
+
+from deltac.errors import InputError, UnknownName, closest, listed
+from deltac.files import read_text
+from deltac.limits import parse_toml
+
+
+def _radians(value: Any) -> Any:
+    """A number as it is; a text such as "30deg" in radians."""
+    if isinstance(value, str) and value.strip().endswith("deg"):
+        try:
+            return math.radians(float(value.strip().removesuffix("deg")))
+        except ValueError:
+            return value
+    return value
+
+
+Number: TypeAlias = Annotated[
+    float, BeforeValidator(_radians), Field(allow_inf_nan=False, strict=True)
+]
+Positive: TypeAlias = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=True)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class Range(_Strict):
+    """An interval: `count` equidistant values of a grid, or what a random design draws from.
+
+    `scale` "log" spaces or draws by the logarithm.
+    """
+
+    low: Number = Field(alias="from")
+    high: Number = Field(alias="to")
+    count: Annotated[int, Field(ge=1, strict=True)] | None = None
+    scale: Literal["linear", "log"] = "linear"
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Range:
+        if not self.low < self.high and not (self.low == self.high and self.count == 1):
+            raise ValueError(f"from = {self.low:g} is not below to = {self.high:g}")
+        if self.scale == "log" and self.low <= 0.0:
+            raise ValueError(f"from = {self.low:g}: a logarithmic range begins above zero")
+        return self
+
+
+def _kind(value: Any) -> str:
+    return "range" if isinstance(value, Mapping | Range) else "values"
+
+
+Axis: TypeAlias = Annotated[
+    Annotated[Annotated[list[Number], Field(min_length=1)], Tag("values")]
+    | Annotated[Range, Tag("range")],
+    Discriminator(_kind),
+]
+"""Values, or an interval."""
+
+Names: TypeAlias = Annotated[list[str], Field(min_length=1)]
+
+
+class Varied(_Strict):
+    """What differs between runs: settings by name, parameters and initial states by axes."""
+
+    model: Names | None = None
+    solver: Names | None = None
+    step: Annotated[list[Positive], Field(min_length=1)] | None = None
+    duration: Annotated[list[Positive], Field(min_length=1)] | None = None
+    parameter: dict[str, Axis] = {}
+    q: dict[str, Axis] = {}
+    u: dict[str, Axis] = {}
+
+
+class DesignSpec(_Strict):
+    """How points are laid: every combination, value by value, or at random."""
+
+    kind: Literal["grid", "list", "latin-hypercube", "sobol"] = "grid"
+    points: Annotated[int, Field(ge=1, strict=True)] | None = None
+    seed: Annotated[int, Field(ge=0, strict=True)] = 0
+
+
+class Execution(_Strict):
+    """How the work is done; nothing here changes a result.
+
+    `time_limit`: seconds that a piece of work may take; `retries`: how often a single run is tried again
+    whose worker died or took too long; `chunk`: runs in a piece.
+    """
+
+    workers: Annotated[int, Field(ge=1, strict=True)] | None = None
+    time_limit: Positive = 600.0
+    retries: Annotated[int, Field(ge=0, strict=True)] = 2
+    chunk: Annotated[int, Field(ge=1, strict=True)] | None = None
+    scheduler: str | None = None
+
+    def overridden(self, **given: Any) -> Execution:
+        """The same, but for what is given and not None; InputError for what is no such value."""
+        asked = {name: value for name, value in given.items() if value is not None}
+        try:
+            return Execution.model_validate({**self.model_dump(), **asked})
+        except ValidationError as error:
+            (one, *_) = error.errors(include_url=False)
+            name = ".".join(map(str, one["loc"]))
+            raise InputError(f"{name}: {_words(one)}, found {one['input']!r:.60}") from None
+
+
+class SweepSpec(_Strict):
+    """A sweep. `tolerance`: accepted energy error as a fraction of the energy that the system has."""
+
+    name: str = ""
+    verb: Literal["simulate", "study"] = "simulate"
+    model: str | None = None
+    state: str | None = None
+    solver: str | None = None
+    step: Positive | None = None
+    duration: Positive | None = None
+    tolerance: Annotated[float, Field(gt=0.0, lt=1.0, strict=True)] = 1e-3
+    parameter: dict[str, Number] = {}
+    q: dict[str, Number] = {}
+    u: dict[str, Number] = {}
+    vary: Varied = Varied()
+    design: DesignSpec = DesignSpec()
+    execution: Execution = Execution()
+
+
+def read_spec(path: str | Path) -> SweepSpec:
+    """The sweep that a TOML file describes; InputError names the line of what is wrong."""
+    source = Path(path)
+    try:
+        text = read_text(source)
+        document = parse_toml(text)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    spec = _validated(document, lambda place: f"{source}, line {line_of(text, place)}")
+    return spec if spec.name else spec.model_copy(update={"name": source.stem})
+
+
+def make_spec(values: Mapping[str, Any]) -> SweepSpec:
+    """The sweep that values by name describe; InputError names the key."""
+    return _validated(dict(values), lambda place: ".".join(map(str, place)) or "sweep")
+
+
+def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
+    try:
+        return SweepSpec.model_validate(document)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+    told = []
+    unknown = False
+    for one in found[:5]:
+        place = _within(document, one["loc"])
+        if one["type"] == "extra_forbidden":
+            unknown = True
+            known = list(_fields(one["loc"][:-1]))
+            told.append(f"{where(place)}: unknown key {place[-1]!r}{_hint(str(place[-1]), known)}")
+        elif one["type"] == "missing":
+            name = one["loc"][-1]
+            told.append(f"{where(place)}: {'.'.join(map(str, place))} lacks {name!r}")
+        else:
+            told.append(
+                f"{where(place)}: {'.'.join(map(str, place))}: {_words(one)}, found {one['input']!r:.60}"
+            )
+    more = f"; and {len(found) - 5} more" if len(found) > 5 else ""
+    kind = UnknownName if unknown and len(found) == 1 else InputError
+    raise kind("; ".join(told) + more)
+
+
+def _words(error: Any) -> str:
+    """What pydantic expected, as we would say it."""
+    text = str(error["msg"]).removeprefix("Value error, ")
+    return text[:1].lower() + text[1:].replace("Input should be", "expected").replace(
+        "input should be", "expected"
+    )
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    match = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return closest(name, known) if match else f"; known: {listed(known)}"
+
+
+def _fields(place: Sequence[int | str]) -> Iterator[str]:
+    """Names of the keys that may stand at a place."""
+    model: type[BaseModel] = SweepSpec
+    for part in place:
+        field = model.model_fields.get(str(part))
+        if field is None:  # an axis by its name, or the tag of a union
+            model = Range
+            continue
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            model = inner
+        elif any(isinstance(a, type) for a in get_args(inner)):
+            model = Range
+    for name, field in model.model_fields.items():
+        yield field.alias or name
+
+
+def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
+    """The part of a place that is in the document: pydantic adds tags of unions, and what is missing."""
+    found: list[int | str] = []
+    here: Any = document
+    for part in place:
+        if isinstance(here, Mapping):
+            inside = part in here
+        else:
+            inside = isinstance(here, list) and isinstance(part, int) and part < len(here)
+        if inside:
+            here = here[part]
+            found.append(part)
+    return tuple(found)
+
+
+def line_of(text: str, place: Sequence[int | str]) -> int:
+    r"""The line, from 1, of the statement of a TOML text that gives what is at a place.
+
+    Python's parser tells no positions. But statements end with their line, so a text that is cut between
+    two of them is TOML too, and the statement looked for ends at the first such cut that has the place.
+
+    >>> line_of("a = 1\\n[b]\\nc = [\\n  1,\\n  2,\\n]\\nd = 3\\n", ("b", "c", 1))
+    3
+    """
+    lines = text.splitlines(keepends=True)
+
+    def holds(count: int) -> bool | None:
+        try:
+            here: Any = tomllib.loads("".join(lines[:count]))
+            for part in place:
+                here = here[part]
+        except tomllib.TOMLDecodeError:
+            return None
+        except (KeyError, IndexError, TypeError):
+            return False
+        return True
+
+    # Bisection: `low` lines are TOML without the place, `high` have it.
+    low, high = 0, len(lines)
+    while high - low > 1:
+        middle = (low + high) // 2
+        probe = middle
+        while probe > low and holds(probe) is None:
+            probe -= 1
+        if probe == low:  # a statement begins at `low` and goes on beyond `middle`
+            low_end = middle + 1
+            while low_end < high and holds(low_end) is None:
+                low_end += 1
+            if holds(low_end):
+                break
+            low = low_end
+        elif holds(probe):
+            high = probe
+        else:
+            low = probe
+    while low < len(lines) - 1 and (not lines[low].strip() or lines[low].lstrip().startswith("#")):
+        low += 1
+    return low + 1

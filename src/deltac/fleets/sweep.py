@@ -1,0 +1,338 @@
+"""`sweep`: one plan, many runs; whatever stops it, the next call goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltac.errors import InputError, UnknownName, closest
+from deltac.fleets.design import Design, Setting, lay_out
+from deltac.fleets.execution import Work
+from deltac.fleets.fleet import run_fleet
+from deltac.fleets.result import Fleet
+from deltac.fleets.runs import RunPiece, Task
+from deltac.fleets.spec import Execution, SweepSpec, make_spec, read_spec
+from deltac.fleets.store import ADDRESS, Store, digest, versions
+from deltac.interrupts import interruptible
+from deltac.mechanism.state import State
+from deltac.models import Model, ModelLike, load_model
+
+if TYPE_CHECKING:
+    import polars
+
+LARGEST = 16384
+"""Runs in a piece, at most: their records and states take some MB."""
+
+SHARES = 4
+"""Pieces of each setting for a worker, at least, so that none waits long for the last one."""
+
+STUDIES = 4
+"""Studies in a piece: each takes seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A sweep before it is run: its points, what the runs of each setting share, the address of every row."""
+
+    spec: SweepSpec
+    design: Design
+    tasks: tuple[Task, ...]
+    addresses: tuple[str, ...]
+
+    def piece(self, rows: Sequence[int]) -> RunPiece:
+        """The piece of these rows, all of one setting."""
+        chosen = np.asarray(rows)
+        return RunPiece(
+            self.tasks[int(self.design.setting[chosen[0]])],
+            self.design.values[chosen],
+            tuple(self.addresses[k] for k in rows),
+        )
+
+
+def plan_sweep(
+    source: ModelLike | Mapping[str, Any],
+    models: Mapping[str, ModelLike] | None = None,
+    **options: Any,
+) -> Plan:
+    """Read, validate and lay out a sweep; nothing is run. See `sweep` for the arguments.
+
+    Raises InputError for whatever cannot be run in any of its points.
+    """
+    spec, named = _spec(source, options)
+    named = {**named, **(models or {})}
+    design = lay_out(spec)
+    loaded: dict[str, Model] = {}
+    tasks = []
+    for setting in design.settings:
+        if setting.model is None:
+            raise InputError("model: say what is swept, model = … or vary.model = [ … ]")
+        if setting.model not in loaded:
+            loaded[setting.model] = load_model(named.get(setting.model, setting.model))
+        tasks.append(_task(spec, setting, loaded[setting.model], design.axes))
+    return Plan(spec, design, tuple(tasks), tuple(_addresses(design, tasks)))
+
+
+def _spec(source: Any, options: Mapping[str, Any]) -> tuple[SweepSpec, dict[str, ModelLike]]:
+    """The plan as validated values, and the models that were handed over as objects."""
+    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".toml":
+        if options:
+            raise InputError(
+                f"{source} says what is swept; change {', '.join(options)} there, or give the model itself"
+            )
+        return read_spec(source), {}
+    if isinstance(source, Mapping):
+        return make_spec({**source, **options}), {}
+    many = list(source) if isinstance(source, list) else [source]
+    named: dict[str, ModelLike] = {}
+    for one in many:
+        if isinstance(one, str | Path):
+            named[str(one)] = str(one)
+        else:
+            label = load_model(one).mechanism.name
+            if label in named:
+                raise InputError(f"two models are called {label!r}; give them different names")
+            named[label] = one
+    values = {k: v for k, v in options.items() if v is not None}
+    values["vary"] = _nested(values.get("vary") or {})
+    if len(many) > 1:
+        values["vary"]["model"] = list(named)
+    else:
+        values["model"] = next(iter(named))
+    spec = make_spec(values)
+    return (spec if spec.name else spec.model_copy(update={"name": next(iter(named))})), named
+
+
+def _nested(vary: Mapping[str, Any]) -> dict[str, Any]:
+    """Axes as TOML has them, of flat names such as "parameter.m" and of arrays."""
+    nested: dict[str, Any] = {}
+    for name, axis in vary.items():
+        values = axis
+        if isinstance(axis, np.ndarray | tuple | range):
+            values = np.asarray(axis).tolist()
+        if isinstance(values, list):
+            values = [float(v) if isinstance(v, int) else v for v in values]
+        group, dot, own = name.partition(".")
+        if dot:
+            nested.setdefault(group, {})[own] = values
+        else:
+            nested[name] = values
+    return nested
+
+
+def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]) -> Task:
+    """What the runs of a setting share, every default written out; InputError for unknown names."""
+    from deltac.simulation.arguments import whole_steps
+    from deltac.simulation.solvers import find_solver
+
+    mechanism = model.mechanism.with_parameters(**spec.parameter)
+    known = {
+        "parameter": list(mechanism.parameters),
+        "q": list(mechanism.coordinates.names),
+        "u": list(mechanism.speeds.names),
+    }
+    for axis in axes:
+        group, _, name = axis.partition(".")
+        if name not in known[group]:
+            raise UnknownName(
+                f"vary.{axis}: model {setting.model!r} has none{closest(name, known[group])}"
+            )
+    start = model.start(spec.state)
+    if spec.parameter and spec.state is None and model.problem is None:
+        start = Model(mechanism, model.starts).start(None)
+    q, u = start.q.copy(), start.u.copy()
+    for values, given, names in ((q, spec.q, known["q"]), (u, spec.u, known["u"])):
+        for name, value in given.items():
+            if name not in names:
+                raise UnknownName(
+                    f"{name!r}: model {setting.model!r} has none{closest(name, names)}"
+                )
+            values[names.index(name)] = value
+    duration = model.lasting(setting.duration)
+    problem = model.problem
+    solver = find_solver(setting.solver or (problem.solver if problem else "ode5"))
+    step = setting.step
+    if step is None and problem is not None and solver.takes_steps:
+        step = problem.step
+    if solver.takes_steps:
+        if step is None:
+            raise InputError(f"step: say which step (s) solver {solver.name!r} takes, step = …")
+        whole_steps(duration, step, 1)
+    return Task(
+        verb=spec.verb,
+        label=setting.model,
+        mechanism=mechanism,
+        start=State(start.t, q, u),
+        solver=solver.name,
+        step=step,
+        duration=duration,
+        tolerance=spec.tolerance,
+        axes=axes,
+    )
+
+
+def _addresses(design: Design, tasks: Sequence[Task]) -> Iterator[str]:
+    """Of every row a digest of all that determines its answer."""
+    made_by = versions()
+    seeds = []
+    for task in tasks:
+        told = {
+            "verb": task.verb,
+            "model": task.mechanism.hash,
+            "start": [task.start.t, task.start.q.tolist(), task.start.u.tolist()],
+            "solver": task.solver,
+            "step": task.step,
+            "duration": task.duration,
+            "tolerance": task.tolerance,
+            "versions": made_by,
+        }
+        seeds.append(hashlib.blake2b(digest(told), digest_size=ADDRESS))
+    # By name, so that the order of the axes does not count.
+    order = sorted(range(len(design.axes)), key=lambda k: design.axes[k])
+    names = "\n".join(design.axes[k] for k in order).encode()
+    for seed in seeds:
+        seed.update(names)
+    content = np.ascontiguousarray(design.values[:, order])
+    for setting, row in zip(design.setting.tolist(), content):
+        found = seeds[setting].copy()
+        found.update(row.tobytes())
+        yield found.hexdigest()
+
+
+@interruptible()
+def sweep(
+    source: ModelLike | Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    vary: Mapping[str, Any] | None = None,
+    design: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    retries: int | None = None,
+    chunk: int | None = None,
+    retry_failed: bool = False,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Fleet:
+    """Run a grid, a list or a random design over models, parameters, initial states, solvers and steps.
+
+    What is there already in `out` is not done again: a sweep that was stopped or killed goes on, and one
+    whose plan was changed computes what is new.
+
+    Args:
+        source: a ``.toml`` file that describes the sweep (see docs/fleets.md), the same as a mapping, or a
+            model, or a list of models; `vary`, `design` and `options` then say the rest.
+        out: folder of the results; by default the sweep's name with ``.sweep``, in the working directory.
+        vary: axes by name: "model", "solver", "step", "duration", "parameter.m", "q.hip", "u.hip"; values,
+            an array, or {"from": …, "to": …, "count": …, "scale": "log"}.
+        design: {"kind": "grid"}, "list", "latin-hypercube" or "sobol"; random ones with "points" and "seed".
+        workers: processes; by default one a core.
+        executor: who does the work instead: any that follows `concurrent.futures`.
+        scheduler: address of a Dask scheduler whose workers do the work instead.
+        time_limit: seconds that a piece may take until its process is ended (600).
+        retries: more attempts for a run whose process died or took too long (2).
+        chunk: runs in a piece.
+        retry_failed: try again what was set aside before.
+        progress: called with the fraction done.
+        **options: verb ("simulate", "study"), name, state, solver, step, duration, tolerance, parameter, q,
+            u, as in the TOML file.
+
+    Returns:
+        The fleet: counts of verdicts, the worst cases, `frame` with a row for every run.
+
+    Raises:
+        InputError: the plan cannot be run, the folder is another sweep's or in use, the disk refuses,
+            the cluster is gone; what was done before is kept.
+    """
+    if vary is not None:
+        options["vary"] = vary
+    if design is not None:
+        options["design"] = design
+    plan = plan_sweep(source, **options)
+    execution = plan.spec.execution.overridden(
+        workers=workers,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        retries=retries,
+        chunk=chunk,
+    )
+    return run_plan(
+        plan,
+        folder_of(plan, out),
+        execution,
+        executor=executor,
+        retry_failed=retry_failed,
+        progress=progress,
+        reproducer=f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)",
+    )
+
+
+def folder_of(plan: Plan, out: str | Path | None) -> Path:
+    """Where the results of a plan go."""
+    name = plan.spec.name.replace("/", "-").replace(":", "-")
+    return Path(f"{name}.sweep") if out is None else Path(out)
+
+
+def run_plan(
+    plan: Plan,
+    folder: Path,
+    execution: Execution,
+    *,
+    executor: Executor | None = None,
+    retry_failed: bool = False,
+    progress: Callable[[float], None] | None = None,
+    reproducer: str = "",
+) -> Fleet:
+    """Do what of a plan is not there, and make the table."""
+    told = plan.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
+    return run_fleet(
+        Store.make(folder, "sweep", plan.spec.name, told),
+        plan.addresses,
+        lambda missing, workers: pieces(plan, missing, workers, execution.chunk),
+        execution,
+        executor=executor,
+        retry_failed=retry_failed,
+        progress=progress,
+        reproducer=lambda work: f"{reproducer} --only {work.addresses[0]}",
+    )
+
+
+def pieces(plan: Plan, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Work]:
+    """What is missing, in pieces of one setting; every row once, though points may be alike."""
+    seen: set[str] = set()
+    groups: dict[int, list[int]] = {}
+    for k in missing:
+        address = plan.addresses[k]
+        if address not in seen:
+            seen.add(address)
+            groups.setdefault(int(plan.design.setting[k]), []).append(k)
+    for rows in groups.values():
+        most = STUDIES if plan.spec.verb == "study" else LARGEST
+        share = math.ceil(len(rows) / (SHARES * workers))
+        # Whole vectors of any machine, and not so few that calls cost more than they do.
+        size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
+        for first in range(0, len(rows), size):
+            yield plan.piece(rows[first : first + size])
+
+
+def run_only(plan: Plan, address: str) -> polars.DataFrame:
+    """The row of one address, made in this process, where a debugger and a traceback reach it.
+
+    Raises InputError if the plan has no such row, and whatever the run raises.
+    """
+    import io
+
+    import polars
+
+    found = [k for k, other in enumerate(plan.addresses) if other.startswith(address)]
+    if not address or not found:
+        raise InputError(f"--only {address}: the sweep has no run of this address; see the table")
+    return polars.read_parquet(io.BytesIO(plan.piece(found[:1])()))

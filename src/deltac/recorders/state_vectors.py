@@ -1,0 +1,181 @@
+"""Runs of general ODE solvers as trajectories: SciPy's results, and states y(t) as bare arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.dynamics.system import System, trace
+from deltac.errors import LogError, WrongType
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, chosen_map, load_model
+from deltac.simulation.equations import (
+    Equations,
+    StateSymbols,
+    as_equations,
+    explicit,
+    state_symbols,
+)
+from deltac.simulation.state_form import Order, state_names, told_order, usual_orders
+from deltac.trajectories import Provenance, Trajectory
+from deltac.trajectories.trajectory import INTERPOLATED, ROWS
+
+MISREAD = 0.3
+"""Changes of the coordinates that differ by more than this (relative) from the integrals of their rates."""
+
+EQUIDISTANT = 1e-9
+"""Spacings that differ by less than this (relative) were asked for by t_eval: a solver's own steps adapt."""
+
+
+AT_ROWS = "accelerations: the equations that were integrated, at each row"
+
+
+def is_solver_result(source: Any) -> bool:
+    """Whether this is what an ODE solver returns: t and y (SciPy), ts and ys (diffrax), or a pair (t, y)."""
+    if isinstance(source, tuple | list):
+        return len(source) == 2 and [np.ndim(part) for part in source] == [1, 2]
+    return any(hasattr(source, a) and hasattr(source, b) for a, b in (("t", "y"), ("ts", "ys")))
+
+
+def trajectory_of_states(
+    source: Any,
+    model: ModelLike,
+    *,
+    order: Order = None,
+    coordinates: CoordinateMap | str | None = None,
+    equations: Equations | Callable[..., Any] | None = None,
+    provenance: Provenance | None = None,
+) -> Trajectory:
+    """The trajectory of a solver's states, see `Trajectory.from_scipy`."""
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
+    given = None if equations is None else as_equations(equations)
+    chosen = chosen_map(loaded, coordinates)
+    if given is not None:
+        chosen = given.coordinates if coordinates is None else chosen
+        order = given.order if order is None else order
+    system = trace(mechanism)
+    symbols = state_symbols(system, chosen)
+    names = state_names(symbols.coordinates, symbols.speeds)
+    t, y, told = _states(source, len(names))
+    if y.shape != (len(t), len(names)):
+        raise LogError(
+            f"the result has {len(t)} times and states of shape {y.shape}; mechanism {mechanism.name!r} has "
+            f"a state of {len(names)} entries: {', '.join(names)}"
+        )
+    if order is None:
+        places = _likely_order(system, symbols, t, y)
+    else:
+        places = told_order(order, symbols.coordinates, symbols.speeds)
+    state = np.empty_like(y)
+    state[:, list(places)] = y
+    q, u = np.split(state, [len(symbols.coordinates)], axis=1)
+    udot = None
+    if given is not None:
+        rhs = explicit(
+            system, Equations(given.rhs, chosen, given.name, form=given.form, order=order)
+        )
+        udot = np.array([rhs(time, *(x.copy() for x in at)) for time, *at in zip(t, q, u)])
+        told = replace(told, equations=given.name, stage=AT_ROWS)
+    full = _full(system, symbols)(t, q, u, np.zeros_like(u) if udot is None else udot)
+    return Trajectory(
+        t=t,
+        q=full[0],
+        u=full[1],
+        udot=None if udot is None else full[2],
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        provenance=provenance or told,
+    )
+
+
+def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:
+    """Times (T,), states (T, n) and what the result says of its solver."""
+    if not is_solver_result(source):
+        raise WrongType(
+            f"log: found {type(source).__name__}, expected a Trajectory, the path of a log, the result of "
+            "scipy.integrate.solve_ivp, or a pair (t, y) of times (T,) and states (T, n)"
+        )
+    if isinstance(source, tuple | list):
+        t, y = source
+        told = Provenance("unknown")
+    elif hasattr(source, "ts"):
+        t, y, told = source.ts, source.ys, Provenance("diffrax")
+    else:
+        t, y = source.t, np.asarray(source.y, dtype=np.float64).T
+        completed = bool(getattr(source, "success", True))
+        message = "" if completed else str(getattr(source, "message", ""))
+        told = Provenance("SciPy", completed=completed, message=message)
+        dense = getattr(source, "sol", None)
+        if dense is not None and not np.array_equal(
+            t, dense.ts
+        ):  # its own steps say more than t_eval's rows
+            t = dense.ts
+            y = dense(t).T
+        told = replace(told, notes=_between(np.asarray(t, dtype=np.float64)))
+    t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if t.ndim == 1 and y.shape == (width, len(t)) and width != len(t):
+        y = y.T  # as solve_ivp has it
+    if len(t) > 1 and t[-1] < t[0]:  # integrated backwards
+        t, y = t[::-1], y[::-1]
+    return t, y, told
+
+
+def _between(t: Array) -> dict[str, str]:
+    """A note that rows lie between the steps of the solver, where their times show it."""
+    h = np.diff(t)
+    even = len(h) > 2 and float(np.ptp(h)) <= EQUIDISTANT * float(np.abs(h).max())
+    return {ROWS: INTERPOLATED} if even else {}
+
+
+def _full(system: System, symbols: StateSymbols) -> Callable[..., Sequence[Array]]:
+    """From rows of (t, q, u, u̇) of the state to q, u, u̇ of all joints."""
+    given = ca.SX.sym("udot", symbols.u.shape[0])
+    outputs = [ca.SX(x) for x in (system.q_all, system.u_all, system.udot_all)]
+    own = symbols.own
+    outputs = ca.substitute(
+        outputs, [system.udot], [given if own is None else own.udot(system, given)]
+    )
+    if own is not None:
+        outputs = ca.substitute(outputs, [system.q, system.u], [own.q, own.u])
+    inputs = [system.t, symbols.q, symbols.u, given]
+    function = ca.Function("full", inputs, [ca.densify(x) for x in outputs])
+
+    def rows(*columns: Array) -> list[Array]:
+        found = function.map(len(columns[0]))(*(np.atleast_2d(x.T) for x in columns))
+        return [np.array(x).T for x in found]
+
+    return rows
+
+
+def _likely_order(system: System, symbols: StateSymbols, t: Array, y: Array) -> tuple[int, ...]:
+    """The usual order in which the coordinates move as their rates say.
+
+    Raises InputError where none does.
+    """
+    names = state_names(symbols.coordinates, symbols.speeds)
+    nq, nu = len(symbols.coordinates), len(symbols.speeds)
+    rates = ca.Function("rates", [system.t, symbols.q, symbols.u], [ca.densify(symbols.qdot)])
+    misfits = []
+    for order in usual_orders(nq, nu):
+        state = np.empty_like(y)
+        state[:, list(order)] = y
+        q, u = np.split(state, [nq], axis=1)
+        found = np.array(rates.map(len(t))(t[None], q.T, u.T)).T
+        change = np.diff(q, axis=0)
+        integral = 0.5 * np.diff(t)[:, None] * (found[1:] + found[:-1])
+        size = float(np.abs(change).sum() + np.abs(integral).sum())
+        misfits.append((float(np.abs(change - integral).sum()) / size if size else 0.0, order))
+    best = min(misfits, key=lambda item: item[0])
+    if not best[0] <= MISREAD and len(t) > 2:
+        raise LogError(
+            f"in none of the usual orders of the state do the coordinates move as their speeds say (off by "
+            f"{best[0]:.0%}). Say which entry of y is what: deltac.Trajectory.from_scipy(result, model, "
+            f"order={tuple(names)!r}), in the order of y; or ask for more samples (t_eval=…)"
+        )
+    return best[1]

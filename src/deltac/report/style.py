@@ -1,0 +1,171 @@
+"""What all figures look like: one width, one set of colours, legends beside the axes.
+
+Matplotlib without pyplot, so no state. Sizes are in inches: `WIDTH` is that of a page with two columns, so
+that a figure can be put into a paper at its own size with its 9 pt and 7.5 pt letters.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltac.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+EPS = float(np.finfo(np.float64).eps)
+DPI = 150
+
+WIDTH = 7.6
+"""Of every figure."""
+
+BESIDE = 1.75
+"""Of that, what legends beside the axes take."""
+
+VERMILION, BLUE, BLACK, GREEN, PINK, ORANGE = (
+    *("#d55e00", "#0072b2", "#111111"),
+    *("#009e73", "#cc79a7", "#e69f00"),
+)
+COLOURS = (VERMILION, BLUE, BLACK, GREEN, PINK)
+"""Of Okabe and Ito, which people of any colour vision can tell apart."""
+
+GREY = "#888888"
+DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
+
+POINTS = 2500
+"""As many as a curve is drawn with, at most; more cannot be told apart."""
+
+SMALL = 7.5
+"""Size (pt) of what stands beside or inside the axes."""
+
+LABEL = 27
+"""Characters of a line in a legend beside the axes."""
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.solid_capstyle": "round",
+    "path.simplify_threshold": 0.5,
+    "savefig.dpi": DPI,
+    "pdf.fonttype": 42,  # letters stay letters, which journals ask for
+    "svg.hashsalt": "deltac",  # the same figure is the same file
+}
+
+UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""Metadata by format, so that the same figure is the same file."""
+
+
+def styled() -> AbstractContextManager[None]:
+    """The style of all figures, for drawing and for writing them."""
+    import matplotlib
+
+    default = {k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"}
+    settings: Any = {**default, **STYLE}  # whatever a matplotlibrc says
+    return matplotlib.rc_context(settings)
+
+
+def blank(
+    height: float, title: str, *, width: float = WIDTH, below: float = 0.5, beside: float = 0.14
+) -> Figure:
+    """An empty figure (inches) with its title, and room `below` and `beside` the panels.
+
+    Margins are set by hand: matplotlib's automatic layout takes longer than all the drawing.
+    """
+    from deltac.report.picture import Picture
+
+    figure = Picture(figsize=(width, height))
+    figure.subplots_adjust(
+        left=0.72 / width,
+        right=1 - beside / width,
+        bottom=below / height,
+        top=1 - 0.62 / height,
+    )
+    figure.suptitle("", fontsize=12, fontweight="bold", x=0.12 / width, ha="left")
+    figure.texts[0].set_y(1 - 0.1 / height)
+    entitle(figure, title)
+    return figure
+
+
+def entitle(figure: Figure, title: str) -> None:
+    """Give a figure another title, cut where it would not fit."""
+    most = int(10.5 * figure.get_figwidth())
+    figure.texts[0].set_text(title if len(title) <= most else f"{title[: most - 2].rstrip()} …")
+
+
+def stacked(figure: Figure, heights: Sequence[float], gaps: Sequence[float]) -> list[Axes]:
+    """Panels below one another on the same time axis, with relative heights and gaps."""
+    ratios = [heights[0]]
+    for gap, height in zip(gaps, heights[1:], strict=True):
+        ratios += [gap, height]
+    grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
+    panels = [figure.add_subplot(grid[0])]
+    panels += [figure.add_subplot(grid[row], sharex=panels[0]) for row in range(2, len(ratios), 2)]
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    return panels
+
+
+def legend_beside(panel: Axes) -> None:
+    """The legend, right of the axes, where it covers nothing; long labels are wrapped."""
+    handles, labels = panel.get_legend_handles_labels()
+    panel.legend(
+        handles,
+        [fitted(label) for label in labels],
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        fontsize=SMALL,
+        borderaxespad=0.0,
+        handlelength=1.6,
+        labelspacing=0.35,
+    )
+
+
+def fitted(label: str, width: int = LABEL) -> str:
+    """A label in lines of so many characters, three at most."""
+    lines = textwrap.wrap(label, width) or [""]
+    return "\n".join(lines if len(lines) <= 3 else [*lines[:2], f"{lines[2][: width - 2]} …"])
+
+
+def align_labels(figure: Figure) -> None:
+    """The labels of all vertical axes below one another."""
+    for panel in figure.axes:
+        inches = panel.get_position().width * figure.get_figwidth()
+        panel.yaxis.set_label_coords(-0.52 / inches, 0.5)
+
+
+def thinned(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
+    """The curve as it looks, with at most so many points: of each part of the time its extremes.
+
+    A peak of one sample stays.
+    """
+    if len(t) <= points:
+        return t, y
+    edges = np.linspace(0, len(t), points // 2 + 1).astype(np.intp)
+    rows = [0, len(t) - 1]
+    for start, end in zip(edges, edges[1:]):
+        rows += [start + int(np.argmin(y[start:end])), start + int(np.argmax(y[start:end]))]
+    kept = np.unique(rows)
+    return t[kept], y[kept]
+
+
+def shades(count: int) -> list[tuple[float, float, float, float]]:
+    """Colours of an ordered or long list, told apart by brightness too."""
+    from matplotlib import colormaps
+
+    scale = colormaps["viridis"]
+    return [scale(0.92 * k / max(1, count - 1)) for k in range(count)]

@@ -1,0 +1,176 @@
+"""Plans of sweeps: what is wrong is named with its line, points are where they should be."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltac.errors import InputError, UnknownName
+from deltac.fleets.design import lay_out
+from deltac.fleets.spec import line_of, make_spec, read_spec
+from deltac.fleets.sweep import plan_sweep
+
+PLAN = """\
+# a sweep
+model = "double-pendulum"
+duration = 1.0
+step = 0.01
+
+[vary]
+solver = [
+    "ode4",
+    "ode5",
+]
+
+[vary.parameter]
+m1 = [0.5, 1.0]
+l2 = { from = 0.5, to = 2.0, count = 3, scale = "log" }
+
+[vary.q]
+joint1 = ["30deg"]
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "plan.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file(tmp_path: Path) -> None:
+    spec = read_spec(written(tmp_path, PLAN))
+    design = lay_out(spec)
+    assert spec.name == "plan" and len(design) == 12
+    assert design.axes == ("parameter.m1", "parameter.l2", "q.joint1")
+    assert [s.solver for s in design.settings] == ["ode4", "ode5"]
+    expected = list(itertools.product([0.5, 1.0], [0.5, 1.0, 2.0], [np.pi / 6]))
+    np.testing.assert_allclose(design.values[:6], expected, rtol=1e-15)
+    np.testing.assert_array_equal(design.values[6:], design.values[:6])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("step = 0.01", "stepp = 0.01", 4, "'step'"),
+        ("step = 0.01", "step = -0.01", 4, "step"),
+        ('"ode5",\n]', "5,\n]", 7, "vary.solver"),
+        ("m1 = [0.5, 1.0]", "m1 = [0.5, 'x']", 13, "m1"),
+        ("m1 = [0.5, 1.0]", "m1 = []", 13, "m1"),
+        ("count = 3", "cuont = 3", 14, "'count'"),
+        ("from = 0.5, ", "", 14, "from"),
+        ("to = 2.0", "to = 0.25", 14, "from"),
+        ("from = 0.5", "from = 0.0", 14, "logarithmic"),
+        ("[vary.q]", "[vary.qq]", 16, "'q'"),
+        ("[vary.q]", "[vary.q", 16, "TOML"),
+        ("duration = 1.0", "tolerance = nan", 3, "tolerance"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    old: str, new: str, line: int, words: str, tmp_path: Path
+) -> None:
+    assert old in PLAN
+    with pytest.raises(InputError) as found:
+        read_spec(written(tmp_path, PLAN.replace(old, new)))
+    assert f"line {line}" in str(found.value) and words in str(found.value)
+
+
+def test_lines_of_long_files() -> None:
+    text = "".join(
+        f"[t{k}]\na = [\n  {k},\n  2,\n]\n\n# comment\n\nb.c = '''\nx = 1\n'''\n" for k in range(60)
+    )
+    lines = text.splitlines()
+    for k in range(0, 60, 7):
+        start = lines.index(f"[t{k}]")
+        assert line_of(text, (f"t{k}", "a", 1)) == start + 2
+        assert line_of(text, (f"t{k}", "b", "c")) == start + 9
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        ({"design": {"kind": "list"}}, "without points"),
+        ({"design": {"kind": "sobol"}, "vary": {"q": {"joint1": [0.1]}}}, "points"),
+        ({"design": {"kind": "sobol", "points": 4}}, "none is varied"),
+        ({"vary": {"q": {"joint1": {"from": 0.0, "to": 1.0}}}}, "count"),
+        ({"vary": {"parameter": {"m3": [1.0]}}}, "m1"),
+        ({"vary": {"u": {"joint3": [1.0]}}}, "joint2"),
+        ({"vary": {"solver": ["ode55"]}}, "ode5"),
+        ({"step": 0.3}, "divide"),
+        ({"vary": {"step": [0.1, 0.1]}}, "twice"),
+        ({"step": 0.1, "vary": {"step": [0.1]}}, "leave out one"),
+        (
+            {"design": {"kind": "list"}, "vary": {"step": [0.1], "q": {"joint1": [0.1, 0.2]}}},
+            "equally many",
+        ),
+        ({"model": "double-pendulun"}, "double-pendulum"),
+        ({"model": None}, "model"),
+    ],
+)
+def test_plans_that_cannot_be_run(plan: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan_sweep({"model": "double-pendulum", "duration": 1.0, **plan})
+
+
+def test_unknown_names_have_their_code() -> None:
+    with pytest.raises(UnknownName):
+        make_spec({"modle": "x"})
+
+
+@pytest.mark.parametrize("kind", ["latin-hypercube", "sobol"])
+def test_random_designs_fill_the_space(kind: str) -> None:
+    """Each half, quarter and eighth of every axis holds its share of the points; twice the same."""
+    n = 64
+    plan = {
+        "design": {"kind": kind, "points": n, "seed": 3},
+        "vary": {
+            "solver": ["ode4", "ode5"],
+            "parameter": {
+                "m1": {"from": 1.0, "to": 3.0},
+                "l2": {"from": 0.1, "to": 10.0, "scale": "log"},
+                "g": [1.0, 2.0],
+            },
+        },
+    }
+    design = lay_out(make_spec(plan))
+    assert len(design) == 2 * n
+    np.testing.assert_array_equal(design.values[:n], design.values[n:])
+    np.testing.assert_array_equal(design.values, lay_out(make_spec(plan)).values)
+    m, l, g = design.values[:n].T
+    for unit in ((m - 1.0) / 2.0, np.log10(l) / 2.0 + 0.5):
+        assert np.bincount((unit * 8).astype(int)).tolist() == [n // 8] * 8
+    assert (g == 1.0).sum() == n // 2
+
+
+def test_a_list_takes_the_kth_value_of_everything() -> None:
+    plan = {
+        "design": {"kind": "list"},
+        "vary": {"solver": ["ode4", "ode5", "ode4"], "q": {"joint1": [0.1, 0.2, 0.3]}},
+    }
+    design = lay_out(make_spec(plan))
+    assert design.setting.tolist() == [0, 1, 0] and design.values[:, 0].tolist() == [0.1, 0.2, 0.3]
+
+
+def test_addresses_are_of_what_determines_the_answer() -> None:
+    plan = {"model": "double-pendulum", "duration": 1.0, "step": 0.1}
+
+    def addresses(**more: object) -> tuple[str, ...]:
+        return plan_sweep({**plan, **more}).addresses
+
+    axes = {"parameter": {"m1": [1.0, 2.0], "m2": [3.0]}, "q": {"joint1": [0.5]}}
+    turned = {"q": {"joint1": [0.5]}, "parameter": {"m2": [3.0], "m1": [1.0, 2.0]}}
+    before = addresses(vary=axes)
+    assert len(set(before)) == 2
+    assert addresses(vary=turned) == before, "the order of axes does not count"
+    assert addresses(vary=axes, name="other", execution={"chunk": 1}) == before
+    longer = {**axes, "parameter": {"m1": [1.0, 1.5, 2.0], "m2": [3.0]}}
+    assert set(before) < set(addresses(vary=longer)), "what was there keeps its address"
+    for other in (
+        {"step": 0.05},
+        {"tolerance": 1e-4},
+        {"parameter": {"l1": 2.0}},
+        {"solver": "ode4"},
+    ):
+        assert not set(before) & set(addresses(vary=axes, **other))

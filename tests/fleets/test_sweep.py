@@ -1,0 +1,314 @@
+"""Sweeps: what bare calls give, whoever does the work, and exactly once whatever happens."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+import deltac as dc
+from deltac.errors import FileError, InputError
+from deltac.fleets.rows import MEASURED
+from deltac.fleets.store import Store
+from tests.support.commands import command
+
+M1, Q1 = np.linspace(0.5, 2.0, 10), np.linspace(0.1, 0.5, 10)
+PLAN: dict[str, Any] = {
+    "name": "pendulums",
+    "model": "double-pendulum",
+    "duration": 1.0,
+    "step": 0.01,
+    "vary": {
+        "solver": ["ode4", "ode5"],
+        "parameter": {"m1": M1.tolist()},
+        "q": {"joint1": Q1.tolist()},
+    },
+}
+
+
+def compared(frame: pl.DataFrame) -> pl.DataFrame:
+    return frame.drop(MEASURED)
+
+
+@pytest.fixture(scope="module")
+def crew() -> Iterator[ThreadPoolExecutor]:
+    """One worker process for most tests of this file."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dc.Fleet:
+    return dc.sweep(PLAN, tmp_path_factory.mktemp("undisturbed") / "out", workers=1)
+
+
+def test_rows_are_those_of_the_bare_ensemble(undisturbed: dc.Fleet) -> None:
+    frame = undisturbed.frame
+    assert len(frame) == 200 and undisturbed.exit_code == 0
+    problem = dc.problems.load("double-pendulum")
+    m, q = (x.ravel() for x in np.meshgrid(M1, Q1, indexing="ij"))
+    Q = np.tile(problem.state.q, (100, 1))
+    Q[:, 0] = q
+    U = np.tile(problem.state.u, (100, 1))
+    for solver in ("ode4", "ode5"):
+        bare = dc.simulate_ensemble(
+            problem, (Q, U), 1.0, 0.01, solver, vary={"m1": m}, record_every=20
+        )
+        rows = frame.filter(pl.col("solver") == solver)
+        np.testing.assert_array_equal(rows["parameter.m1"], m)
+        np.testing.assert_array_equal(rows["q.joint1"], q)
+        largest = np.abs(bare.delta_c["wang"]).max(axis=0)
+        np.testing.assert_array_equal(rows["energy_error"], largest)
+        V = bare.potential
+        energy = bare.kinetic.max(axis=0) + np.ptp(V, axis=0)
+        np.testing.assert_allclose(rows["relative"], largest / energy, rtol=1e-15)
+
+
+def test_an_ensemble_tells_its_energies() -> None:
+    """K and V by the ledger of one member's own run."""
+    problem = dc.problems.load("double-pendulum")
+    ensemble = dc.simulate_ensemble(
+        problem, [problem.state] * 2, 1.0, 0.01, vary={"m1": [1.0, 2.0]}, record_every=50
+    )
+    for k, m1 in enumerate((1.0, 2.0)):
+        ledger = dc.balance(problem.mechanism.with_parameters(m1=m1), ensemble.member(k))
+        np.testing.assert_allclose(ensemble.kinetic[:, k], ledger.kinetic, rtol=1e-12)
+        V = ledger.potential_energy
+        np.testing.assert_allclose(ensemble.potential[:, k], V, rtol=1e-12)
+    assert not ensemble.corrections.any()
+
+
+def test_nothing_is_done_twice(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    """The same plan again does nothing; another plan only what is new."""
+    folder = tmp_path / "out"
+    shutil.copytree(undisturbed.folder, folder)
+    before = {p.name: p.stat().st_mtime_ns for p in (folder / "pieces").iterdir()}
+
+    class None_(ThreadPoolExecutor):
+        def submit(self, *args: Any, **keywords: Any) -> Any:
+            raise AssertionError("nothing is to be done")
+
+    again = dc.sweep(PLAN, folder, executor=None_(1))
+    assert again.verdicts == undisturbed.verdicts
+    assert {p.name: p.stat().st_mtime_ns for p in (folder / "pieces").iterdir()} == before
+    assert compared(again.frame).equals(compared(undisturbed.frame))
+    longer = {**PLAN, "vary": {**PLAN["vary"], "parameter": {"m1": [*M1.tolist(), 3.0]}}}
+    told: list[float] = []
+    found = dc.sweep(longer, folder, executor=crew, progress=told.append)
+    assert len(found.frame) == 220 and told[0] == pytest.approx(200 / 220) and told[-1] == 1.0
+    assert found.frame["address"].n_unique() == 220
+    assert dc.sweep(PLAN, folder).frame["address"].equals(undisturbed.frame["address"])
+
+
+def test_any_executor_and_any_chunk_give_the_same(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    found = dc.sweep(PLAN, tmp_path / "out", executor=crew, chunk=37)
+    assert len(Store.open(tmp_path / "out").pieces()) == 6
+    assert compared(found.frame).equals(compared(undisturbed.frame))
+
+
+def test_members_that_cannot_be_run_are_accounted_for(
+    tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    """A negative mass is refused, a step beyond stability blows up; the others are as they are."""
+    found = dc.sweep(
+        "double-pendulum",
+        tmp_path / "out",
+        vary={"parameter.m1": [1.0, -1.0, 2.0], "solver": ["ode1", "ode5"]},
+        step=0.25,
+        duration=50.0,
+        executor=crew,
+    )
+    frame = found.frame
+    assert len(frame) == 6 and found.verdicts["failed"] == 2 and found.exit_code == 2
+    failed = frame.filter(pl.col("verdict") == "failed")
+    assert failed["parameter.m1"].to_list() == [-1.0, -1.0]
+    assert all(code.startswith("E-") for code in failed["code"])
+    lost = frame.filter(pl.col("stopped").is_not_null())
+    assert set(lost["solver"]) <= {"ode1", "ode5"} and len(lost) >= 2
+    assert set(lost["verdict"]) == {"integration-error"}
+
+
+def test_solvers_and_mechanisms_that_ensembles_lack(
+    tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    """By single runs: the same outcome as `simulate` and `balance`."""
+    found = dc.sweep(
+        "bouncing-ball",
+        tmp_path / "out",
+        vary={"q.height": [0.5, 1.0]},
+        duration=0.3,
+        executor=crew,
+    )
+    problem = dc.problems.load("bouncing-ball")
+    for row in found.frame.iter_rows(named=True):
+        state = problem.mechanism.state({"height": row["q.height"]})
+        run = dc.simulate(problem, state, 0.3, row["step"], row["solver"])
+        ledger = dc.balance(problem, run)
+        assert row["energy_error"] == np.abs(ledger.uncorrected("wang")).max()
+        assert row["verdict"] == "consistent"
+
+
+def test_studies(tmp_path: Path, crew: ThreadPoolExecutor) -> None:
+    found = dc.sweep(
+        "simple-pendulum",
+        tmp_path / "out",
+        verb="study",
+        vary={"q.pivot": [0.5]} if "pivot" in names("simple-pendulum") else {},
+        step=0.01,
+        duration=1.0,
+        solver="ode4",
+        executor=crew,
+    )
+    (row,) = found.frame.iter_rows(named=True)
+    assert row["verdict"] == "consistent" and row["order"] == pytest.approx(4.0, abs=0.15)
+
+
+def names(problem: str) -> tuple[str, ...]:
+    return dc.problems.load(problem).mechanism.coordinates.names
+
+
+# --- what may happen to a folder ----------------------------------------------------------------
+
+
+def test_folders_of_others(undisturbed: dc.Fleet, tmp_path: Path) -> None:
+    folder = undisturbed.folder
+    with pytest.raises(InputError, match="pendulums"):
+        dc.sweep({**PLAN, "name": "another"}, folder)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("x")
+    with pytest.raises(InputError, match="--out"):
+        dc.sweep(PLAN, tmp_path / "mine")
+    with pytest.raises(FileError):
+        dc.fleet_status(tmp_path / "mine")
+    later = tmp_path / "later"
+    shutil.copytree(folder, later)
+    head = json.loads((later / "fleet.json").read_text())
+    (later / "fleet.json").write_text(json.dumps({**head, "format": 99}))
+    with pytest.raises(FileError, match="format is 99"):
+        dc.sweep(PLAN, later)
+
+
+def test_a_folder_has_one_writer(undisturbed: dc.Fleet) -> None:
+    pytest.importorskip("fcntl")
+    with (
+        Store.open(undisturbed.folder).locked(),
+        pytest.raises(InputError, match="another process"),
+    ):
+        dc.sweep(PLAN, undisturbed.folder)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write all")
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(FileError, match="--out"):
+            dc.sweep(PLAN, tmp_path / "out")
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_a_damaged_piece_is_made_again(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    folder = tmp_path / "out"
+    shutil.copytree(undisturbed.folder, folder)
+    piece = next((folder / "pieces").glob("*.parquet"))
+    piece.write_bytes(piece.read_bytes()[:-20])
+    found = dc.sweep(PLAN, folder, executor=crew)
+    assert compared(found.frame).equals(compared(undisturbed.frame))
+
+
+# --- the command line -----------------------------------------------------------------------------
+
+TOML = """\
+name = "pendulums"
+model = "double-pendulum"
+duration = 1.0
+step = 0.01
+[vary]
+solver = ["ode4", "ode5"]
+parameter.m1 = {m1}
+q.joint1 = {q1}
+"""
+
+
+def written(folder: Path) -> Path:
+    path = folder / "pendulums.toml"
+    path.write_text(TOML.format(m1=M1.tolist(), q1=Q1.tolist()))
+    return path
+
+
+def test_the_command(
+    undisturbed: dc.Fleet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, folder = written(tmp_path), tmp_path / "out"
+    shutil.copytree(undisturbed.folder, folder)
+    code, out, _ = command("sweep", str(plan), "--out", str(folder), "--json", capsys=capsys)
+    told = json.loads(out)
+    assert code == 0 and told["verdicts"] == {"consistent": 200} and told["done"] == 200
+    code, out, _ = command("sweep", "--status", str(folder), capsys=capsys)
+    assert code == 0 and "200" in out
+    code, out, _ = command(
+        "sweep", str(plan), "--out", str(folder), "--format", "junit", capsys=capsys
+    )
+    assert code == 0 and out.count("<testcase") == 2
+    address = undisturbed.frame["address"][7]
+    code, out, _ = command("sweep", str(plan), "--only", address, capsys=capsys)
+    row = undisturbed.frame.row(7, named=True)
+    assert json.loads(out)["energy_error"] == row["energy_error"]
+    assert command("sweep", capsys=capsys)[0] == command("sweep", "x.csv", capsys=capsys)[0] == 2
+
+
+def start(plan: Path, folder: Path, *more: str) -> subprocess.Popen[bytes]:
+    arguments = [sys.executable, "-m", "deltac", "sweep", str(plan), "--out", str(folder), *more]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+    )
+
+
+def children(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(word) for word in found.read_text().split()] if found.exists() else []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [8])
+def test_killed_at_any_moment(kills: int, undisturbed: dc.Fleet, tmp_path: Path) -> None:
+    """Main processes and workers by turns; the table is that of an undisturbed sweep, bit for bit."""
+    plan, folder = written(tmp_path), tmp_path / "out"
+    rng = np.random.default_rng(kills)
+    for k in range(kills):
+        process = start(plan, folder, "--chunk", "7", "--workers", "1")
+        time.sleep(rng.uniform(0.2, 3.0))
+        victims = [process.pid] if k % 2 == 0 else children(process.pid)
+        for victim in victims:
+            os.kill(victim, signal.SIGKILL)
+        if k % 2 == 0:
+            process.communicate(timeout=100)
+        else:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=100)
+    done = start(plan, folder)
+    out, err = done.communicate(timeout=200)
+    assert done.returncode == 0, (out, err)
+    frame = pl.read_parquet(folder / "results.parquet")
+    assert compared(frame).equals(compared(undisturbed.frame))
+    assert not [p for p in folder.rglob("*") if p.name.endswith(".tmp")]

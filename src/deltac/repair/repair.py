@@ -15,7 +15,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.state_form import PLAIN
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -40,6 +39,7 @@ from deltac.repair.tracing.source import Source, innermost, read_source
 from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
 from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
+from deltac.simulation.state_form import PLAIN
 
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
@@ -133,7 +133,8 @@ def repair_loaded(
     The text is read; live values stand in only for what the text does not say.
     """
     found = load_model(model)
-    plain = function.rhs if isinstance(function, Equations) else function
+    equations = function if isinstance(function, Equations) else Equations(function)
+    plain = equations.rhs
     if coordinates is None and isinstance(function, Equations):
         chosen = function.coordinates
     else:
@@ -154,7 +155,7 @@ def repair_loaded(
                 source = read_source(plain)
                 _as_run(source, plain, target)
                 return repair_source(source, target, time_limit)
-        ran = _by_running(read_source(text), plain, target, time_limit, str(refused))
+        ran = _by_running(read_source(text), equations, target, time_limit, str(refused))
         if ran is None:
             raise
         return ran
@@ -166,7 +167,8 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     samples = target.samples()
     some = samples.at(np.arange(min(AS_RUN, len(samples.t))))
     states = target.test().states.take(np.arange(len(some.t)))
-    called = Caller(function, source.qualified, False, form=source.form or PLAIN)
+    kane = target.test().kane
+    called = Caller(function, source.qualified, kane, False, form=source.form or PLAIN)
     rates, accelerations = called.whole(states)
     read_so = reading(source, some).run()
     right = np.concatenate([accelerations, rates])[: len(read_so)]
@@ -178,14 +180,14 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
 
 
 def _by_running(
-    source: Source, function: Callable[..., Any], target: Target, time_limit: float, why: str
+    source: Source, equations: Equations, target: Target, time_limit: float, why: str
 ) -> Repair | None:
     """Repair a function that cannot be read (`why`) by running edits of it; None if it does not run."""
     start = time.monotonic()
     deadline = start + time_limit
     test = target.test()
-    caller = Caller(function, source.qualified)
-    caller.find_form(test, len(target.mechanism.motors))
+    caller = Caller(equations.rhs, source.qualified, test.kane)
+    caller.find_form(test, equations, len(target.mechanism.motors))
     source = replace(source, form=caller.form)
     samples = target.samples()
     samples = samples.at(np.arange(min(RUN_AT, len(samples.t))))
@@ -200,7 +202,7 @@ def _by_running(
         for members in _groups(source, found, list(range(len(found))))
     ]
     off = ~(np.abs(samples.residual(answer)).max(axis=1) < RIGHT)
-    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.states.coordinates))
+    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
     return Repair(
         file=source.name,
         function=source.qualified,

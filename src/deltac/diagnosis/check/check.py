@@ -181,6 +181,9 @@ MOST_ROWS = 256
 CLEAR = 50.0
 """A residual this many times above the roughness of the function is no rounding."""
 
+RATES = "rates as speeds"
+"""A map without its own speeds: Euler's rates in place of body rates, for instance."""
+
 BLIND = 1e-3
 """A power below this share of the residual is none."""
 
@@ -588,9 +591,7 @@ def _other_coordinates(
     if chosen is not None:
         others.append(("joint", None))
         if chosen.q and chosen.u and len(chosen.coordinates) == len(chosen.speeds):
-            others.append(
-                ("the same with rates as speeds", CoordinateMap(chosen.coordinates, q=chosen.q))
-            )
+            others.append((RATES, CoordinateMap(chosen.coordinates, q=chosen.q)))
     for name in ("absolute",):
         try:
             others.append((name, chosen_map(model, name)))
@@ -616,9 +617,13 @@ def _other_coordinates(
             return (
                 Finding(
                     "coordinates",
-                    f"the same function is right in {name} coordinates ({', '.join(states.coordinates)})",
+                    "the same function is right if its speeds are the rates of its coordinates"
+                    if name is RATES
+                    else f"the same function is right in {name} coordinates ({', '.join(states.coordinates)})",
                     f"relative residual {float(relative.max(initial=0.0)):.1g} there",
-                    f"Check it with coordinates={name!r}",
+                    "Leave u= out of the map, or turn them into the map's speeds"
+                    if name is RATES
+                    else f"Check it with coordinates={name!r}",
                     "cause",
                 ),
             )

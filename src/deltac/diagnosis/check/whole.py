@@ -280,7 +280,7 @@ def _simple(test: EquationTest) -> bool:
     """Whether speeds are the rates of the coordinates, one by one."""
     kane = test.kane
     own = kane.coordinates
-    if len(test.states.coordinates) != len(test.speeds):
+    if kane.assembled or len(test.states.coordinates) != len(test.speeds):
         return False
     if own is None:
         return not quaternions(kane.mechanism)

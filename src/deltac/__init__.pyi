@@ -28,6 +28,7 @@ from deltac.diagnosis.check.check import check_equations as check_equations
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
 from deltac.diagnosis.check.table import check_table as check_table
+from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.check.table import write_states as write_states
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause

@@ -7,6 +7,7 @@ from deltac import forces as forces
 from deltac import joints as joints
 from deltac import laws as laws
 from deltac import problems as problems
+from deltac import recorders as recorders
 from deltac import shapes as shapes
 from deltac import solvers as solvers
 from deltac import testing as testing
@@ -28,11 +29,11 @@ from deltac.diagnosis.check.check import check_equations as check_equations
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
 from deltac.diagnosis.check.table import check_table as check_table
-from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.check.table import write_states as write_states
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
+from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.recommend.recommend import recommend as recommend
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation
 from deltac.diagnosis.residuals.states import States as States
@@ -51,6 +52,8 @@ from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
 from deltac.fleets.audits import audit_many as audit_many
+from deltac.fleets.compare import Comparison as Comparison
+from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep
@@ -81,6 +84,7 @@ from deltac.recorders import BoundExceeded as BoundExceeded
 from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_batch as record_batch
 from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco

@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, motions: list[dc.Trajectory
     (logs / "none.csv").write_bytes(b"\x00\x01\x02" * 100)
     other = dc.problems.load("simple-pendulum")
     dc.simulate(other, duration=0.1, step=0.01).write(logs / "other.csv")
-    (logs / "notes.txt").write_text("no log")
+    (logs / "notes.md").write_text("no log")
     return logs
 
 
@@ -71,7 +71,7 @@ def fleet(
 def test_every_log_is_accounted_for(fleet: dc.Fleet, folder: Path) -> None:
     frame = fleet.frame
     assert sorted(Path(p).name for p in frame["log"]) == sorted(
-        p.name for p in folder.iterdir() if p.suffix != ".txt"
+        p.name for p in folder.iterdir() if p.suffix != ".md"
     )
     verdict = {Path(row["log"]).stem: row["verdict"] for row in frame.iter_rows(named=True)}
     assert {name for name, kind in verdict.items() if kind == "failed"} == {"cut", "none", "other"}

@@ -66,6 +66,13 @@ def command(
             help="Only write a mapping to edit: what is recognised, guessed, missing.",
         ),
     ] = None,
+    replay: Annotated[
+        bool,
+        typer.Option(
+            "--replay",
+            help="Step MuJoCo's model between the rows, with the log's controls, and audit every step.",
+        ),
+    ] = False,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
@@ -100,14 +107,13 @@ def command(
     from deltac.fleets.audits import is_fleet
 
     fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
-    of_one = (explain, explain_log, draft_mapping, figure, page, episode)
+    of_one = (explain, explain_log, draft_mapping, figure, episode)
     if (len(logs) > 1 or fleet) and any(of_one):
         raise InputError(
-            "--explain, --explain-log, --draft-mapping, --episode, --figure and --report are of one log; "
-            "give one"
+            "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        from deltac.fleets.audits import folder_of, plan_audits
+        from deltac.fleets.audits import folder_of, plan_audits, write_case
         from deltac.fleets.spec import Execution
 
         plan = plan_audits(
@@ -120,7 +126,14 @@ def command(
             result = plan.run(
                 folder_of(plan, out), execution, retry_failed=retry_failed, progress=progress
             )
-        deliver_fleet(result, form.unless(as_json))
+        deliver_fleet(
+            result,
+            form.unless(as_json),
+            page,
+            lambda address, path: write_case(plan, address, path),
+        )
+    if len(logs) > 1 and page is not None:
+        raise InputError("--report of several logs is of their table: add --out DIR")
     log = Path(logs[0])
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)
@@ -137,7 +150,13 @@ def command(
 
         def judged(path: Path) -> Report:
             return audit(
-                loaded, path, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+                loaded,
+                path,
+                tolerance=tolerance,
+                work=work,
+                mapping=mapping,
+                strict=strict,
+                replay=replay,
             )
 
         with progress_bar(f"auditing {len(logs)} logs") as progress:
@@ -154,7 +173,13 @@ def command(
         judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
     with progress_bar(f"auditing {log.name}"):
         found = audit(
-            model, judged_log, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+            model,
+            judged_log,
+            tolerance=tolerance,
+            work=work,
+            mapping=mapping,
+            strict=strict,
+            replay=replay,
         )
     explanations = []
     if explain:

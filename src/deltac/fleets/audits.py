@@ -12,7 +12,7 @@ from typing import Any
 
 from deltac.errors import FileError, InputError, closest
 from deltac.files import read_text
-from deltac.fleets.episodes import episode_names, file_system
+from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
 from deltac.fleets.isolation import Failure
@@ -334,3 +334,23 @@ def plan_audits(
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
     return AuditPlan(name, told, task, tuple(found), tuple(addresses))
+
+
+def write_case(plan: AuditPlan, address: str, path: Path) -> None:
+    """The page of one log, or of one episode.
+
+    Raises InputError if the plan has no such log, or it cannot be audited.
+    """
+    from deltac.diagnosis.audit.audit import audit
+
+    task = plan.task
+    found = [log for log, other in zip(plan.logs, plan.addresses) if other == address]
+    if not found:
+        raise InputError(f"address {address}: there is no such log")
+    log = found[0]
+    (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
+    if isinstance(run, InputError):
+        raise run
+    audit(task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict).report(
+        path
+    )

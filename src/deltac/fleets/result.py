@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from importlib import import_module
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.fleets.rows import FAILED
@@ -74,6 +75,27 @@ class Fleet(Report):
             return polars.read_parquet(path, glob=False)
         return Store.open(self.folder).rows()
 
+    def report(  # type: ignore[override]
+        self,
+        path: str | PurePath,
+        *,
+        x: str | None = None,
+        y: str | None = None,
+        case: Callable[[str, Path], None] | None = None,
+    ) -> None:
+        """Write one page: counts, heat maps over two axes, work and precision, the worst cases.
+
+        Args:
+            path: where to, ending in ``.html``.
+            x: the axis of the heat maps to the right; by default the first two that vary.
+            y: their other axis.
+            case: writes the page of one row, by its address, to a path; the worst cases link to theirs.
+
+        Raises:
+            InputError: another ending, a folder that does not exist, an axis that the table lacks.
+        """
+        import_module("deltac.fleets.summary").write_summary(self, path, x=x, y=y, case=case)
+
     def groups(self) -> tuple[Group, ...]:
         """The rows of each setting: model, solver and step; of audits each log, or episode."""
         frame = self.frame
@@ -117,7 +139,7 @@ class Fleet(Report):
         if self.worst:
             names = [n for n in self.worst[0] if n not in ("address", "message")]
             heads = (*names, "address")
-            rows = tuple(tuple(_cell(row.get(n), n) for n in heads) for row in self.worst)
+            rows = tuple(tuple(shown_cell(row.get(n), n) for n in heads) for row in self.worst)
             yield Table(heads, rows)
         reasons = {row["message"]: None for row in self.worst if row.get("verdict") == FAILED}
         for message in list(reasons)[:3]:
@@ -130,10 +152,11 @@ class Fleet(Report):
         yield f"Table: {self.folder / RESULTS}"
 
 
-def _cell(value: Any, name: str) -> str:
+def shown_cell(value: Any, name: str) -> str:
+    """A value of the table for people."""
     if value is None:
         return "–"
-    if name == "relative":
+    if name.startswith("relative"):
         return percent(value)
     return number(value) if isinstance(value, float) else str(value)
 
@@ -162,7 +185,7 @@ class Group(Report):
         """Counts, and the worst row."""
         yield self.summary()
         for row in self.worst:
-            yield ", ".join(f"{n} {_cell(v, n)}" for n, v in row.items() if v is not None)
+            yield ", ".join(f"{n} {shown_cell(v, n)}" for n, v in row.items() if v is not None)
 
 
 def _counted(frame: polars.DataFrame) -> dict[str, int]:

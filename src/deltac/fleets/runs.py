@@ -20,6 +20,7 @@ from deltac.mechanism.state import State
 
 if TYPE_CHECKING:
     from deltac.simulation.ensemble.ensemble import Ensemble
+    from deltac.trajectories import Trajectory
 
 RECORDS = 8
 """Times at which the energies of a run are looked at, at most, besides the start."""
@@ -234,26 +235,26 @@ def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[A
     return relative, np.where(lost, "integration-error", words).tolist()
 
 
+def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
+    """The mechanism and the run of one point, `values` (1, axes)."""
+    from deltac.simulation.simulate import Record, simulate
+
+    mechanism = task.mechanism.with_parameters(**_parameters(task, values[0]))
+    Q, U = _states(task, values)
+    start = State(task.start.t, Q[0], U[0])
+    record = Record(TESTING)
+    return mechanism, simulate(mechanism, start, task.duration, task.step, task.solver, record)
+
+
 def _single(piece: RunPiece) -> dict[str, Any]:
     """One run by `simulate`: of solvers that ensembles do not have, and of mechanisms with events."""
     from deltac.energy.balance import balance
-    from deltac.simulation.simulate import Record, simulate
     from deltac.simulation.solvers import find_solver
 
-    task, (row,) = piece.task, piece.values
-    parameters = _parameters(task, row)
-    mechanism = task.mechanism.with_parameters(**parameters)
-    Q, U = _states(task, piece.values)
+    task = piece.task
     solver = find_solver(task.solver)
     began = time.process_time()
-    run = simulate(
-        mechanism,
-        State(task.start.t, Q[0], U[0]),
-        task.duration,
-        task.step,
-        task.solver,
-        Record(TESTING),
-    )
+    mechanism, run = motion(task, piece.values)
     seconds = time.process_time() - began
     ledger = balance(mechanism, run)
     left = float(np.abs(ledger.uncorrected("wang")).max())

@@ -336,3 +336,19 @@ def run_only(plan: Plan, address: str) -> polars.DataFrame:
     if not address or not found:
         raise InputError(f"--only {address}: the sweep has no run of this address; see the table")
     return polars.read_parquet(io.BytesIO(plan.piece(found[:1])()))
+
+
+def write_case(plan: Plan, address: str, path: Path) -> None:
+    """The page of one run of a sweep: its audit, with the mechanism moving.
+
+    Raises InputError if the plan has no such run, or it cannot be made.
+    """
+    from deltac.diagnosis.audit.audit import audit
+    from deltac.fleets.runs import motion
+
+    found = [k for k, other in enumerate(plan.addresses) if other == address]
+    if not found:
+        raise InputError(f"address {address}: the sweep has no such run")
+    task = plan.tasks[int(plan.design.setting[found[0]])]
+    mechanism, run = motion(task, plan.design.values[found[:1]])
+    audit(mechanism, run, tolerance=task.tolerance).report(path)

@@ -614,12 +614,13 @@ def _other_coordinates(
         # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
         kept = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
         if kept and float(relative.max(initial=0.0)) < TOLERANCE:
+            names = ", ".join(states.coordinates)
             return (
                 Finding(
                     "coordinates",
                     "the same function is right if its speeds are the rates of its coordinates"
                     if name is RATES
-                    else f"the same function is right in {name} coordinates ({', '.join(states.coordinates)})",
+                    else f"the same function is right in {name} coordinates ({names})",
                     f"relative residual {float(relative.max(initial=0.0)):.1g} there",
                     "Leave u= out of the map, or turn them into the map's speeds"
                     if name is RATES

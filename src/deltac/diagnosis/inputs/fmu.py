@@ -1,7 +1,7 @@
 """Functional Mock-up Units as equations of motion: FMI 2 and 3, model exchange, through FMPy.
 
-A unit for model exchange gives ẋ(t, x). Which of its states are coordinates, and which speed belongs to each, is
-found from what it gives: the rate of a coordinate is the value of its speed.
+A unit for model exchange gives ẋ(t, x). Which of its states are coordinates, and which speed belongs to each,
+is found from what it gives: the rate of a coordinate is the value of its speed.
 """
 
 from __future__ import annotations
@@ -58,9 +58,10 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any
         raise FileError(f"{path}: its model description cannot be read: {error}") from error
     version = str(described.fmiVersion)
     if described.modelExchange is None or version.startswith("1."):
+        kind = " for co-simulation" if described.modelExchange is None else ""
         raise SourceError(
-            f"{path}: an FMU of FMI {version} {'for co-simulation' if described.modelExchange is None else ''}: "
-            "expected FMI 2 or 3 for model exchange, which gives rates at any state; export it so"
+            f"{path}: an FMU of FMI {version}{kind}; expected FMI 2 or 3 for model exchange, which gives rates "
+            "at any state: export it so"
         )
     names = [entry.variable.derivative.name for entry in described.derivatives]
     unit = _unit(fmpy, file, described, version.startswith("3."), len(names))

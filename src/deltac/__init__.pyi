@@ -7,6 +7,7 @@ from deltac import forces as forces
 from deltac import joints as joints
 from deltac import laws as laws
 from deltac import problems as problems
+from deltac import recorders as recorders
 from deltac import shapes as shapes
 from deltac import solvers as solvers
 from deltac import testing as testing

@@ -60,8 +60,8 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any
     if described.modelExchange is None or version.startswith("1."):
         kind = " for co-simulation" if described.modelExchange is None else ""
         raise SourceError(
-            f"{path}: an FMU of FMI {version}{kind}; expected FMI 2 or 3 for model exchange, which gives rates "
-            "at any state: export it so"
+            f"{path}: an FMU of FMI {version}{kind}; expected FMI 2 or 3 for model exchange, which gives "
+            "rates at any state: export it so"
         )
     names = [entry.variable.derivative.name for entry in described.derivatives]
     unit = _unit(fmpy, file, described, version.startswith("3."), len(names))

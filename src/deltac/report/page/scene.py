@@ -243,14 +243,38 @@ def _corners(mechanism: Mechanism, body: Body) -> Array:
     own += _attached(mechanism, body)
     for visual in mechanism.visuals:
         if visual.body == body.name and visual.kind != "plane":
-            own.append(np.array(visual.position, dtype=float))
+            own += _ends(visual)
     if not body.massless and not any(v.body == body.name for v in mechanism.visuals):
         half, axes = _box(mechanism, body)
-        if _of_plane_data(half, own):
+        if _hides(half, own):
             half = 0.0 * half
         for sign in (-1.0, 1.0):
             own += [own[1] + sign * h * axis for h, axis in zip(half, axes.T)]
     return np.array(own)
+
+
+def _ends(visual: Visual) -> Iterator[Array]:
+    """The corners of the box that holds a shape, in the body's frame."""
+    high = np.ones(3)
+    match visual.kind:
+        case "sphere":
+            high = high * visual.size[0]
+        case "capsule":
+            radius, length = visual.size
+            high = np.array([radius, radius, length / 2 + radius])
+        case "cylinder":
+            radius, length = visual.size
+            high = np.array([radius, radius, length / 2])
+        case "mesh":
+            high = np.zeros(3)
+        case _:
+            high = np.array(visual.size) * (0.5 if visual.kind == "box" else 1.0)
+    low = -high
+    if visual.vertices is not None and len(visual.vertices):
+        low, high = visual.vertices.min(axis=0), visual.vertices.max(axis=0)
+    turn, middle = np.array(visual.rotation, dtype=float), np.array(visual.position, dtype=float)
+    for corner in np.ndindex(2, 2, 2):
+        yield middle + turn @ np.where(corner, high, low)
 
 
 def _size(mechanism: Mechanism, poses: Array) -> float:
@@ -412,7 +436,7 @@ def _inertial(
     if not body.massless and solid:
         half, axes = _box(mechanism, body)
         reached.append(centre)
-        if half.max() <= 1e-3 * size or _of_plane_data(half, [here, *reached]):
+        if half.max() <= 1e-3 * size or _hides(half, [here, *reached]):
             half = np.zeros(3)
             yield Form("sphere", (2.6 * thin,), _list(centre), (0.0, 0.0, 0.0, 1.0))
         elif half[1] <= 0.05 * half[2]:  # a rod
@@ -442,13 +466,15 @@ def _attached(mechanism: Mechanism, body: Body) -> list[Array]:
     return [_numbers(mechanism, point) for point in points]
 
 
-def _of_plane_data(half: Array, points: Sequence[Array]) -> bool:
-    """Whether a ball of this inertia would hide the body's own points: so do data of a plane mechanism.
+def _hides(half: Array, points: Sequence[Array]) -> bool:
+    """Whether a shape of this inertia would hide the body's own points, so that it is not how it looks.
 
-    They know one moment of inertia, which is often put in for all three.
+    Data of plane mechanisms have one moment of inertia, which is often put in for all three; other data have
+    moments that are much too large. A wheel about its hub has no points apart.
     """
     spread = max(float(np.linalg.norm(a - b)) for a in points for b in points)
-    return bool(half[2] - half[0] < 1e-6 * half[2] and spread > 0.0 and half[2] > 0.3 * spread)
+    ball = half[2] - half[0] < 1e-6 * half[2]
+    return bool(spread > 0.1 * half[2] and half[2] > (0.3 if ball else 2.0) * spread)
 
 
 def _round_or_box(half: Array, axes: Array, centre: Array, thin: float) -> Form:

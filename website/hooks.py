@@ -16,6 +16,7 @@ import html
 import json
 import posixpath
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+from website import gallery  # noqa: E402
 
 OUTSIDE = {
     "README.md": "index.md",
@@ -63,7 +66,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made."""
-    made = {
+    made: dict[str, str | bytes] = {
         **{page: _outside(name) for name, page in OUTSIDE.items()},
         **{page: _api(title, names) for title, page, names in _modules()},
         **{
@@ -73,6 +76,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "commands.md": "\n".join(_commands()),
         "json-keys.md": "\n".join(_json_keys()),
     }
+    made.update(gallery.pages())
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     for file in [f for f in files if f.src_uri.startswith("notebooks/")]:

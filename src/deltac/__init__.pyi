@@ -7,6 +7,7 @@ from deltac import forces as forces
 from deltac import joints as joints
 from deltac import laws as laws
 from deltac import problems as problems
+from deltac import recorders as recorders
 from deltac import shapes as shapes
 from deltac import solvers as solvers
 from deltac import testing as testing
@@ -82,6 +83,7 @@ from deltac.recorders import BoundExceeded as BoundExceeded
 from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_batch as record_batch
 from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco

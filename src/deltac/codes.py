@@ -66,6 +66,8 @@ FINDINGS: dict[str, str] = {
     "swapped-columns": "two speeds fit each other's coordinates",
     "clipped-column": "a speed stays at its extreme while the coordinate moves faster",
     "speed-not-rate": "a speed is not the rate of its coordinate",
+    "replayed": "stepped from row to row, MuJoCo's model arrives at every row of the log",
+    "replay-departs": "stepped from a row of the log, MuJoCo's model misses the next one",
     "interpolated-rows": "rows lie between the solver's steps",
     "duplicated-rows": "rows repeat the row before though the motion goes on",
     "wrapped-angle": "an angle is reduced to one turn",

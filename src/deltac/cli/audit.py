@@ -66,6 +66,13 @@ def command(
             help="Only write a mapping to edit: what is recognised, guessed, missing.",
         ),
     ] = None,
+    replay: Annotated[
+        bool,
+        typer.Option(
+            "--replay",
+            help="Step MuJoCo's model between the rows, with the log's controls, and audit every step.",
+        ),
+    ] = False,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
@@ -143,7 +150,13 @@ def command(
 
         def judged(path: Path) -> Report:
             return audit(
-                loaded, path, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+                loaded,
+                path,
+                tolerance=tolerance,
+                work=work,
+                mapping=mapping,
+                strict=strict,
+                replay=replay,
             )
 
         with progress_bar(f"auditing {len(logs)} logs") as progress:
@@ -160,7 +173,13 @@ def command(
         judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
     with progress_bar(f"auditing {log.name}"):
         found = audit(
-            model, judged_log, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+            model,
+            judged_log,
+            tolerance=tolerance,
+            work=work,
+            mapping=mapping,
+            strict=strict,
+            replay=replay,
         )
     explanations = []
     if explain:

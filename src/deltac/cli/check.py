@@ -98,7 +98,14 @@ def command(
         write_text(repaired.fixes[0].diff, write)
     more = [report for report in (repaired, refused) if report is not None]
     deliver(
-        found, form.unless(as_json), *more, name=equations, figure=figure, page=page, model=model
+        found,
+        form.unless(as_json),
+        *more,
+        name=equations,
+        figure=figure,
+        page=page,
+        model=model,
+        equations=rhs,
     )
 
 

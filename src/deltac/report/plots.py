@@ -6,6 +6,7 @@ axes, where they cover nothing.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ from deltac.report.style import (
     PINK,
     SMALL,
     VERMILION,
+    WIDTH,
     align_labels,
     blank,
     entitle,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.recommend.work_precision import Trial
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
+    from deltac.mechanism.mechanism import Mechanism
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport
     from deltac.trajectories import Trajectory
@@ -75,15 +78,15 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
             f"{type(result).__name__} has no picture; those of {', '.join(sorted(DRAWN))} have one. "
             "explain() tells it in words"
         )
-    with styled():
-        try:
-            drawn = draw(result, **options)
-        except TypeError:
-            if not options:
-                raise
+    taken = list(inspect.signature(draw).parameters)[1:]
+    for option in options:
+        if option not in taken:
             raise InputError(
-                f"plot of {type(result).__name__}: unknown option among {', '.join(options)}"
-            ) from None
+                f"plot of {type(result).__name__}: there is no option {option!r}"
+                f"{closest(option, taken)}"
+            )
+    with styled():
+        drawn = draw(result, **options)
     if title is not None:
         entitle(drawn, title)
     return drawn
@@ -619,7 +622,20 @@ def _linearisation(found: Linearisation) -> Figure:
     return made
 
 
+def _mechanism(mechanism: Mechanism, state: Any = None) -> Figure:
+    """The mechanism at a state, or along a run; by default with all coordinates zero."""
+    from deltac.models import load_model
+    from deltac.report.still import still
+    from deltac.trajectories import Trajectory
+
+    if isinstance(state, Trajectory):
+        return still(mechanism, state, places=6, title=mechanism.name, size=(WIDTH, 5.0))
+    at = None if state is None else load_model(mechanism).start(state)
+    return still(mechanism, at, title=mechanism.name, size=(WIDTH, 5.0))
+
+
 DRAWN: dict[str, Callable[..., Figure]] = {
+    "Mechanism": _mechanism,
     "Trajectory": _trajectory,
     "Ledger": _ledger,
     "Audit": _audit,

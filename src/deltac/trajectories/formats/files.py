@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +24,10 @@ from deltac.trajectories.formats.opensim import read_opensim
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
+from deltac.trajectories.formats.recognition import arrays_named
 from deltac.trajectories.formats.records import read_json, read_json_lines
 from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
-from deltac.trajectories.trajectory import Trajectory
+from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
     from deltac.mechanism.mechanism import Mechanism
@@ -142,6 +143,12 @@ def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism)
         return reading.draft_mapping(
             read_raw(path), MechanismNames.of(mechanism_names), Path(path).name
         )
+
+
+def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[FloatArray]:
+    """Arrays (T, n) of a file that are called one of these names and have so many columns; none twice."""
+    with naming(path):
+        return arrays_named(read_raw(path), names, width)
 
 
 def read_raw(path: str | Path) -> RawLog:

@@ -21,6 +21,7 @@ import numpy as np
 from deltac.trajectories.columns import ANGULAR, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.units import column_unit, converts, without_unit
+from deltac.trajectories.trajectory import FloatArray
 
 WORDS: Mapping[str, frozenset[str]] = {
     "q": frozenset(
@@ -319,10 +320,7 @@ def _targets(names: MechanismNames) -> dict[str, list[str]]:
 
 def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
     """Arrays that are called so, where just one has as many columns as the mechanism has entries."""
-    groups: dict[str, list[str]] = {}
-    for column in raw.columns:
-        found = re.fullmatch(r"(.+)\[\d+\]", column)
-        groups.setdefault(found[1] if found else column, []).append(column)
+    groups = _groups(raw)
     targets = _targets(names)
     meant: set[str] = set()
     for kind, keys in _LAYOUTS:
@@ -336,6 +334,28 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
             meant |= set(targets[kind])
             for target, column in zip(targets[kind], columns, strict=True):
                 yield Recognised(target, column, f"in the model's order, by the width of {group!r}")
+
+
+def _groups(raw: RawLog) -> dict[str, list[str]]:
+    """The columns of each array, by its name; columns with numbers at their end are an array as well."""
+    groups: dict[str, list[str]] = {}
+    for column in raw.columns:
+        found = re.fullmatch(r"(.+)\[\d+\]", column)
+        groups.setdefault(found[1] if found else column, []).append(column)
+    return groups
+
+
+def arrays_named(raw: RawLog, names: Sequence[str], width: int) -> list[FloatArray]:
+    """Arrays (T, n) that are called one of the names, the first that is there, and have so many columns."""
+    groups = _groups(raw)
+    for column in raw.columns:
+        if found := re.fullmatch(r"(.+?)_?\d+", column):
+            groups.setdefault(found[1], []).append(column)
+    for name in names:
+        fitting = [c for group, c in groups.items() if _key(group) == name and len(c) == width]
+        if fitting:
+            return [np.column_stack([raw.columns[column] for column in c]) for c in fitting]
+    return []
 
 
 def _key(group: str) -> str:

@@ -20,9 +20,9 @@ class Solver:
     """A solver: its Simulink name, its family, its order.
 
     Families: "fixed" (explicit) and "implicit" take steps of the user's length; "adaptive", "scipy",
-    "sundials" and "taylor" choose their own. `step` advances the explicit ones of family "fixed", at the cost of `stages`
-    evaluations of ẋ; `order` is None where it varies along the run. Of a `multistep` method the state may not
-    be changed between steps.
+    "sundials" and "taylor" choose their own. `step` advances the explicit ones of family "fixed", at the cost
+    of `stages` evaluations of ẋ; `order` is None where it varies along the run. Of a `multistep` method the
+    state may not be changed between steps.
     """
 
     name: str
@@ -119,7 +119,8 @@ class Adaptive:
 
     `method` is "ode3", "ode5" or "ode8". `tolerance` bounds both the local error of coordinates and speeds,
     relative, and |ΔC| at the end of the run, as a fraction of the energy that takes part (the largest kinetic
-    energy and the range of the potential one): each step may use up its share. ΔC is that of the testing functions which the run records; with none, the local error decides alone.
+    energy and the range of the potential one): each step may use up its share. ΔC is that of the testing
+    functions which the run records; with none, the local error decides alone.
     """
 
     method: str = "ode5"

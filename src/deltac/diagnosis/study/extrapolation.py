@@ -43,8 +43,8 @@ class Extrapolation(Report):
     """The motion that the runs of a study tend to, with an estimate of its error at every sample.
 
     Attributes:
-        run: the extrapolated motion at the common times of the runs, as far as they stay together; constraints
-            are met.
+        run: the extrapolated motion at the common times of the runs, as far as they stay together;
+            constraints are met.
         q_error, u_error: what the last elimination changed: estimates (T, nq), (T, nu) of the error. The
             largest among quantities of one unit and neighbouring samples, since each passes through zero.
         order: by which it was extrapolated; `powers`: of the step, that were eliminated.

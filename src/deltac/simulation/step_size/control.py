@@ -1,9 +1,9 @@
 """The next step of an adaptive solver, from what the last one left: local error, and the change of ΔC.
 
 A step is accepted where both are within the tolerance. The local error, from an embedded method, is relative
-to the state. ΔC is known at no cost, since the powers of testing functions are integrated with the motion; what
-it may change in a step is the step's share of the run, so that |ΔC| at the end is within the tolerance, a
-fraction of the energy that takes part: the largest kinetic energy so far and the range of the potential one.
+to the state. ΔC is known at no cost, since the powers of testing functions are integrated with the motion;
+what it may change in a step is the step's share of the run, so that |ΔC| at the end is within the tolerance,
+a fraction of the energy that takes part: the largest kinetic energy so far and the range of the potential one.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ ROUNDED = 64 * float(np.finfo(np.float64).eps)
 class StepControl:
     """What is accepted of a step, by the energies that a run has shown so far.
 
-    `tolerance` is that of `solvers.Adaptive`, `duration` the run's (s); `order` is the method's, `embedded` that
-    of the embedded one. `kinetic` is the largest K, `low` and `high` the range of V, J.
+    `tolerance` is that of `solvers.Adaptive`, `duration` the run's (s); `order` is the method's, `embedded`
+    that of the embedded one. `kinetic` is the largest K, `low` and `high` the range of V, J.
     """
 
     tolerance: float
@@ -66,4 +66,4 @@ class StepControl:
             # ΔC over a step is of order p + 1, and what it may be is in proportion to the step.
             for error, power in ((local, self.embedded + 1), (energy, self.order))
         ]
-        return h * min(MOST, max(LEAST, min(factors)))
+        return float(h * min(MOST, max(LEAST, min(factors))))

@@ -26,7 +26,7 @@ FIRST = 1e-3
 """The first step that is tried, as a share of the run."""
 
 SHORTER = 0.05
-"""A step so much shorter, at which ΔC's change per time is still the same, shows that it is not the step's."""
+"""A step so much shorter at which ΔC's rate is still the same shows that it is not the step's."""
 
 MOST_REJECTED = 60
 """Times that one step is tried again, each at least a tenth shorter."""
@@ -78,6 +78,9 @@ class AdaptiveSteps:
 
     on_grid = False
 
+    tried: int
+    """Steps that were tried so far, those within them to samples not counted."""
+
     def __init__(
         self,
         method: AdaptiveMethod,
@@ -114,6 +117,7 @@ class AdaptiveSteps:
             last = h == until - t
             if h < 16 * np.spacing(abs(t)):
                 break
+            self.tried += 1
             x1, errors = self._step(t, x, h)
             if not (np.isfinite(x1).all() and np.isfinite(errors).all()):
                 self._h = 0.1 * h
@@ -136,9 +140,9 @@ class AdaptiveSteps:
                 refused = refused if refused[0] else (h, energy)
                 if h < SHORTER * refused[0] and energy > 0.5 * refused[1]:
                     raise StepFailed(
-                        f"ΔC changes by {change / h:.3g} W however short the step is, so it is not the step's: "
-                        "the equations are not those of the model, or a force that does work is not told. "
-                        "deltac.check_equations finds which; record=() leaves ΔC out of the control"
+                        f"ΔC changes by {change / h:.3g} W however short the step is, so it is not its "
+                        "error: the equations are not those of the model, or a force that does work is not "
+                        "told. deltac.check_equations finds which; record=() leaves ΔC out of the control"
                     )
         raise StepFailed(
             f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; what was "
@@ -169,7 +173,6 @@ class AdaptiveSteps:
 
     def _step(self, t: float, x: Array, h: float) -> tuple[Array, Array]:
         """X one step later, and error estimates (m, n)."""
-        self.tried += 1
         if not self._compiled:
             with np.errstate(all="ignore"):
                 x1, errors = embedded_step(self._method.base, self._rate, t, x, h)
@@ -182,7 +185,7 @@ class AdaptiveSteps:
 def _estimate(errors: Array) -> Array:
     """The local error: one estimate as it is, two as in DOP853 (Hairer, Nørsett, Wanner, II.10)."""
     if len(errors) == 1:
-        return np.abs(errors[0])
+        return np.asarray(np.abs(errors[0]))
     fifth, third = (float(np.linalg.norm(e)) for e in errors)
     size = math.hypot(fifth, 0.1 * third)
-    return np.abs(errors[0]) * (fifth / size if size > 0.0 else 1.0)
+    return np.asarray(np.abs(errors[0]) * (fifth / size if size > 0.0 else 1.0))

@@ -25,8 +25,11 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Report, Section, number
 from deltac.trajectories import Trajectory
 
-NOMINAL = 0.3
-"""An observed order within this of the solver's is the solver's, whose next term is known, too."""
+BELOW, ABOVE = 0.5, 1.3
+"""An observed order from so far below the solver's to so far above is explained by its two leading terms."""
+
+SPREAD = 0.3
+"""Spread of an observed order by which one term may be taken off where the solver's is not known."""
 
 LEAST_ORDER = 0.5
 """Below this order an extrapolation would amplify what it cannot know."""
@@ -108,15 +111,17 @@ def extrapolated(
         raise _refused("the runs have impacts or switches, across which errors have no expansion")
     kept, order = list(runs[-3:]), float(state.order)
     spread = state.order_error or 0.0
-    known = nominal is not None and abs(order - nominal) < NOMINAL
-    if known:
-        assert nominal is not None
-        order = float(nominal)
-    elif spread > NOMINAL:
-        raise _refused(f"the order of the motion is uncertain: {order_text(state)}")
     powers: tuple[float, ...] = (order,)
-    if known:
+    if nominal is not None:
+        if not -BELOW < order - nominal < ABOVE:
+            raise _refused(
+                f"the motion has order {order_text(state)}, which is not that of the solver, {nominal}: its "
+                "steps are too long for that, or rounding is near"
+            )
+        order = float(nominal)
         powers = (order, order + (2.0 if solver in SYMMETRIC else 1.0))
+    elif spread > SPREAD:
+        raise _refused(f"the order of the motion is uncertain: {order_text(state)}")
     within = compared.within
     rows = [at[:within] for at in compared.rows[-3:]]
     steps = tuple(h for h, _ in kept)

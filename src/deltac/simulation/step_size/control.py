@@ -2,8 +2,8 @@
 
 A step is accepted where both are within the tolerance. The local error, from an embedded method, is relative
 to the state. ΔC is known at no cost, since the powers of testing functions are integrated with the motion;
-what it may change in a step is the step's share of the run, so that |ΔC| at the end is within the tolerance,
-a fraction of the energy that takes part: the largest kinetic energy so far and the range of the potential one.
+what it may change in a step is the step's share of the run. So |ΔC| at the end is within the tolerance, as a
+fraction of the energy that takes part: the largest kinetic energy so far and the range of the potential one.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs clean
+	bench-correction bench-explain fuzz torture docs site site-quick web check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -47,7 +47,18 @@ types: $(DEV)  ## types: mypy, strict
 layers: $(DEV)  ## the direction of imports
 	$(VENV)/bin/lint-imports
 
-check: lint types layers test-casadi test  ## all of the checks, as in continuous integration
+NPM := npm --prefix web --silent
+web/node_modules: web/package.json web/package-lock.json
+	$(NPM) ci --no-audit --no-fund
+	@touch $@
+
+web: web/node_modules  ## bundle the page's script into the package (needs node)
+	$(NPM) run build
+
+check-web: web/node_modules  ## the page's types, and that the committed bundle is a fresh build (needs node)
+	$(NPM) run check
+
+check: lint types layers site-quick test-casadi test  ## all of the checks, as in continuous integration
 
 bench-explain: $(TEST)  ## how often a log's residual is explained rightly: planted faults
 	$(PY) benchmarks/explain.py $(ARGS)
@@ -80,8 +91,15 @@ torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: not
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)
 
+site: $(DEV)  ## the documentation site, into site/: strictly, without the network; opens from disk
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build $(ARGS)
+	@echo "open site/index.html"
+
+site-quick: $(DEV)  ## the same without the pictures of the gallery: are all pages and links in order?
+	GALLERY=off $(MAKE) --no-print-directory site
+
 clean:  ## remove caches and build products, and install afresh next time
-	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f $(CORE) $(TEST) $(DEV) $(BENCH)
 

@@ -1,4 +1,4 @@
-"""Shapes of bodies, for contact and impact. They carry no mass."""
+"""Shapes of bodies, for contact, impact and pictures. They carry no mass."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from deltac.mechanism.shapes import (
     point,
     sphere,
 )
+from deltac.mechanism.visuals import Visual
 
 __all__ = [
     "Box",
     "Capsule",
     "HalfSpace",
     "Sphere",
+    "Visual",
     "box",
     "capsule",
     "half_space",

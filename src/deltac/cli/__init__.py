@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, NoReturn
@@ -18,6 +19,7 @@ from deltac.cli import (
     audit,
     cache,
     check,
+    compare,
     describe,
     examine,
     mutate,
@@ -27,7 +29,9 @@ from deltac.cli import (
     states,
     study,
     sweep,
+    view,
 )
+from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
@@ -77,13 +81,21 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
     ),
+    "compare": (
+        "Compare two folders of results, before and after a change.",
+        "deltac compare main.audits branch.audits --format github",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
     ),
+    "view": (
+        "Show a motion in the browser: the mechanism, its energies.",
+        "deltac view triple-pendulum\n  deltac view arm.xml run.parquet --out arm.html",
+    ),
     "problems": (
         "List the problem library, or run one of its problems.",
-        "deltac problems\n  deltac problems n-four-bar --set n=3",
+        "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
     ),
     "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
     "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
@@ -91,6 +103,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """What the list of commands says of each, and the examples in its help."""
 
 PAGES = {
+    "view": "report",
     "problems": "guide",
     "describe": "guide",
     "reproduce": "thesis",
@@ -98,6 +111,7 @@ PAGES = {
     "states": "other-languages",
     "cache": "guide",
     "sweep": "fleets",
+    "compare": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -111,8 +125,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, sweep, recommend, check, mutate),
-    *(describe, states, problems, reproduce, cache),
+    *(examine, audit, study, sweep, compare, recommend, check, mutate),
+    *(describe, view, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
     short, examples = COMMANDS[command]
@@ -146,6 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
             sys.exit(app(given, prog_name="deltac", standalone_mode=False))
     except ClickException as error:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from deltac.cli.output import FigureFile, Form, Format, Json, Model, deliver, progress_bar
+from deltac.cli.output import FigureFile, Form, Format, Json, Model, PageFile, deliver, progress_bar
 from deltac.errors import InputError, LimitError
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def command(
         float, typer.Option("--time-limit", min=0.1, help="Time for the function's answers (s).")
     ] = 300.0,
     figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -66,7 +67,7 @@ def command(
     from deltac.diagnosis.inputs.equations import load_equations, load_map
 
     if equations.lower().endswith(".csv"):
-        _check_table(model, equations, coordinates, tolerance, form.unless(as_json), figure)
+        _check_table(model, equations, coordinates, tolerance, form.unless(as_json), figure, page)
     rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
@@ -96,7 +97,16 @@ def command(
 
         write_text(repaired.fixes[0].diff, write)
     more = [report for report in (repaired, refused) if report is not None]
-    deliver(found, form.unless(as_json), *more, name=equations, figure=figure)
+    deliver(
+        found,
+        form.unless(as_json),
+        *more,
+        name=equations,
+        figure=figure,
+        page=page,
+        model=model,
+        equations=rhs,
+    )
 
 
 def _check_table(
@@ -106,6 +116,7 @@ def _check_table(
     tolerance: float | None,
     form: Form,
     figure: Path | None,
+    page: Path | None,
 ) -> NoReturn:
     """Check the accelerations that a table has."""
     from deltac.diagnosis.check.table import check_table
@@ -113,7 +124,7 @@ def _check_table(
 
     chosen = None if coordinates is None else load_map(coordinates)
     found = check_table(model, table, coordinates=chosen, tolerance=tolerance)
-    deliver(found, form, name=table, figure=figure)
+    deliver(found, form, name=table, figure=figure, page=page, model=model)
 
 
 def _repair(

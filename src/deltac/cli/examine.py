@@ -13,6 +13,7 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    PageFile,
     StartState,
     deliver,
     progress_bar,
@@ -39,6 +40,7 @@ def command(
     ] = 1e-6,
     state: StartState = None,
     figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -60,4 +62,4 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page, model=model)

@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeAlias
@@ -84,6 +85,29 @@ FigureFile = Annotated[
     ),
 ]
 
+
+def _checked_page(path: Path | None) -> Path | None:
+    """The path of a page, refused before the work is done where none can be written."""
+    if path is not None:
+        from deltac.report.files import check_page
+
+        check_page(path)
+    return path
+
+
+PageFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="FILE.html",
+        callback=_checked_page,
+        help="Write one page for the browser: verdict, plots, the mechanism moving, findings.",
+    ),
+]
+
+COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
+"""The command line that is being run, as a shell takes it."""
+
 Progress: TypeAlias = Callable[[float], None]
 
 
@@ -109,20 +133,28 @@ def deliver(
     *more: Report,
     name: str = "",
     figure: Path | None = None,
+    page: Path | None = None,
+    model: Any = None,
+    run: Any = None,
+    equations: Any = None,
     **contents: Any,
 ) -> NoReturn:
     """Print a report, then further ones, and end the command with its exit code.
 
-    `name` is what was judged, for forms that tell of several things; `figure` is where its picture goes. In
-    JSON, `contents` and the further reports (by the names of their classes) follow its own.
+    `name` is what was judged, for forms that tell of several things; `figure` is where its picture goes,
+    `page` its page, with `model`, `run` and `equations` for reports that hold none. In JSON, `contents` and
+    the further reports (by the names of their classes) follow its own.
     """
     if figure is not None:
         from deltac.report import write_figure
 
         write_figure(report.plot(), figure)
+    if page is not None:
+        report.report(page, *more, model=model, run=run, equations=equations, command=COMMAND.get())
     if form is Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
-        shown = {} if figure is None else {"figure": str(figure)}
+        written = {"figure": figure, "page": page}
+        shown = {what: str(path) for what, path in written.items() if path is not None}
         print_json(type(report).__name__, {**report.contents(), **told, **contents, **shown})
     else:
         speaks = next((part for part in more if part.findings and not report.findings), report)
@@ -132,6 +164,8 @@ def deliver(
                 print_sections(part.sections())
             if figure is not None:
                 print(f"figure: {figure}")
+            if page is not None:
+                print(f"report: {page}")
         print_cases([Case(name, name.rpartition(":")[0] or name, speaks)], form)
     raise typer.Exit(report.exit_code)
 

@@ -12,6 +12,7 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    PageFile,
     StartState,
     deliver,
     progress_bar,
@@ -47,6 +48,7 @@ def command(
         ),
     ] = None,
     figure: FigureFile = None,
+    page: PageFile = None,
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
@@ -76,4 +78,4 @@ def command(
             time_limit=time_limit,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page, model=model)

@@ -13,6 +13,7 @@ from deltac.cli.output import (
     Format,
     Json,
     Model,
+    PageFile,
     StartState,
     deliver,
     progress_bar,
@@ -56,6 +57,7 @@ def command(
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
     ] = 1e-6,
     figure: FigureFile = None,
+    page: PageFile = None,
     state: StartState = None,
     form: Format = Form.text,
     as_json: Json = False,
@@ -81,7 +83,7 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=model, figure=figure)
+    deliver(found, form.unless(as_json), name=model, figure=figure, page=page)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:

@@ -27,6 +27,7 @@ from deltac.importers.passive import Findings, disabled, read_passive, total_arm
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.tree import read_tree
 from deltac.importers.urdf import Urdf, read_urdf
+from deltac.importers.visuals import read_visuals
 from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
@@ -324,6 +325,7 @@ def read_mechanism(
         constraints,
         gravity=NO_GRAVITY if weightless else vector(model.opt.gravity, "gravity"),
         name=_model_name(model, name),
+        visuals=read_visuals(model),
     )
     report = ImportReport(
         name,

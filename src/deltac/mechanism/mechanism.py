@@ -21,6 +21,7 @@ from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
 from deltac.mechanism.scope import GROUND, Element, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
+from deltac.mechanism.visuals import Visual
 from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ class Mechanism(Shown):
     `joints` may come in any order; they are kept with parents before children, which is also the
     order of q and u. `gravity` is the acceleration of free fall in world components (m/s²).
     `parameters` are named numbers that any quantity or law may use. `events` are impacts, joint stops
-    and other instants that a run looks for.
+    and other instants that a run looks for. `visuals` are what bodies look like in pictures; nothing
+    else depends on them.
 
     Raises InputError, naming the part, for a mass or inertia that no rigid body can have, unknown or
     repeated names, bodies that no joint or more than one joint carries, cycles, laws with unknown
@@ -53,6 +55,7 @@ class Mechanism(Shown):
     parameters: Mapping[str, float] = field(default_factory=dict)
     name: str = "mechanism"
     events: Sequence[Happening] = ()
+    visuals: Sequence[Visual] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         def store(attribute: str, value: Any) -> None:
@@ -70,6 +73,7 @@ class Mechanism(Shown):
                 Happening,
                 "deltac.events.joint_stop(...), deltac.events.impact(...) or deltac.events.event(...)",
             ),
+            ("visuals", Visual, "deltac.shapes.Visual(...)"),
         ):
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
         store("joints", _tree_order(self.bodies, self.joints))
@@ -80,6 +84,8 @@ class Mechanism(Shown):
         self.scope.laws(self.gravity, self.scope.constants, "gravity")
         for part in self.parts:
             part.check(self.scope)
+        for visual in self.visuals:
+            self.scope.body(visual.body, "a visual")
         _check_channels(self.parts)
         _check_mass_carried(self)
 

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deltac.errors import FileError
@@ -41,6 +41,24 @@ def check_figure(path: Path) -> None:
         raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
     if path.is_dir():
         raise FileError(f"{path} is a folder; name a file")
+
+
+def check_page(path: str | PurePath) -> Path:
+    """The path of a page, refused before the work is done where none can be written.
+
+    Raises InputError for another ending than .html, and for a folder that does not exist.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise FileError(
+            f"{path}: a report is a page for the browser; name it {path.with_suffix('.html').name}. A PDF is "
+            "printed from there; --figure draws pictures, --json prints the numbers"
+        )
+    if not path.parent.is_dir():
+        raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; expected the name of a file")
+    return path
 
 
 def write_figure(figure: Figure, path: Path) -> None:

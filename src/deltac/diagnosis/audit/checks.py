@@ -21,6 +21,7 @@ from deltac.diagnosis.residuals.at_samples import (
     equation_terms,
     total,
 )
+from deltac.diagnosis.residuals.one_step import ramped
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -98,6 +99,10 @@ def _moved(terms: EquationTerms, force: Array) -> float:
     return float(np.trapezoid(np.abs(power), terms.t)) if len(terms.t) > 1 else 0.0
 
 
+EXPLAINED = 0.05
+"""What other rows' forces or accelerations may leave of a residual that they explain."""
+
+
 def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
     """Forces or accelerations that belong to the row before: then shifting them closes the equations."""
     rows = terms.rows[terms.rows < len(run) - 1]
@@ -115,7 +120,7 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
     ):
         moved = Sampled(here.t, here.q, here.u, udot, logged)
         left = _size(terms, total(evaluator(moved)))
-        if left < 0.05 * size:
+        if left < EXPLAINED * size:
             return [
                 Finding(
                     "stale-stage",
@@ -128,6 +133,48 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
                 )
             ]
     return []
+
+
+REACH, SHARE = 3, 1.5
+"""Rows from which a logged force may be, and the largest share that each may have in it."""
+
+
+def forces_of_other_rows(
+    mechanism: Mechanism, run: Trajectory, terms: EquationTerms
+) -> list[Finding]:
+    """Forces averaged, interpolated, held or delayed: those of rows nearby close the equations.
+
+    One combination of rows for all forces, with shares no larger than `SHARE`: what is proportional to a
+    force itself, as a wrong gear is, cannot be put together from its changes so.
+    """
+    rows = terms.rows[(terms.rows >= REACH) & (terms.rows < len(run) - REACH)]
+    if not terms.significant.any() or not run.forces or len(rows) < 8 * REACH:
+        return []
+    from scipy.optimize import lsq_linear
+
+    evaluator = terms.evaluator
+    everything = Sampled.of(mechanism, run, evaluator.log)
+    here = everything.take(rows)
+    residual = total(evaluator(here))
+    others = [everything.logged[rows + k] for k in range(-REACH, REACH + 1) if k]
+    others.append(ramped(everything.logged)[rows])
+    columns = [total(evaluator(replace(here, logged=f))) - residual for f in others]
+    X = np.column_stack([terms.weighted(c).ravel() for c in columns])
+    r = terms.weighted(residual).ravel()
+    shares = lsq_linear(X, -r, (-SHARE, SHARE)).x
+    left = float(np.linalg.norm(X @ shares + r) / np.linalg.norm(r))
+    if left > EXPLAINED:
+        return []
+    late = float(shares[:-1] @ [-k for k in range(-REACH, REACH + 1) if k])
+    return [
+        Finding(
+            "forces-not-of-this-row",
+            "the logged forces are those of the rows around, averaged, interpolated, held or delayed",
+            f"put together from up to {REACH} rows around they leave {left:.2g} of the residual; they acted "
+            f"about {abs(late):.2g} rows {'later' if late > 0 else 'earlier'}",
+            "The equations are judged from row to row. Log the force that acts in each state",
+        )
+    ]
 
 
 def all_in_degrees(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,14 +18,20 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.checks import withheld_equalities
+from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
-from deltac.diagnosis.measurements.kinematics import Accelerations, accelerations, trusted
+from deltac.diagnosis.measurements.kinematics import (
+    Accelerations,
+    accelerations,
+    trusted,
+    unsteadiness,
+)
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
-from deltac.diagnosis.verdict import Finding, percent
+from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -89,7 +96,7 @@ def gather(
     step = None
     between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
     if not doubted and not (given and measured) and not between:
-        step = one_step(mechanism, log.consecutive, _late(log))
+        step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
     found: list[Finding] = [_interpolated()] if between and not (given and measured) else []
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
@@ -111,12 +118,28 @@ def gather(
             told = []
             if terms is not None:
                 told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+        if any(f.kind == "forces-not-of-this-row" for f in told):
+            terms = None
         found += told
     elif not doubted:
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
-        found += _of_steps(mechanism, log, step, tolerance)
-    return Evidence(log, terms, step, tuple(found))
+        until = time.monotonic() + SECONDS
+        pair = known_but_for_one(mechanism, log.consecutive, step, until)
+        if pair is not None:
+            step, causes = pair
+            found += _weighed(causes, step, tolerance)
+        else:
+            found += _of_steps(mechanism, log, step, tolerance)
+    return Evidence(log, terms, step, tuple(_of_the_log(found)))
+
+
+def _of_the_log(found: list[Finding]) -> list[Finding]:
+    """Causes that say something of the logged forces alone are doubts of the log, not of the equations."""
+    causes = [f for f in found if f.weight == "cause"]
+    if not causes or any(f.kind != "actuator-delay" for f in causes):
+        return found
+    return [replace(f, weight="doubt") if f in causes else f for f in found]
 
 
 def _interpolated() -> Finding:
@@ -254,11 +277,17 @@ def _of_samples(
     misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
     if misread:
         return misread + checks.blame(terms)
+    if not trusted(log.run):
+        elsewhere = checks.forces_of_other_rows(mechanism, log.consecutive, nearby)
+        if elsewhere:
+            return elsewhere
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
     if terms.significant.any():
         simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
+        if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
+            simple = [replace(f, weight="note") for f in simple]  # real, but small
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 
@@ -303,13 +332,16 @@ def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -
         until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
             told = explanation(mechanism, log.consecutive, "weak", excused=excused, until=until)
-            simple = list(told.findings)
-    # A mistake below the tolerance is real but small: its causes are told as notes.
-    if not beyond(step, tolerance):
-        simple = [replace(f, weight="note") for f in simple]
+            simple = _weighed(told.findings, step, tolerance)
     if simple:
         return simple
     return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+
+
+def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list[Finding]:
+    """Causes of a mistake below the tolerance, which is real but small, are told as notes."""
+    weight: Weight = "cause" if beyond(step, tolerance) else "note"
+    return [replace(f, weight=weight) for f in causes]
 
 
 def beyond(step: OneStep, tolerance: float) -> bool:

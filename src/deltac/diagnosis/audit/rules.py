@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.diagnosis.audit.evidence import Evidence, beyond
-from deltac.diagnosis.explain.causes import PREFERENCE
-from deltac.diagnosis.residuals.at_samples import EquationTerms
+from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 
@@ -156,10 +155,12 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
     elif small and step is not None and measures.left > measures.allowed + measures.bar:
-        # Whose error the energy is cannot be told apart; but that equations are wrong is known.
-        explained = any(f.kind in PREFERENCE for f in findings)
-        if explained or step.spent >= HALF * measures.left:
+        if step.spent >= HALF * measures.left:
             return verdict("equation-error", "medium", balance, *equations)
+        if step.known_but_for_causes:
+            return verdict(
+                "integration-error", "medium", balance, *equations, _smaller_step(measures)
+            )
         return verdict("unresolved", "medium", balance, *equations, _open(step))
     if measures.idle and measures.within_motion:
         return verdict("consistent", "high" if tested else "medium", _idle(measures), *equations)
@@ -206,6 +207,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     impacts = next((f for f in findings if f.kind == "impacts"), None)
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
+    if any(f.kind == "forces-not-of-this-row" for f in findings):
+        wanted = (
+            "What is left of the energy may be that of the logged forces, which are of other rows"
+        )
+        return verdict("unresolved", "medium", balance, *equations, wanted)
     return verdict(
         "integration-error",
         "high" if tested else "medium",
@@ -218,12 +224,26 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
     step, terms = evidence.step, evidence.terms
+    energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
+    if terms is not None and terms.significant.any():
+        k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))
+        bar = CLEAR * float(terms.precision[k]) + (0.0 if terms.doubt is None else terms.doubt[k])
+        if terms.relative[k] > measures.tolerance:
+            return []
+        return [
+            Finding(
+                "small-but-real",
+                f"the equations at the samples leave {percent(terms.relative[k])} of the terms of "
+                f"{terms.speeds[k]!r}: within the tolerance, but {terms.size[k] / bar:.2g} error bars",
+                f"|ΔC| {percent(energy)} of the energy",
+                "Look at the notes for what may cause it; strict=True makes it count",
+                "note",
+                terms.speeds[k],
+            )
+        ]
     if step is None or not step.significant.any() or beyond(step, measures.tolerance):
         return []
-    if terms is not None and terms.significant.any():
-        return []
     k = int(np.argmax(np.where(step.significant, step.ratio, 0.0)))
-    energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
     return [
         Finding(
             "small-but-real",
@@ -249,6 +269,13 @@ def _steps(step: OneStep | None) -> str:
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the equations are the model's"
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
+    if step.known_but_for_causes and step.scheme is not None:
+        by = f"a step of {step.scheme.name}" if step.scheme.name else "an accurate step"
+        return (
+            f"Each of {len(step.t)} rows follows from the one before by {by} but for "
+            f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "
+            f"{percent(1.0 / step.ratio[k])} of that is of one cause"
+        )
     if not step.significant.any():
         k = int(np.argmax(step.bar / step.scale))
         return (

@@ -255,24 +255,11 @@ def explanation(
     """
     prepared = prepare(mechanism, run, form, sliding=sliding, excused=excused)
     regression = prepared.regression
-    relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
-    noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
 
     def made(
-        kind: Kind, found: Found | None = None, explained: float = 0.0, told: str = ""
+        kind: Kind, found: Found | None = None, explained: float = 0.0, said: str = ""
     ) -> Explanation:
-        return Explanation(
-            kind,
-            _causes(mechanism, prepared, found.best) if found else (),
-            explained,
-            tuple(_causes(mechanism, prepared, f) for f in found.alternatives) if found else (),
-            told,
-            _unseen(prepared),
-            prepared.form,
-            relative,
-            noise,
-            prepared.samples,
-        )
+        return _made(mechanism, prepared, kind, found, explained, said)
 
     if regression.total <= regression.precision:
         return made("nothing")
@@ -298,9 +285,40 @@ def explanation(
         explained = _explained(prepared, found.best)
     if not found.best.chosen or explained < _enough(regression, found.best, least):
         return made("unexplained", Found(found.best, ()), explained)
+    return told(mechanism, run, prepared, found)
+
+
+def told(mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found) -> Explanation:
+    """The explanation by causes that were found."""
+    explained = _explained(prepared, found.best)
     if not found.alternatives:
-        return made("explained", found, explained)
-    return made("ambiguous", found, explained, advice(mechanism, run, prepared, found))
+        return _made(mechanism, prepared, "explained", found, explained)
+    separating = advice(mechanism, run, prepared, found)
+    return _made(mechanism, prepared, "ambiguous", found, explained, separating)
+
+
+def _made(
+    mechanism: Mechanism,
+    prepared: Prepared,
+    kind: Kind,
+    found: Found | None,
+    explained: float,
+    separating: str = "",
+) -> Explanation:
+    relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
+    noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
+    return Explanation(
+        kind,
+        _causes(mechanism, prepared, found.best) if found else (),
+        explained,
+        tuple(_causes(mechanism, prepared, f) for f in found.alternatives) if found else (),
+        separating,
+        _unseen(prepared),
+        prepared.form,
+        relative,
+        noise,
+        prepared.samples,
+    )
 
 
 def _enough(regression: Regression, fit: Fit, least: float) -> float:

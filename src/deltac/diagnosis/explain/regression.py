@@ -320,7 +320,7 @@ def prepare(
     rows = _Rows(kernels, form)
     stretches = _stretches(run, evaluator, kernels, form)
     whole = np.concatenate([rows(s) for s in stretches])
-    scale = _scale(whole, kernels)
+    scale = terms_of(whole, kernels)
     digits = _digits(kernels, form, stretches)
     shaken = _shaken(rows, stretches)
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
@@ -330,14 +330,14 @@ def prepare(
         digits = np.hypot(digits, excused.bar)
     weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
     moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
-    matrix = _arranged(whole * (weight * moving)[..., None])
+    matrix = arranged(whole * (weight * moving)[..., None])
     precise = np.sum(((4.0 * digits + LEAST[form] * scale) * weight) ** 2)
     if excused is not None and form == "weak":
         level = float(np.sqrt(precise / matrix.shape[1]))
         matrix = _without(matrix, excused, stretches, weight * moving, level)
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
-    shaken = _arranged(shaken * weight[:, None])
+    shaken = arranged(shaken * weight[:, None])
     share = float(moving.mean()) * len(matrix) / len(shaken)
     regression = Regression(
         factored(blocks),
@@ -345,7 +345,7 @@ def prepare(
         int(moving.sum()),
         factored([shaken.reshape(-1, matrix.shape[2])])[0] * np.sqrt(share),
         float(len(matrix) * precise),
-        _weights(kernels.columns),
+        weights_of(kernels.columns),
     )
     free = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
     residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
@@ -355,7 +355,8 @@ def prepare(
     )  # fmt: skip
 
 
-def _weights(columns: Sequence[Column]) -> dict[int, int]:
+def weights_of(columns: Sequence[Column]) -> dict[int, int]:
+    """Place of each body's mass and first moments -> that of their weight."""
     places = {column: k for k, column in enumerate(columns)}
     masses = ((c, Column("inertia", c.element, c.index)) for c in columns if c.what == "weight")
     return {places[mass]: places[weight] for weight, mass in masses if mass in places}
@@ -499,7 +500,7 @@ def _without(
     return np.asarray((rows - U @ ((1.0 - kept)[:, None] * (U.T @ rows))).reshape(matrix.shape))
 
 
-def _scale(whole: Array, kernels: ColumnKernels) -> Array:
+def terms_of(whole: Array, kernels: ColumnKernels) -> Array:
     """Typical size of the terms of each equation (n,): of each inertial parameter, of each channel."""
     inertia = {x.joint.child: x.inertia for x in kernels.evaluator.symbols.system.links}
     magnitude = np.zeros(whole.shape[:2])
@@ -566,7 +567,7 @@ def _shaken(rows: _Rows, stretches: Sequence[_Stretch]) -> Array:
     return np.concatenate([rows(_moved(s, _noise, rng)) - rows(s) for s in _some(stretches)])
 
 
-def _arranged(values: Array) -> Array:
+def arranged(values: Array) -> Array:
     """[r X] as [X r]."""
     return np.concatenate([values[..., 1:], values[..., :1]], axis=2)
 

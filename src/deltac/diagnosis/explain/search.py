@@ -91,6 +91,12 @@ def search(regression: Regression, most: int = MOST, until: float = math.inf) ->
     return _with_equals(regression, best, [f for f in every if plausible(regression, f)])
 
 
+def promise(regression: Regression) -> float:
+    """The squares that the best single cause leaves, about: of causes not linear, by their tangent."""
+    nothing = regression.R[:, -1]
+    return float(_left(regression, np.zeros((len(nothing), 0)), nothing).min(initial=np.inf))
+
+
 def _closed(regression: Regression, fit: Fit) -> bool:
     """Whether a fit leaves no more than noise and rounding, or next to nothing."""
     return fit.left <= max(CLOSED * regression.floor(fit), SLIGHT * regression.total)

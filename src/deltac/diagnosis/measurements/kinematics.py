@@ -13,7 +13,7 @@ row: copies, spikes, clipped and wrapped columns show there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -64,6 +64,12 @@ FAR = 30.0
 RESOLVED = 5e-3
 """Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
 
+ROUNDED = 1e-6
+"""Share of an interval by which time stamps of an even clock differ without being said to scatter."""
+
+CLEARLY = 0.3
+"""An even clock is believed where it leaves this share of the unsteadiness, or less."""
+
 DEPARTS = 0.05
 """Share of a column's movement that its rate may miss before the log is doubted."""
 
@@ -83,6 +89,8 @@ class Comparison:
         h: length of each (I,), s.
         steady: whether r is the same all along the log.
         instant: whether θ is told: the rate changes from row to row by more than its noise.
+        unsteady: the movement that neither bars nor the quadrature of any scheme explain, as a share of it
+            (root mean square): time stamps that scatter, rows that were interpolated, filtered speeds.
     """
 
     ratio: float
@@ -96,6 +104,7 @@ class Comparison:
     h: Array
     steady: bool
     instant: bool
+    unsteady: float
 
     @property
     def scaled(self) -> bool:
@@ -171,6 +180,10 @@ def compare(
         c = QUADRATURE + PROJECTION
     systematic = c * _size(C) / _size(I)
     steady = _steady(I[keep], (D - late * L)[keep], r)
+    most = QUADRATURE + PROJECTION * projected
+    by_scheme = float(C[keep] @ left[keep]) / max(float(C[keep] @ C[keep]), 1e-300)
+    rest = _size(left - np.clip(by_scheme, -most, most) * C)
+    unsteady = np.sqrt(max(rest**2 - _size(noise + S) ** 2, 0.0)) / _size(D)
     return Comparison(
         r,
         SURE * error + systematic,
@@ -183,6 +196,7 @@ def compare(
         np.diff(t)[start],
         steady,
         _size(L) > 4.0 * _size(noise),
+        float(unsteady),
     )
 
 
@@ -371,8 +385,48 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     if more:
         found += more
         comparisons = coordinates_against_speeds(mechanism, run)
+    even = _evenly_timed(run)
+    if even is not None:
+        other = coordinates_against_speeds(mechanism, even)
+        if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
+            found.append(_jitter(run, even))
+            run, comparisons = even, other
     found += list(_wrong_rates(mechanism, run, comparisons))
     return Cleaned(run, tuple(found), comparisons)
+
+
+def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
+    """How far rows are those of one motion at their times, as a share of the movement: `unsteady` of most.
+
+    Scattered time stamps and interpolation are common to all columns; one bad column is not.
+    """
+    return float(np.median([c.unsteady for c in comparisons.values()])) if comparisons else 0.0
+
+
+def _evenly_timed(run: Trajectory) -> Trajectory | None:
+    """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
+    h = np.diff(run.t)
+    step = float(np.median(h))
+    if run.integrals or run.events or float(np.ptp(h)) <= ROUNDED * step:
+        return None
+    even = run.t
+    for _ in range(3):  # the median of rounded stamps is not their mean
+        rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
+        step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
+        even = start + step * rows
+    scatter = float(np.abs(run.t - even).max())
+    return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
+
+
+def _jitter(run: Trajectory, even: Trajectory) -> Finding:
+    scatter = float(np.std(run.t - even.t))
+    step = float(np.median(np.diff(even.t)))
+    return Finding(
+        "clock-jitter",
+        f"the time stamps scatter by {scatter:.2g} s about an even clock",
+        f"by their coordinates and speeds the rows are {step:.6g} s apart",
+        "They were put back onto it. Log the simulator's own time, with all its digits",
+    )
 
 
 def trusted(run: Trajectory) -> bool:

@@ -303,7 +303,7 @@ EXPLICIT = (
     "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "rk4-on-the-group", "dopri5",
 )  # fmt: skip
 
-_TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
+TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
     "explicit-midpoint": (((0.5,),), (0.0, 1.0)),
     "heun": (((1.0,),), (0.5, 0.5)),
     "rk3": (((0.5,), (-1.0, 2.0)), (1 / 6, 4 / 6, 1 / 6)),
@@ -323,40 +323,92 @@ _TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
 """Explicit Runge–Kutta methods: rows of a, weights b (Hairer, Nørsett, Wanner 1993, section II)."""
 
 
-def identify(
-    model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
-) -> tuple[Scheme | None, float, float]:
-    """The integrator whose steps the rows are, or None; what the best one leaves; what digits may leave.
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """What an integrator makes of some steps: their mean accelerations `a` (I, n).
 
-    Both are shares of the accelerations. `late` is θ of q against u, which tells explicit from semi-implicit
-    Euler.
+    `forces` tells which ones it took ("start", "end", "smooth"), `at` the instants (t, q, u, F) of which its
+    equations are, or the middle of a step where it takes several.
     """
+
+    name: str
+    forces: str
+    a: Array
+    at: Rows
+
+    @property
+    def mark(self) -> str:
+        """The forces, as a mark of its name."""
+        return "" if self.forces == "start" else f"@{self.forces}"
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Some steps of a log: from `start` (I rows), by D (I, n), and what integrators make of them.
+
+    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits may leave,
+    `late` θ of q against u.
+    """
+
+    model: Model
+    start: Rows
+    D: Array
+    N: Array
+    relations: Sequence[Relation]
+    digits: float
+    late: float
+
+    def named(self, relation: Relation) -> str:
+        """The name of its integrator; Euler's are told apart by θ of q against u, "" where none is meant."""
+        if relation.name == ACCURATE:
+            return ""
+        return _euler(self.late) if relation.name == "euler" else relation.name
+
+    def off(self, relation: Relation) -> Array:
+        """What a relation leaves of each step (I,), in the mass metric."""
+        return _norm(self.N, self.D - relation.a)
+
+
+_INSTANTS = {
+    "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
+    "implicit-euler": (1, 1, 1), "semi-implicit-euler-vu": (0, 1, 0), "implicit-speed-euler": (1, 0, 1),
+}  # fmt: skip
+"""Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
+
+
+def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
+    """Some steps of a stretch, evenly over it; none of a stretch of few rows."""
+    most = len(whole.t) - 2
+    if most < 4:
+        return np.zeros(0, dtype=np.intp)
+    return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+
+
+def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]:
+    """Every integrator of the dictionary at some steps."""
     from scipy.interpolate import make_interp_spline
 
-    whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
-    if len(whole.t) < 6:
-        return None, 1.0, 0.0
-    most = len(whole.t) - 2
-    k = np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
-    k = k[(k >= 1) & (k + 1 < len(whole.t))]
-
-    def at(rows: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-        return whole.t[rows], whole.q[rows], whole.u[rows], whole.F[rows]
-
-    h = np.diff(whole.t)[:, None]
-    D = np.diff(whole.u, axis=0) / h
-    (t0, q0, u0, F0), (t1, q1, u1, F1) = at(k), at(k + 1)
-    h0 = h[k]
+    t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
+    t1, q1, u1, F1 = whole.t[k + 1], whole.q[k + 1], whole.u[k + 1], whole.F[k + 1]
+    h0 = whole.h[k]
     a00 = model.acceleration(t0, q0, u0, F0)
     a11 = model.acceleration(t1, q1, u1, F1)
     _, C = model.matrices(t0, q0)
-    N, _ = model.matrices(t0, q0)
-    candidates: dict[str, Array] = {}
-
-    def offer(name: str, value: Array) -> None:
-        candidates[name] = value
-
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
+    middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
+    mean = 0.5 * (F0 + F1)
+    accurate = _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
+    found: list[Relation] = []
+
+    def offer(marked: str, value: Array) -> None:
+        name, _, forces = marked.partition("@")
+        F = {"": F0, "end": F1, "smooth": mean}[forces]
+        at = Rows(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F)
+        if name in _INSTANTS:
+            at_t, at_q, at_u = _INSTANTS[name]
+            at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
+        found.append(Relation(name, forces or "start", value, at))
+
     for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
         a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
         offer("euler" + mark, a)
@@ -371,26 +423,23 @@ def identify(
         offer("implicit-speed-euler" + mark, model.acceleration(t1, q0, u1, F))
         end = a11 if mark == "" and not held else model.acceleration(t1, q1, u1, F)
         offer("trapezoidal" + mark, 0.5 * (a + end))
-        middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
         offer(
             "implicit-midpoint" + mark,
             model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
         )
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
-        for name in _TABLEAUS:
+        for name in TABLEAUS:
             offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
-        middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
-        mean = 0.5 * (F0 + F1)
         offer(
             "implicit-midpoint@smooth",
             model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
         )
         offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
         between = make_interp_spline(whole.t, whole.F, k=5)
-        for name in _TABLEAUS:
+        for name in TABLEAUS:
             offer(
                 name + "@smooth",
                 _runge_kutta(model, name, t0, q0, u0, lambda c: between(t0 + c * h0[:, 0]), h0),
@@ -400,7 +449,32 @@ def identify(
             "rk4-on-the-group",
             _runge_kutta(model, "rk4", t0, q0, u0, lambda c: F0, h0, on_group=True),
         )
+    forces = "smooth" if held else ""
+    offer(f"{ACCURATE}@{forces}", accurate)
+    return found
 
+
+ACCURATE = "accurate"
+"""The relation of a motion that steps follow to more digits than rows are told by."""
+
+
+def identify(
+    model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
+) -> tuple[Scheme | None, float, Steps | None]:
+    """The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at.
+
+    What is left is a share of the accelerations. `late` is θ of q against u, which tells explicit from
+    semi-implicit Euler.
+    """
+    whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
+    k = _steps_looked_at(whole)
+    if not len(k):
+        return None, 1.0, None
+    h0, D = whole.h[k], whole.D
+    t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
+    a00 = model.acceleration(t0, q0, u0, F0)
+    N, _ = model.matrices(t0, q0)
+    relations = _relations(model, whole, k)
     Dk = D[k]
     typical = float(np.median(_norm(N, a00))) + float(np.median(_norm(N, Dk))) + 1e-300
     # Digits of u in D, and of q and u in a: by moving them.
@@ -413,7 +487,12 @@ def identify(
         digits,
         50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
     )
-    left = {n: _nearly_all(_norm(N, Dk - x)) / typical for n, x in candidates.items()}
+    steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
+    left = {
+        r.name + r.mark: _nearly_all(steps.off(r)) / typical
+        for r in relations
+        if r.name != ACCURATE
+    }
     limit = 3.0 * digits + CLOSED
     ranked = sorted(left.items(), key=lambda item: item[1])
     best_name, best = ranked[0]
@@ -421,19 +500,21 @@ def identify(
     closes = relation.left <= 3.0 * digits + 1e-10
     if closes and relation.named and relation.left < best / DISTINCT:
         found = Scheme("generalized-alpha", 2, relation.left, digits, "smooth")
-        return found, relation.left, digits
+        return found, relation.left, steps
     if best > limit:
-        return None, min(best, relation.left), digits
+        return None, min(best, relation.left), steps
     base = best_name.partition("@")[0]
     others = [x for n, x in ranked if n.partition("@")[0] != base]
     unique = min(others) > DISTINCT * max(best, 1e-13)
     if base == "euler":
-        base = (
-            "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
-        )
+        base = _euler(late)
     forces = best_name.partition("@")[2] or "start"
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    return Scheme(name, order, best, digits, forces), best, digits
+    return Scheme(name, order, best, digits, forces), best, steps
+
+
+def _euler(late: float) -> str:
+    return "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
 
 
 def _nearly_all(values: Array) -> float:
@@ -463,7 +544,7 @@ def _runge_kutta(
     on_group: bool = False,
 ) -> Array:
     """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step."""
-    rows, b = _TABLEAUS[name]
+    rows, b = TABLEAUS[name]
     slopes_u: list[Array] = []
     slopes_q: list[Array] = []
     velocities: list[Array] = []
@@ -560,6 +641,9 @@ class OneStep:
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
             the largest coefficient that a consistent scheme may have.
         off_scheme: what the best scheme leaves, as a share of the accelerations.
+        steps: some of the steps, and what every integrator makes of them.
+        known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
+            residual is then what it leaves without them.
     """
 
     scheme: Scheme | None
@@ -577,6 +661,8 @@ class OneStep:
     off_scheme: float
     bars: Mapping[str, Array]
     columns: Callable[[Array, Array, Array, Array], Array]
+    steps: Steps | None
+    known_but_for_causes: bool = False
 
     @property
     def ratio(self) -> Array:
@@ -639,10 +725,13 @@ class OneStep:
         return rows
 
 
-def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneStep | None:
+def one_step(
+    mechanism: Mechanism, run: Trajectory, late: float = 0.0, unsteady: float = 0.0
+) -> OneStep | None:
     """The test of a run's rows; None for fewer rows than `rates.LEAST_ROWS` in a row, or nothing free.
 
-    `late` is the lateness of q against u from the kinematic test.
+    `late` is the lateness of q against u from the kinematic test, `unsteady` the share of the movement that
+    it does not explain: rows that keep the relation of q and u no better keep that of u and u̇ no better.
     """
     if not len(mechanism.free.u):
         return None
@@ -651,11 +740,11 @@ def one_step(mechanism: Mechanism, run: Trajectory, late: float = 0.0) -> OneSte
     pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(groups)))
     if not pieces:
         return None
-    scheme, off, digits = identify(model, pieces, late)
+    scheme, off, steps = identify(model, pieces, late)
     parts = [_defects(model, rows, groups) for rows, _ in pieces]
     names = parts[0].names
     coefficients = _fit(parts, names)
-    return _judged(model, run, pieces, parts, coefficients, scheme, off, digits, groups)
+    return _judged(model, run, pieces, parts, coefficients, scheme, off, steps, groups, unsteady)
 
 
 @dataclass(frozen=True, eq=False)
@@ -731,6 +820,14 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
         jump = F0.copy()
         jump[:, places] += np.vstack([second, second[-1:]])
         forces += model.acceleration(t0, q0, u0, jump) - a0
+        ramp = ramped(rows.F[:, places])[:-1]
+        if np.any(
+            ramp != F0[:, places]
+        ):  # as commanded now and then, where more happened in between
+            jump = F0.copy()
+            jump[:, places] = ramp
+            columns[f"{name} ramped"] = model.acceleration(t0, q0, u0, jump) - a0
+            bounds[f"{name} ramped"] = 1.6
     uneven = float(np.ptp(rows.h)) > UNEVEN * float(np.median(rows.h))
     if uneven:  # one step of a scheme is another share of each interval
         share = float(rows.h.min()) / rows.h
@@ -752,6 +849,17 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
     interpolation = _mean(rows.t, a, 5) - _mean(rows.t, a, 3)
     return _Defects(w, columns, N, a0, interpolation, forces, bounds)
+
+
+def ramped(forces: Array) -> Array:
+    """Forces (T, m) that were held over several rows, as straight lines from change to change."""
+    made = forces.copy()
+    rows = np.arange(len(forces))
+    for k, column in enumerate(forces.T):
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1])
+        if len(starts) > 2:
+            made[:, k] = np.interp(rows, starts, column[starts])
+    return made
 
 
 def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
@@ -810,8 +918,9 @@ def _judged(
     c: Mapping[str, float],
     scheme: Scheme | None,
     off: float,
-    digits: float,
+    steps: Steps | None,
     groups: Mapping[str, list[int]],
+    unsteady: float,
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
         return np.asarray(np.einsum("tij,tj->ti", p.N, w))
@@ -833,12 +942,14 @@ def _judged(
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
+        "times of rows": [unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
     systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]
     systematic_bar = np.sqrt(_sum(np.square(x) for x in bars.values()))
     rng = np.random.default_rng(5)
     # Kinks of held forces look like noise; but noise would not let any scheme come closer than itself.
+    digits = steps.digits if steps is not None else 0.0
     believed = min(1.0, 2.0 * off / digits) if digits > 0.0 else 1.0
     noise = []
     for (rows, size), p in zip(pieces, parts):
@@ -891,7 +1002,7 @@ def _judged(
         scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
         trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
         {**bars, "noise": noise_bar, "rounding": rounding},
-        partial(_as_forces, model, groups, tuple(c)),
+        partial(_as_forces, model, groups, tuple(c)), steps,
     )  # fmt: skip
 
 

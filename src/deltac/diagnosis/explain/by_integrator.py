@@ -1,0 +1,217 @@
+"""A mistake that shows once the integrator is known: each integrator is tried together with each cause.
+
+A log that holds every step of an integrator obeys its relation to rounding, if the equations are right. If
+they have one mistake, what the relation leaves is that mistake and nothing else. With another integrator, or
+another cause, much more is left. Such a pair is found together, and counts where it leaves far less than the
+freest unknown integrator does with equations that are right: so mistakes far below what an unknown integrator
+may leave are found, and told to many digits.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.explain.causes import candidates
+from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels, evaluate
+from deltac.diagnosis.explain.explain import told
+from deltac.diagnosis.explain.regression import (
+    BLOCKS,
+    LEAST,
+    NOISY,
+    Prepared,
+    Regression,
+    arranged,
+    factored,
+    terms_of,
+    weights_of,
+)
+from deltac.diagnosis.explain.search import Found, promise, search
+from deltac.diagnosis.residuals.at_samples import Evaluator
+from deltac.diagnosis.residuals.one_step import (
+    ORDERS,
+    TABLEAUS,
+    OneStep,
+    Relation,
+    Scheme,
+    Steps,
+    trimmed,
+)
+from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+FAR_LESS = 0.1
+"""Share that a pair may leave of what an unknown integrator leaves, and of what there is to explain."""
+
+PRECISE = 1e-3
+"""Digits, as a share of the accelerations, from which on a relation tells no more than windows do."""
+
+MOST = 3
+"""Relations for which the search is made in full."""
+
+CLEAR = 30.0
+"""How many times digits and rounding a mistake must be."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """An integrator with the cause that explains best what its relation leaves, residual (I, n)."""
+
+    relation: Relation
+    prepared: Prepared
+    residual: Array
+    weight: Array
+    found: Found
+
+    @property
+    def left(self) -> float:
+        """Root mean square of what the cause leaves, weighted."""
+        return math.sqrt(self.found.best.left / len(self.residual))
+
+    @property
+    def total(self) -> float:
+        """The same without a cause."""
+        return math.sqrt(self.prepared.regression.total / len(self.residual))
+
+
+def known_but_for_one(
+    mechanism: Mechanism, run: Trajectory, step: OneStep, until: float = math.inf
+) -> tuple[OneStep, tuple[Finding, ...]] | None:
+    """The one-step test with an integrator that closes but for one cause, and that cause; None if none does.
+
+    The search ends when `time.monotonic()` reaches `until`.
+    """
+    steps = step.steps
+    prescribed = len(mechanism.free.u) < len(mechanism.speeds)
+    if steps is None or step.closes or prescribed or steps.digits > PRECISE:
+        return None
+    evaluator = Evaluator(mechanism, run)
+    kernels = column_kernels(evaluator)
+    function = kernels.pointwise()
+    tried = []
+    for relation in _distinct(steps):
+        if time.monotonic() > until:
+            break
+        at = relation.at
+        udot = steps.model.acceleration(at.t, at.q, at.u, at.F) + steps.D - relation.a
+        still = np.zeros_like(at.F)
+        columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
+        whole = evaluate(function, columns, kernels.speeds)[0]
+        tried.append((relation, *_regression(whole, kernels, steps.digits)))
+    tried.sort(key=lambda item: promise(item[1].regression))
+    best: _Pair | None = None
+    for relation, prepared, residual, weight in tried[:MOST]:
+        pair = _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, until))
+        if best is None or pair.left < best.left:
+            best = pair
+    if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):
+        return None
+    explained = told(mechanism, run, best.prepared, best.found)
+    return _with(step, best), explained.findings
+
+
+def _distinct(steps: Steps) -> list[Relation]:
+    """The relations, of methods of high order those that see their forces and the rows in their own way."""
+    found: list[Relation] = []
+    for r in steps.relations:
+        accurate = r.name in TABLEAUS and ORDERS[r.name] > 2
+        if accurate and (r.name != "rk4" or r.forces == "smooth"):
+            continue
+        if not any(np.allclose(r.a, x.a, rtol=1e-12, atol=0.0) for x in found):
+            found.append(r)
+    return found
+
+
+def _regression(
+    whole: Array, kernels: ColumnKernels, digits: float
+) -> tuple[Prepared, Array, Array]:
+    """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations."""
+    scale = terms_of(whole, kernels)
+    weight = 1.0 / np.maximum(NOISY * scale, 1e-300)
+    matrix = arranged(whole * weight[:, None])
+    width = matrix.shape[2]
+    count = min(BLOCKS, max(2, len(matrix) // 8))
+    blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
+    precise = np.sum((np.hypot(4.0 * digits, LEAST["samples"]) * scale * weight) ** 2)
+    regression = Regression(
+        factored(blocks),
+        candidates(kernels.evaluator, kernels.columns),
+        whole.shape[0] * whole.shape[1],
+        np.zeros((width, width)),
+        float(len(matrix) * precise),
+        weights_of(kernels.columns),
+    )
+    mechanism = kernels.evaluator.mechanism
+    speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
+    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
+    prepared = Prepared(
+        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), len(whole), 0.0,
+        False,
+    )  # fmt: skip
+    return prepared, whole[..., 0], weight
+
+
+def _counts(pair: _Pair, step: OneStep, h: float) -> bool:
+    """Whether a pair says more than that some unknown integrator was at work."""
+    regression = pair.prepared.regression
+    if not pair.found.best.chosen or not regression.stands_out(pair.found.best):
+        return False
+    unknown = float(np.linalg.norm(step.size * pair.weight))
+    there = CLEAR * math.sqrt(regression.precision / len(pair.residual))
+    if pair.left > FAR_LESS * min(unknown, pair.total) or pair.total < there:
+        return False
+    return not _of_an_integrator(pair, h)
+
+
+def _of_an_integrator(pair: _Pair, h: float) -> bool:
+    """Whether the cause is what an implicit step makes: an inertia of h times a damping, and the like."""
+    mechanism = pair.prepared.kernels.evaluator.mechanism
+    for k, theta in zip(pair.found.best.chosen, pair.found.best.theta):
+        c = pair.prepared.regression.candidates[k]
+        if len(theta) != 1 or c.element not in {j.name for j in mechanism.joints}:
+            continue
+        joint = mechanism.joint(c.element)
+        damping, stiffness = (
+            abs(mechanism.number(x)) if np.ndim(x) == 0 and x is not None else 0.0
+            for x in (getattr(joint, "damping", 0.0), getattr(joint, "stiffness", 0.0))
+        )
+        like = {
+            "armature": h * damping + h * h * stiffness,
+            "missing-rotor-inertia": h * damping + h * h * stiffness,
+            "damping": h * stiffness,
+            "missing-damper": h * stiffness,
+        }
+        if abs(float(theta[0])) <= 1.1 * like.get(c.kind, 0.0):
+            return True
+    return False
+
+
+def _with(step: OneStep, pair: _Pair) -> OneStep:
+    """The test with its integrator known: its relation leaves the residual, the causes the bar."""
+    steps, r = step.steps, pair.residual
+    assert steps is not None
+    bar = (
+        np.maximum(pair.left, math.sqrt(pair.prepared.regression.precision / len(r))) / pair.weight
+    )
+    name = steps.named(pair.relation)
+    u = steps.start.u
+    time_ = float(step.t[-1] - step.t[0])
+    return replace(
+        step,
+        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces),
+        t=steps.start.t,
+        residual=r,
+        allowed=np.broadcast_to(bar, r.shape),
+        size=trimmed(r),
+        bar=bar,
+        fitted={},
+        hidden=float(np.sum(trimmed(u) * bar)) * time_,
+        spent=abs(float(np.mean(np.sum(u * r, axis=1)))) * time_,
+        bars={"left by the cause": bar},
+        known_but_for_causes=True,
+    )

@@ -1,0 +1,367 @@
+"""What a page is made of: plots, tables, texts, a scene. Each says what it is in terms of JSON.
+
+Arrays go into the page as base64 of little-endian numbers, ``{"f4": "…"}`` or ``{"f8": "…"}``: half the size
+of digits, and read at once. Histories that are longer than anybody can see are cut down to the smallest and
+the largest value of each of many stretches, so that no peak is lost.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.results import Finding, Table
+
+NUMBERS = 900_000
+"""Numbers of time histories that a page holds, about 5 MB; all plots together share them."""
+
+STRETCHES = 4000
+"""Stretches of which a history keeps the extremes: more than any screen has columns of pixels."""
+
+Tone = Literal["good", "bad", "doubt", "plain"]
+"""What a verdict is: it holds, it does not, it cannot be told, or nothing was judged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """An array as the page holds it; float32 unless `exact`."""
+
+    values: Any
+    exact: bool = False
+
+    def packed(self) -> dict[str, str]:
+        """Base64 of its little-endian bytes, under the type of its numbers."""
+        kind = "f8" if self.exact else "f4"
+        with np.errstate(over="ignore"):
+            flat = np.ascontiguousarray(self.values, dtype=f"<{kind}")
+        return {kind: base64.b64encode(flat.tobytes()).decode("ascii")}
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A curve of a plot over time.
+
+    y        (T,) values in the plot's unit
+    name     in the legend and in the CSV
+    bar      (T,) half width of a band about it; on a log axis the band reaches from below up to it
+    dashed   for what is only compared with
+    shown    whether it is drawn at first
+    colour   which of the palette; by default the next one; "ink" and "grey" are neutral
+    """
+
+    name: str
+    y: Array
+    bar: Array | None = None
+    dashed: bool = False
+    shown: bool = True
+    colour: int | str | None = None
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A level that a curve is compared with: y = `value`."""
+
+    name: str
+    value: float
+
+
+class Panel:
+    """A part of a page; its fields make its JSON, under the name of its kind."""
+
+    kind: ClassVar[str]
+
+
+@dataclass(frozen=True, eq=False)
+class TimePlot(Panel):
+    """Curves over time, of one unit. With `log` the sizes |y| are drawn."""
+
+    title: str
+    t: Array
+    lines: tuple[Line, ...]
+    unit: str
+    log: bool = False
+    guides: tuple[Guide, ...] = ()
+    note: str = ""
+    tall: bool = False
+    kind = "time"
+
+    def numbers(self, stretches: int) -> int:
+        """How many numbers it takes in the page."""
+        columns = len(self.lines) + 2 * sum(line.bar is not None for line in self.lines)
+        return (columns + 2) * min(len(self.t), 2 * stretches)
+
+    def packed(self, stretches: int) -> dict[str, Any]:
+        """Its JSON, its curves cut down to the extremes of so many stretches."""
+        cut = Stretches.of(self.t, stretches)
+        lines = []
+        for line in self.lines:
+            y = np.abs(line.y) if self.log else line.y
+            entry: dict[str, Any] = {
+                "name": line.name,
+                "y": Numbers(cut.extremes(y)),
+                "dashed": line.dashed,
+                "shown": line.shown,
+                "colour": line.colour,
+            }
+            if line.bar is not None:
+                entry["high"] = Numbers(cut.largest(line.bar if self.log else y + line.bar))
+                if not self.log:
+                    entry["low"] = Numbers(cut.smallest(y - line.bar))
+            lines.append(entry)
+        return {
+            "kind": self.kind,
+            "title": self.title,
+            "t": Numbers(cut.t, exact=True),
+            "lines": lines,
+            "unit": self.unit,
+            "log": self.log,
+            "guides": self.guides,
+            "note": self.note,
+            "tall": self.tall,
+            "rows": len(self.t),
+            "whole": cut.whole,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Rows in stretches of equal counts: of each the smallest and the largest value, in their order.
+
+    t      two times for each stretch (2n,), its first and last; or all of them where there are so few
+    whole  whether all rows are kept as they are
+    """
+
+    t: Array
+    starts: Any
+    whole: bool
+    rows: int
+
+    @classmethod
+    def of(cls, t: Array, count: int) -> Stretches:
+        """At most `count` stretches."""
+        rows = len(t)
+        if rows <= 2 * count:
+            return cls(t, None, True, rows)
+        starts = np.linspace(0, rows, count + 1).astype(np.intp)[:-1]
+        ends = np.append(starts[1:], rows) - 1
+        return cls(np.column_stack([t[starts], t[ends]]).ravel(), starts, False, rows)
+
+    def smallest(self, y: Array) -> Array:
+        """The smallest value of each stretch, twice."""
+        return y if self.whole else np.repeat(np.fmin.reduceat(y, self.starts), 2)
+
+    def largest(self, y: Array) -> Array:
+        """The largest value of each stretch, twice."""
+        return y if self.whole else np.repeat(np.fmax.reduceat(y, self.starts), 2)
+
+    def extremes(self, y: Array) -> Array:
+        """The smallest and the largest value of each stretch, in the order in which the motion has them."""
+        if self.whole:
+            return y
+        low, high = np.fmin.reduceat(y, self.starts), np.fmax.reduceat(y, self.starts)
+        ends = np.append(self.starts[1:], self.rows) - 1
+        rises = y[ends] >= y[self.starts]
+        return np.column_stack([np.where(rises, low, high), np.where(rises, high, low)]).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of a plot on two log axes; `fit` is a straight line (x, y) through them, `fit_name` its name."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    labels: tuple[str, ...] = ()
+    joined: bool = True
+    fit: tuple[tuple[float, float], tuple[float, float]] | None = None
+    fit_name: str = ""
+    mark: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LogPlot(Panel):
+    """Points on two log axes: errors over steps, errors over time."""
+
+    title: str
+    x: str
+    y: str
+    clouds: tuple[Cloud, ...]
+    guides: tuple[Guide, ...] = ()
+    note: str = ""
+    kind = "points"
+
+
+@dataclass(frozen=True)
+class Bars(Panel):
+    """Sizes on a log axis, a bar each: (name, size, whether it is too large); `limit` is what is accepted."""
+
+    title: str
+    bars: tuple[tuple[str, float, bool], ...]
+    limit: float
+    note: str = ""
+    kind = "bars"
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Energy (J) that went one way over the whole run; `error` how far it may be off.
+
+    group  "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
+    """
+
+    name: str
+    energy: float
+    error: float = 0.0
+    group: Literal["flow", "store", "left"] = "flow"
+
+
+@dataclass(frozen=True)
+class Flows(Panel):
+    """Where the energy went: works into and out of the system, changes of what is stored, what is left."""
+
+    title: str
+    flows: tuple[Flow, ...]
+    note: str = ""
+    kind = "flows"
+
+
+@dataclass(frozen=True)
+class Grid(Panel):
+    """A table whose columns can be sorted."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numeric: tuple[bool, ...] = ()
+    folded: bool = False
+    kind = "table"
+
+    @classmethod
+    def of(cls, title: str, table: Table, folded: bool = False) -> Grid:
+        """A report's table."""
+        return cls(title, table.heads, table.rows, table.numeric, folded)
+
+
+@dataclass(frozen=True)
+class Words(Panel):
+    """Paragraphs."""
+
+    title: str
+    paragraphs: tuple[str, ...]
+    folded: bool = False
+    kind = "words"
+
+
+@dataclass(frozen=True)
+class Code(Panel):
+    """Text as it is, such as source: lines in `wrong` are marked; `diff` colours added and removed lines."""
+
+    title: str
+    text: str
+    first: int = 1
+    wrong: tuple[int, ...] = ()
+    diff: bool = False
+    note: str = ""
+    kind = "code"
+
+
+@dataclass(frozen=True)
+class Link(Panel):
+    """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130).
+
+    The sketch is of bodies, and of the paths of their ends.
+    """
+
+    title: str
+    entries: tuple[tuple[str, str, str, str, str], ...]
+    kind = "links"
+
+
+Part: TypeAlias = "TimePlot | LogPlot | Bars | Flows | Grid | Words | Code | Link"
+
+
+@dataclass(frozen=True)
+class Told:
+    """A finding, and where to look for it: its instant (s) and its element, where known."""
+
+    finding: Finding
+    t: float | None = None
+    element: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Chapter:
+    """Parts under a heading. With `aside` the scene stands beside the first of them."""
+
+    heading: str
+    parts: tuple[Part, ...] = ()
+    findings: tuple[Told, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page.
+
+    title      what it is of
+    asked      the question that was asked, in words
+    tone       how the banner looks
+    word       the verdict in a word or two
+    sentence   what it means
+    numbers    what it rests on: (what, value) each
+    chapters   what follows
+    scene      what moves, see `scene.Scene`; None where nothing does
+    limits     what the test cannot see
+    made       how it was made: (what, value) each
+    data       the report as JSON
+    """
+
+    title: str
+    asked: str
+    tone: Tone
+    word: str
+    sentence: str
+    numbers: tuple[tuple[str, str], ...] = ()
+    chapters: tuple[Chapter, ...] = ()
+    scene: Any = None
+    limits: tuple[str, ...] = ()
+    made: tuple[tuple[str, str], ...] = ()
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def packed(self) -> dict[str, Any]:
+        """The page in terms of JSON."""
+        plots = [p for chapter in self.chapters for p in chapter.parts if isinstance(p, TimePlot)]
+        stretches = STRETCHES
+        while stretches > 250 and sum(plot.numbers(stretches) for plot in plots) > NUMBERS:
+            stretches //= 2
+        packed: dict[str, Any] = _packed(self, lambda plot: plot.packed(stretches))
+        return packed
+
+
+def _packed(value: Any, plot: Callable[[TimePlot], Any]) -> Any:
+    """A part in terms of JSON; what is not finite is None."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Numbers):
+        return value.packed()
+    if isinstance(value, TimePlot):
+        return _packed(plot(value), plot)
+    if isinstance(value, Finding):
+        return value.contents()
+    if isinstance(value, Mapping):
+        return {str(k): _packed(v, plot) for k, v in value.items()}
+    if isinstance(value, Sequence | Iterator):
+        return [_packed(v, plot) for v in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return _packed(value.tolist(), plot)
+    if is_dataclass(value):
+        named: dict[str, Any] = {"kind": value.kind} if isinstance(value, Panel) else {}
+        return named | {f.name: _packed(getattr(value, f.name), plot) for f in fields(value)}
+    raise TypeError(f"{type(value).__name__} has no place in a page")

@@ -174,6 +174,10 @@ def verify_cache() -> dict[str, str]:
     return found
 
 
+MEMORY = 64 << 20
+"""Bytes of compiled code that heyoka itself keeps; its own limit is 2 GB a process."""
+
+
 @cache
 def prepare_heyoka() -> str:
     """Silence heyoka and leave caching to us, once in a process; returns what tells its code from others'."""
@@ -181,6 +185,7 @@ def prepare_heyoka() -> str:
 
     hy.set_logger_level_error()  # its warnings go to standard output, among the results
     hy.llvm_state.set_diskcache_enabled(False)
+    hy.llvm_state.set_memcache_limit(MEMORY)
     ours = sorted(Path(__file__).parent.glob("*.py"))  # how expressions are put to heyoka
     digest = hashlib.blake2b(b"".join(file.read_bytes() for file in ours), digest_size=8)
     return f"heyoka {hy.__version__}, {digest.hexdigest()}"

@@ -75,7 +75,7 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: false alarms and misses
 	$(PY) benchmarks/foreign/bench.py $(ARGS)
 
-bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
+bench-correction: $(TEST)  ## what extrapolation, steps by ΔC and restoring the energy buy, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
 
 bench-blackbox: $(TEST)  ## what is told of mistakes in code that cannot be read: is it so?

@@ -127,8 +127,8 @@ def test_poison_is_set_aside(tmp_path: Path) -> None:
         step=0.01,
         duration=0.1,
         executor=poisoned({3: "die", 11: "hang"}),
-        chunk=2,
-        time_limit=5.0,
+        chunk=1,
+        time_limit=30.0,
         retries=1,
     )
     assert found.aside == 2 and found.verdicts == {"consistent": 14, "failed": 2}

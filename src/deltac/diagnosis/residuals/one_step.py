@@ -88,6 +88,9 @@ MATERIAL = 5e-2
 FEWEST = 3
 """Windows that must stand out to speak of a force that is missing now and then."""
 
+CARRIED = 2.0
+"""How much worse than q and u rows may keep the relation of u and u̇."""
+
 TRIMMED = 0.05
 """Share of the intervals, those with the largest defects, that fits leave out: impacts are few rows."""
 
@@ -295,6 +298,7 @@ ORDERS = {
     "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
     "implicit-speed-euler": 1, "verlet": 2,
     "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
+    "adams-bashforth-2": 2,
     "rk3": 3, "bs3": 3, "rk4": 4, "rk4-on-the-group": 4, "dopri5": 5,
 }  # fmt: skip
 
@@ -346,8 +350,8 @@ class Relation:
 class Steps:
     """Some steps of a log: from `start` (I rows), by D (I, n), and what integrators make of them.
 
-    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits may leave,
-    `late` θ of q against u.
+    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits
+    and noise seem to leave, `late` θ of q against u.
     """
 
     model: Model
@@ -498,8 +502,8 @@ def identify(
     best_name, best = ranked[0]
     relation = _two_step(model, whole, D, N, k, typical)
     closes = relation.left <= 3.0 * digits + 1e-10
-    if closes and relation.named and relation.left < best / DISTINCT:
-        found = Scheme("generalized-alpha", 2, relation.left, digits, "smooth")
+    if closes and relation.name and relation.left < best / DISTINCT:
+        found = Scheme(relation.name, 2, relation.left, digits, "smooth")
         return found, relation.left, steps
     if best > limit:
         return None, min(best, relation.left), steps
@@ -567,10 +571,10 @@ def _runge_kutta(
 
 @dataclass(frozen=True)
 class _TwoStep:
-    """A two-step relation: what it leaves as a share of a, and whether its numbers are those of a method."""
+    """A two-step relation: what it leaves as a share of a, and the method whose numbers it has, or ""."""
 
     left: float
-    named: bool
+    name: str
 
 
 def _two_step(
@@ -585,7 +589,7 @@ def _two_step(
     k = k[k + 1 < len(D)]
     k = k[np.abs(h[k] - h[k + 1]) < 1e-6 * h[k]]
     if len(k) < 12:
-        return _TwoStep(np.inf, False)
+        return _TwoStep(np.inf, "")
     a = [
         model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j])
         for j in range(3)
@@ -602,20 +606,23 @@ def _two_step(
         / typical
     )
     if not -0.95 < x < 1.05:
-        return _TwoStep(left, False)
+        return _TwoStep(left, "")
+    close = 2e-3
+    if max(abs(x), abs(y0 + 0.5), abs(y2)) < close:
+        return _TwoStep(left, "adams-bashforth-2")
     # x = αm/(1 − αm), y0 = (1 − γ) αf/(1 − αm), y2 = γ (1 − αf)/(1 − αm).
     am = x / (1.0 + x)
     before, after = y0 * (1.0 - am), y2 * (1.0 - am)
     p = after - before  # γ − αf
     root = (1.0 - p) ** 2 - 4.0 * before
     if root < -1e-3:
-        return _TwoStep(left, False)
+        return _TwoStep(left, "")
     choices = [0.5 * (1.0 - p + sign * np.sqrt(max(root, 0.0))) for sign in (-1.0, 1.0)]
-    close = 2e-3
     named = abs(p - 0.5 + am) < close and any(
-        abs(af - (1.0 + am) / 3.0) < close or abs(am) < close or abs(af) < close for af in choices
+        -close < af < 0.5 + close and min(abs(af - (1.0 + am) / 3.0), abs(am), abs(af)) < close
+        for af in choices
     )
-    return _TwoStep(left, bool(named))
+    return _TwoStep(left, "generalized-alpha" if named else "")
 
 
 # --- the defect -----------------------------------------------------------------------------------------
@@ -942,15 +949,18 @@ def _judged(
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
-        "times of rows": [unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)],
+        "times of rows": [
+            CARRIED * unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)
+        ],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
     systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]
     systematic_bar = np.sqrt(_sum(np.square(x) for x in bars.values()))
     rng = np.random.default_rng(5)
     # Kinks of held forces look like noise; but noise would not let any scheme come closer than itself.
-    digits = steps.digits if steps is not None else 0.0
-    believed = min(1.0, 2.0 * off / digits) if digits > 0.0 else 1.0
+    believed = (
+        min(1.0, 2.0 * off / steps.digits) if steps is not None and steps.digits > 0.0 else 1.0
+    )
     noise = []
     for (rows, size), p in zip(pieces, parts):
         shaken = rows.shaken(size, rng)

@@ -41,6 +41,7 @@ NAMES = {
     "drag": (),
     "wall": ("missing-contact",),
     "armature": ("missing-rotor-inertia", "armature"),
+    "constant-force": ("constant-force", "applied-force", "body-torque", "thrust"),
 }
 """What names each planted fault; quadratic drag is in no dictionary."""
 
@@ -72,6 +73,8 @@ SCHEMES = {
     "exudyn-TrapezoidalIndex2": ("trapezoidal",),
     "exudyn-RK44": ("rk4",),
     "exudyn-ExplicitMidpoint": ("explicit-midpoint",),
+    "leapfrog": ("verlet",),
+    "rk4-on-the-group": ("rk4",),
 }
 """Right names of schemes whose own name is another; undamped, several are the same."""
 

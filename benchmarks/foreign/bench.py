@@ -32,18 +32,20 @@ NAMES = {
     "gravity": ("gravity",),
     "mass": ("body-mass", "body-inertia"),
     "centre": ("body-centre",),
-    "inertia": ("body-moments", "body-moment"),
+    "inertia": ("body-moments", "body-moment", "missing-rotor-inertia", "armature"),
     "missing-damper": ("missing-damper", "damping"),
     "damping": ("damping", "missing-damper"),
     "missing-spring": ("missing-spring", "stiffness"),
-    "gear": ("actuator-gear",),
+    "gear": ("actuator-gear", "mass-scale"),
     "dry-friction": ("missing-friction",),
     "drag": (),
     "wall": ("missing-contact",),
     "armature": ("missing-rotor-inertia", "armature"),
     "constant-force": ("constant-force", "applied-force", "body-torque", "thrust"),
 }
-"""What names each planted fault; quadratic drag is in no dictionary."""
+"""What names each planted fault, also in other words that no log tells apart: motors too strong are masses
+
+too small, the inertia of a body that turns about one axis a rotor's. Quadratic drag is in no dictionary."""
 
 SLIP_NAMES = {
     "clock-1.01": ("clock-scale",),
@@ -59,10 +61,13 @@ SLIP_NAMES = {
 
 SCHEMES = {
     "mujoco-Euler": ("implicit-damping-euler", "semi-implicit-euler"),
-    "mujoco-implicitfast": ("implicit-damping-euler", "semi-implicit-euler"),
+    "mujoco-implicitfast": (
+        "implicit-damping-euler",
+        "semi-implicit-euler",
+        "linearly-implicit-euler",
+    ),
     "mujoco-implicit": ("linearly-implicit-euler", "implicit-damping-euler", "semi-implicit-euler"),
     "mujoco-RK4": ("rk4", "rk4-on-the-group"),
-    "midpoint": ("explicit-midpoint",),
     "implicit-damping": ("implicit-damping-euler", "semi-implicit-euler"),
     "newmark": ("trapezoidal",),
     "bullet": ("semi-implicit-euler",),
@@ -75,6 +80,8 @@ SCHEMES = {
     "exudyn-ExplicitMidpoint": ("explicit-midpoint",),
     "leapfrog": ("verlet",),
     "rk4-on-the-group": ("rk4",),
+    "midpoint": ("explicit-midpoint", "explicit-midpoint-on-the-group"),
+    "heun": ("heun-on-the-group",),
 }
 """Right names of schemes whose own name is another; undamped, several are the same."""
 

@@ -199,7 +199,7 @@ def _with(step: OneStep, pair: _Pair) -> OneStep:
     time_ = float(step.t[-1] - step.t[0])
     return replace(
         step,
-        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces),
+        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
         t=steps.start.t,
         residual=r,
         allowed=np.broadcast_to(bar, r.shape),

@@ -108,8 +108,10 @@ def known_but_for_one(
             best = pair
     if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):
         return None
-    explained = told(mechanism, run, best.prepared, best.found)
-    return _with(step, best), explained.findings
+    known = _with(step, best)
+    if not known.significant.any():
+        return None
+    return known, told(mechanism, run, best.prepared, best.found).findings
 
 
 def _distinct(steps: Steps) -> list[Relation]:

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import EPS, scatter
+from deltac.diagnosis.measurements.digits import EPS, resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -139,6 +139,9 @@ class Model:
         self._matrices = ca.Function(
             "m", [s.t, s.q], [ca.densify(ca.vec(M)), ca.densify(ca.vec(G))]
         )
+        psi = ca.SX(0, 1) if bound is None else ca.SX(bound.rows.psi)
+        terms = ca.SX(0, 1) if bound is None else ca.mtimes(ca.fabs(G), ca.fabs(s.u_all[at]))
+        self._psi = ca.Function("v", [s.t, s.q, s.u], [ca.densify(psi), ca.densify(terms)])
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(damped) and not ca.SX(damping).is_zero()
         self.of_time = bool(ca.depends_on(a, s.t))
@@ -187,6 +190,13 @@ class Model:
             0, 2, 1
         )
         return M @ C @ M, C
+
+    def violation(self, rows: Rows) -> float:
+        """How far speeds violate the constraints, as a share of what is added up in them."""
+        if not self.rows_of_G:
+            return 0.0
+        psi, terms = self._rows(self._psi, rows.t, rows.q, rows.u)
+        return float(np.max(trimmed(psi) / np.maximum(trimmed(terms), 1e-300)))
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
         """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
@@ -777,6 +787,8 @@ def one_step(
     pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(groups)))
     if not pieces:
         return None
+    # What filters and means do to a loop shows in its constraints.
+    unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
     scheme, off, steps = identify(model, pieces, late)
     parts = [_defects(model, rows, groups) for rows, _ in pieces]
     names = parts[0].names
@@ -994,7 +1006,10 @@ def _judged(
     noise = []
     real = _share_of_noise(model, pieces, parts, rest)
     for (rows, size), p in zip(pieces, parts):
-        shaken = rows.shaken(replace(size, u=real * size.u), rng)
+        fine = np.minimum(
+            resolution(rows.u), size.u
+        )  # rounding is no noise: it hardly changes for a while
+        shaken = rows.shaken(replace(size, u=fine + real * (size.u - fine)), rng)
         noise.append(believed * forces(p, _plain(model, shaken)[1] - p.w))
     best: tuple[int, Array, Array] | None = None
     longest = max(len(x) for x in raw)

@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs web check-web clean
+	bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -58,7 +58,10 @@ web: web/node_modules  ## bundle the page's script into the package (needs node)
 check-web: web/node_modules  ## the page's types, and that the committed bundle is a fresh build (needs node)
 	$(NPM) run check
 
-check: lint types layers test-casadi test  ## all of the checks, as in continuous integration
+check: lint types layers site-quick test-casadi test  ## all of the checks, as in continuous integration
+
+wheel: $(DEV)  ## sdist and wheel into dist/, and the wheel tried in an empty environment
+	PYTHON=$(abspath $(PY)) .ci/wheel
 
 bench-explain: $(TEST)  ## how often a log's residual is explained rightly: planted faults
 	$(PY) benchmarks/explain.py $(ARGS)
@@ -72,7 +75,7 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: false alarms and misses
 	$(PY) benchmarks/foreign/bench.py $(ARGS)
 
-bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
+bench-correction: $(TEST)  ## what extrapolation, steps by ΔC and restoring the energy buy, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
 
 bench-repair-wild: $(TEST)  ## the same for programs as people write them
@@ -91,8 +94,15 @@ torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: not
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)
 
+site: $(DEV)  ## the documentation site, into site/: strictly, without the network; opens from disk
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build $(ARGS)
+	@echo "open site/index.html"
+
+site-quick: $(DEV)  ## the same without the pictures of the gallery: are all pages and links in order?
+	GALLERY=off $(MAKE) --no-print-directory site
+
 clean:  ## remove caches and build products, and install afresh next time
-	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f $(CORE) $(TEST) $(DEV) $(BENCH)
 

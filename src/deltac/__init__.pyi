@@ -7,6 +7,7 @@ from deltac import forces as forces
 from deltac import joints as joints
 from deltac import laws as laws
 from deltac import problems as problems
+from deltac import recorders as recorders
 from deltac import shapes as shapes
 from deltac import solvers as solvers
 from deltac import testing as testing
@@ -32,6 +33,7 @@ from deltac.diagnosis.check.table import write_states as write_states
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
+from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.recommend.recommend import recommend as recommend
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation
 from deltac.diagnosis.residuals.states import States as States
@@ -49,6 +51,9 @@ from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
+from deltac.fleets.audits import audit_many as audit_many
+from deltac.fleets.compare import Comparison as Comparison
+from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep
@@ -79,8 +84,12 @@ from deltac.recorders import BoundExceeded as BoundExceeded
 from deltac.recorders import Monitor as Monitor
 from deltac.recorders import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders import mujoco_simulator as mujoco_simulator
+from deltac.recorders import record_batch as record_batch
+from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
+from deltac.recorders import record_pinocchio as record_pinocchio
+from deltac.recorders import record_pybullet as record_pybullet
 from deltac.recorders import run_mujoco as run_mujoco
 from deltac.repair import Fix as Fix
 from deltac.repair import Repair as Repair

@@ -66,6 +66,8 @@ FINDINGS: dict[str, str] = {
     "swapped-columns": "two speeds fit each other's coordinates",
     "clipped-column": "a speed stays at its extreme while the coordinate moves faster",
     "speed-not-rate": "a speed is not the rate of its coordinate",
+    "replayed": "stepped from row to row, MuJoCo's model arrives at every row of the log",
+    "replay-departs": "stepped from a row of the log, MuJoCo's model misses the next one",
     "interpolated-rows": "rows lie between the solver's steps",
     "duplicated-rows": "rows repeat the row before though the motion goes on",
     "wrapped-angle": "an angle is reduced to one turn",
@@ -108,6 +110,8 @@ FINDINGS: dict[str, str] = {
     "not-finite": "the accelerations are not finite at some states",
     "wrong-expression": "an expression of the source is wrong, and an edit makes it right",
     "coordinates": "the same function is right in other coordinates",
+    "parameter-value": "the same function is right with another value of one parameter, or two exchanged",
+    "linearised": "the function is linear, or right for small coordinates alone",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""
 

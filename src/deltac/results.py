@@ -356,7 +356,8 @@ class Shown:
 
         Args:
             title: in place of its own.
-            options: of some pictures: `names` of the coordinates and speeds of a trajectory.
+            options: of some pictures: `names` of the coordinates and speeds of a trajectory; `state` of a
+                mechanism, or the run along which it is drawn.
 
         Raises:
             InputError: there is no picture of such a thing, or no such option.
@@ -367,6 +368,24 @@ class Shown:
 
     def _repr_html_(self) -> str:
         return as_html(self.summary(), self.sections())
+
+
+@dataclass(frozen=True, repr=False)
+class InFrame:
+    """A page in a notebook, shut off from it: its script sees neither the notebook nor the network."""
+
+    summary: str
+    page: str
+
+    def _repr_html_(self) -> str:
+        look = "width:100%;height:48em;border:1px solid #8888"
+        return (
+            f'<iframe title="{html.escape(self.summary)}" sandbox="allow-scripts allow-downloads" '
+            f'style="{look}" srcdoc="{html.escape(self.page)}"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        return f"the page of: {self.summary} (shown in notebooks; report(path) writes it)"
 
 
 class Report(Record, Shown):
@@ -425,20 +444,41 @@ class Report(Record, Shown):
         """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
         return headed(type(self).__name__, self.contents())
 
-    def report(self, path: str | PurePath, *, model: Any = None, run: Any = None) -> None:
+    def report(
+        self,
+        path: str | PurePath,
+        *more: Report,
+        model: Any = None,
+        run: Any = None,
+        equations: Any = None,
+        command: str = "",
+    ) -> None:
         """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
 
         The page needs no network. It takes the place of a file of that name once it is complete.
 
         Args:
             path: where to, ending in ``.html``.
+            more: further reports of the same thing, such as the repair of equations that were checked.
             model: whose motion is shown, for results that hold none; what every verb takes.
             run: the Trajectory that is shown, likewise.
+            equations: those that were checked, to show their motion beside the model's.
+            command: how it was made, for whoever wants to repeat it.
 
         Raises:
             InputError: another ending, a folder that does not exist or cannot be written to.
         """
-        import_module("deltac.report.page").write_report(self, path, model=model, run=run)
+        import_module("deltac.report.page").write_report(
+            self, path, *more, model=model, run=run, equations=equations, command=command
+        )
+
+    def show(self, *, model: Any = None, run: Any = None) -> InFrame:
+        """The page of the report, in a notebook: plots to zoom into, the mechanism moving, findings, tables.
+
+        Args and errors are those of `report`, which writes the same page into a file.
+        """
+        page: str = import_module("deltac.report.page").html_of(self, model=model, run=run)
+        return InFrame(self.summary(), page)
 
     def _repr_html_(self) -> str:
         told = told_findings(f for f in self.findings if f.weight != "note")

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import pytest
 
 import deltac as dc
 from deltac.errors import FileError, InputError
-from deltac.fleets.runs import MEASURED
+from deltac.fleets.rows import MEASURED
 from deltac.fleets.store import Store
 from tests.support.commands import command
 
@@ -39,6 +40,13 @@ PLAN: dict[str, Any] = {
 
 def compared(frame: pl.DataFrame) -> pl.DataFrame:
     return frame.drop(MEASURED)
+
+
+@pytest.fixture(scope="module")
+def crew() -> Iterator[ThreadPoolExecutor]:
+    """One worker process for most tests of this file."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +90,9 @@ def test_an_ensemble_tells_its_energies() -> None:
     assert not ensemble.corrections.any()
 
 
-def test_nothing_is_done_twice(undisturbed: dc.Fleet, tmp_path: Path) -> None:
+def test_nothing_is_done_twice(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
     """The same plan again does nothing; another plan only what is new."""
     folder = tmp_path / "out"
     shutil.copytree(undisturbed.folder, folder)
@@ -98,20 +108,23 @@ def test_nothing_is_done_twice(undisturbed: dc.Fleet, tmp_path: Path) -> None:
     assert compared(again.frame).equals(compared(undisturbed.frame))
     longer = {**PLAN, "vary": {**PLAN["vary"], "parameter": {"m1": [*M1.tolist(), 3.0]}}}
     told: list[float] = []
-    found = dc.sweep(longer, folder, workers=1, progress=told.append)
+    found = dc.sweep(longer, folder, executor=crew, progress=told.append)
     assert len(found.frame) == 220 and told[0] == pytest.approx(200 / 220) and told[-1] == 1.0
     assert found.frame["address"].n_unique() == 220
     assert dc.sweep(PLAN, folder).frame["address"].equals(undisturbed.frame["address"])
 
 
-def test_any_executor_and_any_chunk_give_the_same(undisturbed: dc.Fleet, tmp_path: Path) -> None:
-    with ThreadPoolExecutor(1) as executor:
-        found = dc.sweep(PLAN, tmp_path / "out", executor=executor, chunk=37)
+def test_any_executor_and_any_chunk_give_the_same(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    found = dc.sweep(PLAN, tmp_path / "out", executor=crew, chunk=37)
     assert len(Store.open(tmp_path / "out").pieces()) == 6
     assert compared(found.frame).equals(compared(undisturbed.frame))
 
 
-def test_members_that_cannot_be_run_are_accounted_for(tmp_path: Path) -> None:
+def test_members_that_cannot_be_run_are_accounted_for(
+    tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
     """A negative mass is refused, a step beyond stability blows up; the others are as they are."""
     found = dc.sweep(
         "double-pendulum",
@@ -119,7 +132,7 @@ def test_members_that_cannot_be_run_are_accounted_for(tmp_path: Path) -> None:
         vary={"parameter.m1": [1.0, -1.0, 2.0], "solver": ["ode1", "ode5"]},
         step=0.25,
         duration=50.0,
-        workers=1,
+        executor=crew,
     )
     frame = found.frame
     assert len(frame) == 6 and found.verdicts["failed"] == 2 and found.exit_code == 2
@@ -131,10 +144,16 @@ def test_members_that_cannot_be_run_are_accounted_for(tmp_path: Path) -> None:
     assert set(lost["verdict"]) == {"integration-error"}
 
 
-def test_solvers_and_mechanisms_that_ensembles_lack(tmp_path: Path) -> None:
+def test_solvers_and_mechanisms_that_ensembles_lack(
+    tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
     """By single runs: the same outcome as `simulate` and `balance`."""
     found = dc.sweep(
-        "bouncing-ball", tmp_path / "out", vary={"q.height": [0.5, 1.0]}, duration=0.3, workers=1
+        "bouncing-ball",
+        tmp_path / "out",
+        vary={"q.height": [0.5, 1.0]},
+        duration=0.3,
+        executor=crew,
     )
     problem = dc.problems.load("bouncing-ball")
     for row in found.frame.iter_rows(named=True):
@@ -145,7 +164,7 @@ def test_solvers_and_mechanisms_that_ensembles_lack(tmp_path: Path) -> None:
         assert row["verdict"] == "consistent"
 
 
-def test_studies(tmp_path: Path) -> None:
+def test_studies(tmp_path: Path, crew: ThreadPoolExecutor) -> None:
     found = dc.sweep(
         "simple-pendulum",
         tmp_path / "out",
@@ -154,7 +173,7 @@ def test_studies(tmp_path: Path) -> None:
         step=0.01,
         duration=1.0,
         solver="ode4",
-        workers=1,
+        executor=crew,
     )
     (row,) = found.frame.iter_rows(named=True)
     assert row["verdict"] == "consistent" and row["order"] == pytest.approx(4.0, abs=0.15)
@@ -204,12 +223,14 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
         tmp_path.chmod(0o700)
 
 
-def test_a_damaged_piece_is_made_again(undisturbed: dc.Fleet, tmp_path: Path) -> None:
+def test_a_damaged_piece_is_made_again(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
     folder = tmp_path / "out"
     shutil.copytree(undisturbed.folder, folder)
     piece = next((folder / "pieces").glob("*.parquet"))
     piece.write_bytes(piece.read_bytes()[:-20])
-    found = dc.sweep(PLAN, folder, workers=1)
+    found = dc.sweep(PLAN, folder, executor=crew)
     assert compared(found.frame).equals(compared(undisturbed.frame))
 
 

@@ -144,6 +144,21 @@ def test_a_force_that_jumps_between_rows() -> None:
     assert abs(untold.delta_c) <= 2 * untold.error_bar  # half of the jumps lie between two pairs
 
 
+@pytest.mark.parametrize("rated", [True, False])
+def test_a_channel_that_appears_later(rated: bool) -> None:
+    mechanism, run = driven(0.01)
+    early, late = (dc.Monitor(mechanism, on_exceed=None) for _ in range(2))
+    for k, t in enumerate(run.t):
+        row = (t, run.q[k], run.u[k], run.udot[k] if rated else None)
+        hand = {"applied hand": [np.sin(t - 0.5), 0.0]} if t > 0.5 else {}
+        early.update(*row, {"applied hand": [0.0, 0.0], **hand})
+        late.update(*row, hand)
+    assert late.delta_c == pytest.approx(early.delta_c, abs=1e-12)
+    assert late.work == {n: pytest.approx(w, abs=1e-12) for n, w in early.work.items()}
+    assert late.energy_exchanged == pytest.approx(early.energy_exchanged)
+    assert 0.1 < late.error_bar / early.error_bar < 10.0
+
+
 def test_memory_stays_constant() -> None:
     mechanism, run = driven(0.002)
     monitor = dc.Monitor(mechanism, on_exceed=None)
@@ -177,7 +192,8 @@ def test_what_happens_beyond_the_bound() -> None:
         ((-0.1, [0.0, 0.0], [0.0, 0.0]), "E-VALUE"),
         ((float("nan"), [0.0, 0.0], [0.0, 0.0]), "E-VALUE"),
         ((0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]), "E-VALUE"),
-        ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"applied had": [0.0, 0.0]}), "E-NAME"),
+        ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"damper a": [0.0, 0.0]}), "E-NAME"),
+        ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"hand": [0.0, 0.0]}), "E-NAME"),
         ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"applied hand": [0.0]}), "E-VALUE"),
     ],
 )

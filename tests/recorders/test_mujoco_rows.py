@@ -250,8 +250,11 @@ def test_steps_that_were_missed() -> None:
     rec = record_mujoco(model, data)
     with pytest.raises(InputError, match="0 steps were taken"):
         rec.sample()
-    mujoco.mj_step(model, data, 3)
-    with pytest.raises(InputError, match="3 steps were taken"):
+    mujoco.mj_step(model, data, 3)  # with the same inputs: all three are recorded
+    rec.sample()
+    assert len(rec) == 3
+    data.time += 0.3 * model.opt.timestep
+    with pytest.raises(InputError, match="0.3 steps were taken"):
         rec.sample()
 
 

@@ -57,6 +57,7 @@ def results(rods: dc.Mechanism, tmp_path_factory: pytest.TempPathFactory) -> dic
         "import numpy as np\n\n\ndef rhs(t, q, u):\n    return [-1.5 * 9.81 / 1.0 * np.sin(q[0])]\n"
     )
     return {
+        "Mechanism": rods,
         "Trajectory": run,
         "Ledger": dc.balance(rods, run),
         "Audit": dc.audit(heavier, light),
@@ -95,7 +96,7 @@ def test_nothing_is_cut_or_covered(results: dict[str, Shown], name: str) -> None
         assert box.x0 >= page.x0 and box.x1 <= page.x1 + 1
         assert box.y0 >= page.y0 and box.y1 <= page.y1 + 1
         assert axes.lines or axes.patches or axes.images or axes.collections
-    if name != "MutationReport":
+    if name not in ("MutationReport", "Mechanism"):
         assert figure.axes[-1].get_xlabel()
 
 
@@ -132,7 +133,7 @@ def test_names_choose_the_curves(results: dict[str, Shown]) -> None:
     assert panels.texts[0].get_text() == "mine"
     with pytest.raises(dc.InputError, match="elbw"):
         results["Trajectory"].plot(names="elbw")
-    with pytest.raises(dc.InputError, match="unknown option among colour"):
+    with pytest.raises(dc.InputError, match="no option 'colour'"):
         results["Ledger"].plot(colour="red")
 
 
@@ -171,6 +172,23 @@ def test_paths_that_no_figure_can_be_written_to(tmp_path: Path, name: str, said:
         check_figure(tmp_path / name)
 
 
+def test_a_still_shows_the_mechanism_where_it_is(rods: dc.Mechanism) -> None:
+    """Two rods of 0.7 m, the upper turned by 30°, the lower by 60° in all: centres by hand."""
+    state = rods.state({"shoulder": np.pi / 6, "elbow": np.pi / 6})
+    panel = rods.plot(state=state).axes[0]
+    a, b, l = np.pi / 6, np.pi / 3, 0.7
+    upper = 0.5 * l * np.array([np.sin(a), -np.cos(a)])
+    lower = 2.0 * upper + 0.5 * l * np.array([np.sin(b), -np.cos(b)])
+    drawn = [patch.get_xy()[:-1] for patch in panel.patches]
+    middles = [
+        (xy.min(axis=0) + xy.max(axis=0)) / 2 for xy in drawn if np.ptp(xy, axis=0).max() > 0.2
+    ]
+    for centre in (upper, lower):
+        assert min(np.abs(middle - centre).max() for middle in middles) < 1e-3
+    run = dc.simulate(rods, state, 0.5, 0.01, "ode4")
+    assert len(rods.plot(state=run).axes[0].patches) == 6 * len(panel.patches)
+
+
 # --- in notebooks ---------------------------------------------------------------------------------
 
 
@@ -188,9 +206,19 @@ def test_figures_show_themselves(results: dict[str, Shown]) -> None:
     assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
 
 
+def test_a_page_in_a_notebook_is_shut_off(results: dict[str, Shown]) -> None:
+    import xml.etree.ElementTree as tree
+
+    study = results["Study"]
+    assert isinstance(study, dc.Study)
+    frame = tree.fromstring(study.show()._repr_html_())
+    assert frame.tag == "iframe" and frame.attrib["sandbox"] == "allow-scripts allow-downloads"
+    assert "</script>" in frame.attrib["srcdoc"] and "rods <b>" not in frame.attrib["srcdoc"]
+
+
 def test_every_public_report_shows_itself() -> None:
     """What users get from a verb: a Report, or a mechanism or trajectory, which show themselves too."""
-    shown = {name for name in dc.__all__ if _shows(getattr(dc, name))}
+    shown: set[str] = {name for name in dc.__all__ if _shows(getattr(dc, name))}
     assert {"Mechanism", "Trajectory", "Repair", *DRAWN} <= shown
     assert issubclass(Report, Shown)
 

@@ -59,7 +59,7 @@ def test_an_npz_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"log\.npz: 'q\.elbow' holds Python objects"):
         read_trajectory(path)
     np.savez(path, **(ELBOW | {"u.elbow": T[:2]}))
-    with pytest.raises(InputError, match=r"'u\.elbow' has 2 values, time has 3"):
+    with pytest.raises(InputError, match=r"'u\.elbow' has 2 values, 'time' has 3"):
         read_trajectory(path)
     np.savez(path, **(ELBOW | {"u.elbow": np.array([0, np.nan, 1])}))
     with pytest.raises(InputError, match=r"'u\.elbow', row 1 \(of 0 to 2\), t = 0\.5 s: found nan"):

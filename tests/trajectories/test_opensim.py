@@ -112,9 +112,9 @@ def test_tables_that_cannot_be_used(text: str, message: str, tmp_path: Path) -> 
 
 
 def test_a_coordinate_of_the_mechanism_that_is_missing(tmp_path: Path) -> None:
-    path = table(tmp_path / "gait.mot", {"time": T, "tx": T, "tilt_": T})
+    path = table(tmp_path / "gait.mot", {"time": T, "tx": T, "tiltt": T})
     with pytest.raises(
-        InputError, match=r"no column 'q\.tilt'; did you mean 'tilt_'.*potential energy"
+        InputError, match=r"no column 'q\.tilt'; did you mean 'tiltt'.*potential energy"
     ):
         read_trajectory(path, mechanism_names=NAMES)
     with pytest.raises(InputError, match="does not write"):

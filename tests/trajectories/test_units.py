@@ -7,7 +7,7 @@ import math
 import pytest
 
 from deltac.errors import InputError
-from deltac.trajectories.formats.units import named_unit, unit
+from deltac.trajectories.formats.units import column_unit, unit
 
 
 @pytest.mark.parametrize(
@@ -66,4 +66,4 @@ def test_what_is_no_unit_is_refused(text: str, message: str) -> None:
     ],
 )
 def test_units_in_names_of_columns(column: str, found: str | None) -> None:
-    assert named_unit(column) == found
+    assert column_unit(column) == found

@@ -19,6 +19,7 @@ from deltac.cli import (
     audit,
     cache,
     check,
+    compare,
     describe,
     examine,
     mutate,
@@ -28,6 +29,7 @@ from deltac.cli import (
     states,
     study,
     sweep,
+    view,
 )
 from deltac.cli.output import COMMAND
 from deltac.errors import InputError
@@ -79,13 +81,21 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
     ),
+    "compare": (
+        "Compare two folders of results, before and after a change.",
+        "deltac compare main.audits branch.audits --format github",
+    ),
     "mutate": (
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
     ),
+    "view": (
+        "Show a motion in the browser: the mechanism, its energies.",
+        "deltac view triple-pendulum\n  deltac view arm.xml run.parquet --out arm.html",
+    ),
     "problems": (
         "List the problem library, or run one of its problems.",
-        "deltac problems\n  deltac problems n-four-bar --set n=3",
+        "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
     ),
     "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
     "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
@@ -93,6 +103,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """What the list of commands says of each, and the examples in its help."""
 
 PAGES = {
+    "view": "report",
     "problems": "guide",
     "describe": "guide",
     "reproduce": "thesis",
@@ -100,6 +111,7 @@ PAGES = {
     "states": "other-languages",
     "cache": "guide",
     "sweep": "fleets",
+    "compare": "fleets",
 }
 """Pages of the documentation that are not named like their command."""
 
@@ -113,8 +125,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for module in (
-    *(examine, audit, study, sweep, recommend, check, mutate),
-    *(describe, states, problems, reproduce, cache),
+    *(examine, audit, study, sweep, compare, recommend, check, mutate),
+    *(describe, view, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
     short, examples = COMMANDS[command]

@@ -22,7 +22,15 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
-from deltac.errors import InputError
+from deltac.cli.sweep import (
+    RetryFailed,
+    Scheduler,
+    TimeLimit,
+    Workers,
+    deliver_fleet,
+    fleet_progress,
+)
+from deltac.errors import FileError, InputError
 from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
@@ -32,7 +40,11 @@ if TYPE_CHECKING:
 def command(
     model: Model,
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG", help="Logs of its motion, one or more.")
+        list[str],
+        typer.Argument(
+            metavar="LOG",
+            help="Logs of its motion: files, folders, patterns, URLs; see docs/fleets.md.",
+        ),
     ],
     tolerance: Annotated[
         float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
@@ -46,6 +58,21 @@ def command(
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
+    draft_mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--draft-mapping",
+            metavar="FILE",
+            help="Only write a mapping to edit: what is recognised, guessed, missing.",
+        ),
+    ] = None,
+    replay: Annotated[
+        bool,
+        typer.Option(
+            "--replay",
+            help="Step MuJoCo's model between the rows, with the log's controls, and audit every step.",
+        ),
+    ] = False,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
@@ -54,6 +81,19 @@ def command(
         bool,
         typer.Option("--explain", help="Name the changes of the model that would fit the log."),
     ] = False,
+    episode: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Judge this episode of a batched log alone.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Keep a table of many logs there; what is there is not done again."
+        ),
+    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    time_limit: TimeLimit = None,
+    retry_failed: RetryFailed = False,
     figure: FigureFile = None,
     page: PageFile = None,
     form: Format = Form.text,
@@ -64,9 +104,40 @@ def command(
     Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
     several logs the worst, and 2 if one cannot be read.
     """
-    if len(logs) > 1 and (explain or explain_log or figure is not None or page is not None):
-        raise InputError("--explain, --explain-log, --figure and --report are of one log; give one")
-    log = logs[0]
+    from deltac.fleets.audits import is_fleet
+
+    fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
+    of_one = (explain, explain_log, draft_mapping, figure, episode)
+    if (len(logs) > 1 or fleet) and any(of_one):
+        raise InputError(
+            "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
+        )
+    if fleet:
+        from deltac.fleets.audits import folder_of, plan_audits, write_case
+        from deltac.fleets.spec import Execution
+
+        plan = plan_audits(
+            model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+        )
+        execution = Execution().overridden(
+            workers=workers, scheduler=scheduler, time_limit=time_limit
+        )
+        with fleet_progress("audits", len(plan.logs)) as progress:
+            result = plan.run(
+                folder_of(plan, out), execution, retry_failed=retry_failed, progress=progress
+            )
+        deliver_fleet(
+            result,
+            form.unless(as_json),
+            page,
+            lambda address, path: write_case(plan, address, path),
+        )
+    if len(logs) > 1 and page is not None:
+        raise InputError("--report of several logs is of their table: add --out DIR")
+    log = Path(logs[0])
+    if draft_mapping is not None:
+        _draft(model, log, draft_mapping)
+        return
     if explain_log:
         _explain(model, log, mapping, as_json)
         return
@@ -79,18 +150,37 @@ def command(
 
         def judged(path: Path) -> Report:
             return audit(
-                loaded, path, tolerance=tolerance, work=work, mapping=mapping, strict=strict
+                loaded,
+                path,
+                tolerance=tolerance,
+                work=work,
+                mapping=mapping,
+                strict=strict,
+                replay=replay,
             )
 
         with progress_bar(f"auditing {len(logs)} logs") as progress:
             cases = []
             for k, each in enumerate(logs):
                 progress(k / len(logs))
-                cases.append(_case(each, judged))
+                cases.append(_case(Path(each), judged))
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
+    judged_log: Any = log
+    if episode is not None:
+        from deltac.fleets.episodes import read_episode
+
+        judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
     with progress_bar(f"auditing {log.name}"):
-        found = audit(model, log, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
+        found = audit(
+            model,
+            judged_log,
+            tolerance=tolerance,
+            work=work,
+            mapping=mapping,
+            strict=strict,
+            replay=replay,
+        )
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
@@ -144,3 +234,22 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 
     rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
     print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
+
+
+def _draft(model: str, log: Path, path: Path) -> None:
+    """Write a mapping to edit, and say what is to be done with it."""
+    from deltac.files import appearing
+    from deltac.models import load_model
+    from deltac.trajectories import draft_mapping
+
+    if path.exists():
+        raise FileError(f"--draft-mapping {path}: the file exists already; give another name")
+    text = draft_mapping(log, load_model(model).mechanism)
+    with appearing(path, replace=False) as file:
+        file.write(text.encode())
+    missing, guessed = (text.count(f"  # {word}: ") for word in ("missing", "guessed"))
+    print(
+        f"{path}: {guessed} guessed, {missing} missing. "
+        + ("Say where these are, then: " if missing else "Look at it, then: ")
+        + f"deltac audit {model} {log} --mapping {path}"
+    )

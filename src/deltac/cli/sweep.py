@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +16,7 @@ from deltac.cli.output import (
     Form,
     Format,
     Json,
+    PageFile,
     Progress,
     print_cases,
     print_json,
@@ -76,6 +77,7 @@ def command(
         Path | None,
         typer.Option("--status", metavar="DIR", help="Show how far a sweep is; run nothing."),
     ] = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -89,30 +91,27 @@ def command(
     if status is not None:
         from deltac.fleets.result import fleet_status
 
-        deliver_fleet(fleet_status(status), form)
+        deliver_fleet(fleet_status(status), form, page)
     if plan is None:
         raise InputError("say what is swept: deltac sweep SWEEP.toml, or --status DIR")
     if plan.suffix.lower() != ".toml":
         raise InputError(
             f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
         )
-    from deltac.fleets.spec import Execution
-    from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan
+    from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan, write_case
 
     made = plan_sweep(str(plan))
     if only is not None:
         (row,) = run_only(made, only).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    given = {
-        "workers": workers,
-        "scheduler": scheduler,
-        "time_limit": time_limit,
-        "retries": retries,
-        "chunk": chunk,
-    }
-    asked = {name: value for name, value in given.items() if value is not None}
-    execution = Execution.model_validate({**made.spec.execution.model_dump(), **asked})
+    execution = made.spec.execution.overridden(
+        workers=workers,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        retries=retries,
+        chunk=chunk,
+    )
     with fleet_progress("runs", len(made.addresses)) as progress:
         fleet = run_plan(
             made,
@@ -122,7 +121,7 @@ def command(
             progress=progress,
             reproducer=f"deltac sweep {plan}",
         )
-    deliver_fleet(fleet, form)
+    deliver_fleet(fleet, form, page, lambda address, path: write_case(made, address, path))
 
 
 @contextmanager
@@ -146,8 +145,15 @@ def fleet_progress(what: str, total: int) -> Iterator[Progress]:
     yield tell
 
 
-def deliver_fleet(fleet: Fleet, form: Form) -> None:
-    """Print the results of a fleet, and end with its exit code."""
+def deliver_fleet(
+    fleet: Fleet,
+    form: Form,
+    page: Path | None = None,
+    case: Callable[[str, Path], None] | None = None,
+) -> None:
+    """Print the results of a fleet, write its page, and end with its exit code."""
+    if page is not None:
+        fleet.report(page, case=case)
     if form is Form.json:
         print_json("Fleet", fleet.contents())
     elif form in (Form.text, Form.github):

@@ -7,6 +7,7 @@ process of its own, see `isolation`) on all cores, a Dask cluster, a user's own.
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections import deque
@@ -30,14 +31,24 @@ class Work(Protocol):
     """A piece of work: a picklable call, of several rows of the table."""
 
     @property
-    def rows(self) -> int:
-        """How many rows it makes."""
+    def addresses(self) -> tuple[str, ...]:
+        """Of the rows that it makes."""
 
-    def __call__(self) -> Any:
-        """Make them, in a worker."""
+    @property
+    def rows(self) -> int:
+        """How many these are."""
+
+    def __call__(self) -> bytes:
+        """Make them, in a worker, as a Parquet file."""
 
     def halves(self) -> tuple[Work, Work]:
         """Two pieces that make the same rows, to find the one that fails."""
+
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a piece of one row that failed for good."""
+
+    def about(self) -> dict[str, Any]:
+        """What that row is of, in terms of JSON."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +108,8 @@ def dask_crew(address: str) -> Iterator[Crew]:
         raise PackageError(
             "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
         ) from None
+    # What it says of lost connections is said by us, once.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:

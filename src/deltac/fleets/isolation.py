@@ -16,7 +16,6 @@ import struct
 import subprocess
 import sys
 import threading
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import IO, Any
@@ -48,7 +47,7 @@ class Workers:
 
     def __init__(self) -> None:
         self._own = threading.local()
-        self._all: weakref.WeakSet[_Worker] = weakref.WeakSet()
+        self._all: set[_Worker] = set()
 
     def __call__(self, work: Callable[[], Any], time_limit: float) -> Any:
         """What `work()` returns in the worker process of this thread, or a `Failure`.
@@ -59,6 +58,8 @@ class Workers:
         """
         worker: _Worker | None = getattr(self._own, "worker", None)
         if worker is None or worker.ended:
+            if worker is not None:
+                self._all.discard(worker)
             worker = self._own.worker = _Worker()
             self._all.add(worker)
         return worker.ask(work, time_limit)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from importlib import import_module
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
-from deltac.fleets.runs import FAILED
+from deltac.fleets.rows import FAILED
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
 
@@ -40,6 +41,7 @@ class Fleet(Report):
         total: how many rows it has to have; `done`: how many it has, with those that failed.
         verdicts: how many rows have each verdict; "failed": those that could not be made.
         aside: how many of the failed were set aside since their process died, hung or went wrong.
+        exit_codes: those that rows have, each once.
         worst: the worst rows: failed ones, then by the energy error as a fraction.
     """
 
@@ -50,14 +52,18 @@ class Fleet(Report):
     done: int
     verdicts: Mapping[str, int]
     aside: int
+    exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command line: 2 some failed, 1 some are wrong, 3 some are unresolved, else 0."""
+        """Exit code of the command line: 2 some failed, 1 some are wrong, 3 some are unresolved, else 0.
+
+        Of audits as for `audit`: a mistake that stays within the tolerance is named, and is 0.
+        """
         if self.done < self.total:
             return 3
-        return next((EXIT_CODES[v] for v in WORST_FIRST if self.verdicts.get(v)), 0)
+        return worst_code(self.exit_codes)
 
     @property
     def frame(self) -> polars.DataFrame:
@@ -69,9 +75,40 @@ class Fleet(Report):
             return polars.read_parquet(path, glob=False)
         return Store.open(self.folder).rows()
 
+    def report(  # type: ignore[override]
+        self,
+        path: str | PurePath,
+        *,
+        x: str | None = None,
+        y: str | None = None,
+        case: Callable[[str, Path], None] | None = None,
+    ) -> None:
+        """Write one page: counts, heat maps over two axes, work and precision, the worst cases.
+
+        Args:
+            path: where to, ending in ``.html``.
+            x: the axis of the heat maps to the right; by default the first two that vary.
+            y: their other axis.
+            case: writes the page of one row, by its address, to a path; the worst cases link to theirs.
+
+        Raises:
+            InputError: another ending, a folder that does not exist, an axis that the table lacks.
+        """
+        import_module("deltac.fleets.summary").write_summary(self, path, x=x, y=y, case=case)
+
     def groups(self) -> tuple[Group, ...]:
-        """The rows of each setting: model, solver and step."""
+        """The rows of each setting: model, solver and step; of audits each log, or episode."""
         frame = self.frame
+        if self.kind == "audit":
+            return tuple(
+                Group(
+                    " ".join(filter(None, (row["log"], row["episode"]))),
+                    {row["verdict"]: 1},
+                    (int(row["exit_code"]),),
+                    ({n: row[n] for n in ("verdict", "relative", "findings", "message")},),
+                )
+                for row in frame.iter_rows(named=True)
+            )
         keys = [n for n in ("model", "solver", "step", "duration") if n in frame.columns]
         if not keys or not len(frame):
             return ()
@@ -80,6 +117,7 @@ class Fleet(Report):
             Group(
                 ", ".join(str(part.row(0, named=True)[n]) for n in several),
                 _counted(part),
+                _exit_codes(part),
                 _worst(part, 1),
             )
             for part in frame.partition_by(keys, maintain_order=True)
@@ -101,7 +139,7 @@ class Fleet(Report):
         if self.worst:
             names = [n for n in self.worst[0] if n not in ("address", "message")]
             heads = (*names, "address")
-            rows = tuple(tuple(_cell(row.get(n), n) for n in heads) for row in self.worst)
+            rows = tuple(tuple(shown_cell(row.get(n), n) for n in heads) for row in self.worst)
             yield Table(heads, rows)
         reasons = {row["message"]: None for row in self.worst if row.get("verdict") == FAILED}
         for message in list(reasons)[:3]:
@@ -114,10 +152,11 @@ class Fleet(Report):
         yield f"Table: {self.folder / RESULTS}"
 
 
-def _cell(value: Any, name: str) -> str:
+def shown_cell(value: Any, name: str) -> str:
+    """A value of the table for people."""
     if value is None:
         return "–"
-    if name == "relative":
+    if name.startswith("relative"):
         return percent(value)
     return number(value) if isinstance(value, float) else str(value)
 
@@ -128,12 +167,13 @@ class Group(Report):
 
     name: str
     verdicts: Mapping[str, int]
+    exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
 
     @property
     def exit_code(self) -> int:
         """As of a fleet."""
-        return next((EXIT_CODES[v] for v in WORST_FIRST if self.verdicts.get(v)), 0)
+        return worst_code(self.exit_codes)
 
     def summary(self) -> str:
         """The worst verdict, and how many of each."""
@@ -145,7 +185,7 @@ class Group(Report):
         """Counts, and the worst row."""
         yield self.summary()
         for row in self.worst:
-            yield ", ".join(f"{n} {_cell(v, n)}" for n, v in row.items() if v is not None)
+            yield ", ".join(f"{n} {shown_cell(v, n)}" for n, v in row.items() if v is not None)
 
 
 def _counted(frame: polars.DataFrame) -> dict[str, int]:
@@ -154,7 +194,18 @@ def _counted(frame: polars.DataFrame) -> dict[str, int]:
     return {str(v): int(n) for v, n in frame["verdict"].value_counts(sort=True).iter_rows()}
 
 
-HIDDEN = ("details", "text", "report", "confidence", "findings", "seconds", "evaluations", "energy")
+def worst_code(codes: Iterable[int]) -> int:
+    """The exit code that hides the others."""
+    return min(codes, key=(2, 1, 3, 0).index, default=0)
+
+
+def _exit_codes(frame: polars.DataFrame) -> tuple[int, ...]:
+    if "exit_code" in frame.columns:
+        return tuple(sorted(int(code) for code in frame["exit_code"].drop_nulls().unique()))
+    return tuple(sorted({EXIT_CODES[verdict] for verdict in _counted(frame)}))
+
+
+HIDDEN = ("details", "text", "report", "confidence", "seconds", "evaluations", "energy")
 
 
 def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
@@ -186,6 +237,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
         done=len(frame),
         verdicts=_counted(frame),
         aside=len(store.aside()),
+        exit_codes=_exit_codes(frame),
         worst=_worst(frame, SHOWN),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import time
 import warnings
@@ -14,38 +13,35 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
+from deltac.fleets.isolation import Failure
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
 if TYPE_CHECKING:
     from deltac.simulation.ensemble.ensemble import Ensemble
+    from deltac.trajectories import Trajectory
 
 RECORDS = 8
 """Times at which the energies of a run are looked at, at most, besides the start."""
 
 TESTING = ("wang", "liu-huston")
 
-FAILED = "failed"
-"""The verdict of a row that could not be made: its code and message say why."""
-
-MEASURED = ("seconds",)
-"""Columns that differ between two runs of the same work."""
-
 OUTCOME: dict[str, str] = {
-    "verdict": "str",
-    "confidence": "str",
-    "relative": "float",
-    "energy_error": "float",
-    "energy": "float",
-    **{f"delta_c.{name}": "float" for name in TESTING},
-    "order": "float",
-    "stopped": "float",
-    "evaluations": "float",
-    "seconds": "float",
-    "findings": "str",
-    "code": "str",
-    "message": "str",
-    "details": "str",
+    "verdict": TEXT,
+    "confidence": TEXT,
+    "relative": NUMBER,
+    "energy_error": NUMBER,
+    "energy": NUMBER,
+    **{f"delta_c.{name}": NUMBER for name in TESTING},
+    "order": NUMBER,
+    "stopped": NUMBER,
+    "evaluations": NUMBER,
+    "seconds": NUMBER,
+    "findings": TEXT,
+    "code": TEXT,
+    "message": TEXT,
+    "details": TEXT,
 }
 """What the table says of every run; see docs/fleets.md."""
 
@@ -92,36 +88,28 @@ class RunPiece:
 
     def __call__(self) -> bytes:
         """The rows, as a Parquet file."""
-        return parquet(self, _outcome(self))
+        return self._table(_outcome(self))
 
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a run that could not be made."""
+        return self._table(failed_outcome(failure))
 
-def parquet(piece: RunPiece, outcome: Mapping[str, Any]) -> bytes:
-    """Rows of the table: address, setting, axes, outcome."""
-    import polars
+    def about(self) -> dict[str, Any]:
+        """Model, setting and axes of the first run."""
+        task = self.task
+        values = dict(zip(task.axes, self.values[0].tolist()))
+        return {"model": task.label, "solver": task.solver, "step": task.step, **values}
 
-    task, kinds = piece.task, {"str": polars.String, "float": polars.Float64}
-    columns: dict[str, Any] = {"address": polars.Series(piece.addresses, dtype=polars.String)}
-    for name in ("model", "solver"):
-        value = task.label if name == "model" else task.solver
-        columns[name] = polars.Series([value] * piece.rows, dtype=polars.String)
-    for name in ("step", "duration"):
-        columns[name] = polars.Series([getattr(task, name)] * piece.rows, dtype=polars.Float64)
-    for k, name in enumerate(task.axes):
-        columns[name] = polars.Series(piece.values[:, k], dtype=polars.Float64)
-    nothing = [None] * piece.rows
-    for name, kind in OUTCOME.items():
-        columns[name] = polars.Series(outcome.get(name, nothing), dtype=kinds[kind], strict=False)
-    frame = polars.DataFrame(columns)
-    frame = frame.with_columns(polars.col(polars.Float64).fill_nan(None))
-    target = io.BytesIO()
-    frame.write_parquet(target)
-    return target.getvalue()
-
-
-def failed_row(piece: RunPiece, code: str, message: str, details: str = "") -> bytes:
-    """The row of a run that could not be made."""
-    told = {"verdict": [FAILED], "code": [code], "message": [message], "details": [details]}
-    return parquet(piece, told)
+    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+        task = self.task
+        point = {
+            "model": (TEXT, [task.label] * self.rows),
+            "solver": (TEXT, [task.solver] * self.rows),
+            "step": (NUMBER, [task.step] * self.rows),
+            "duration": (NUMBER, [task.duration] * self.rows),
+            **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(task.axes)},
+        }
+        return rows_as_parquet(self.addresses, point, OUTCOME, outcome)
 
 
 def _parameters(task: Task, row: Array) -> dict[str, float]:
@@ -160,7 +148,7 @@ def _by_members(piece: RunPiece, work: Any, *, together: bool) -> dict[str, Any]
             return dict(work(piece))
         except InputError as error:
             if piece.rows == 1:
-                return {"verdict": [FAILED], "code": [error.code], "message": [str(error)]}
+                return failed_outcome(Failure(error.code, str(error)))
     halves = piece.halves()
     (a, n), (b, m) = ((_by_members(half, work, together=together), half.rows) for half in halves)
     return {name: [*a.get(name, [None] * n), *b.get(name, [None] * m)] for name in {**a, **b}}
@@ -247,26 +235,26 @@ def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[A
     return relative, np.where(lost, "integration-error", words).tolist()
 
 
+def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
+    """The mechanism and the run of one point, `values` (1, axes)."""
+    from deltac.simulation.simulate import Record, simulate
+
+    mechanism = task.mechanism.with_parameters(**_parameters(task, values[0]))
+    Q, U = _states(task, values)
+    start = State(task.start.t, Q[0], U[0])
+    record = Record(TESTING)
+    return mechanism, simulate(mechanism, start, task.duration, task.step, task.solver, record)
+
+
 def _single(piece: RunPiece) -> dict[str, Any]:
     """One run by `simulate`: of solvers that ensembles do not have, and of mechanisms with events."""
     from deltac.energy.balance import balance
-    from deltac.simulation.simulate import Record, simulate
     from deltac.simulation.solvers import find_solver
 
-    task, (row,) = piece.task, piece.values
-    parameters = _parameters(task, row)
-    mechanism = task.mechanism.with_parameters(**parameters)
-    Q, U = _states(task, piece.values)
+    task = piece.task
     solver = find_solver(task.solver)
     began = time.process_time()
-    run = simulate(
-        mechanism,
-        State(task.start.t, Q[0], U[0]),
-        task.duration,
-        task.step,
-        task.solver,
-        Record(TESTING),
-    )
+    mechanism, run = motion(task, piece.values)
     seconds = time.process_time() - began
     ledger = balance(mechanism, run)
     left = float(np.abs(ledger.uncorrected("wang")).max())

@@ -112,6 +112,16 @@ class Execution(_Strict):
     chunk: Annotated[int, Field(ge=1, strict=True)] | None = None
     scheduler: str | None = None
 
+    def overridden(self, **given: Any) -> Execution:
+        """The same, but for what is given and not None; InputError for what is no such value."""
+        asked = {name: value for name, value in given.items() if value is not None}
+        try:
+            return Execution.model_validate({**self.model_dump(), **asked})
+        except ValidationError as error:
+            (one, *_) = error.errors(include_url=False)
+            name = ".".join(map(str, one["loc"]))
+            raise InputError(f"{name}: {_words(one)}, found {one['input']!r:.60}") from None
+
 
 class SweepSpec(_Strict):
     """A sweep. `tolerance`: accepted energy error as a fraction of the energy that the system has."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,12 +14,12 @@ import numpy as np
 
 from deltac.errors import InputError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
-from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
-from deltac.fleets.isolation import Failure
-from deltac.fleets.result import Fleet, summarise
-from deltac.fleets.runs import RunPiece, Task, failed_row
+from deltac.fleets.execution import Work
+from deltac.fleets.fleet import run_fleet
+from deltac.fleets.result import Fleet
+from deltac.fleets.runs import RunPiece, Task
 from deltac.fleets.spec import Execution, SweepSpec, make_spec, read_spec
-from deltac.fleets.store import ADDRESS, RESULTS, Store, digest, versions
+from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.interrupts import interruptible
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, load_model
@@ -258,27 +257,22 @@ def sweep(
     if design is not None:
         options["design"] = design
     plan = plan_sweep(source, **options)
-    given = {"workers": workers, "time_limit": time_limit, "retries": retries, "chunk": chunk}
-    asked = {name: value for name, value in given.items() if value is not None}
-    execution = Execution.model_validate({**plan.spec.execution.model_dump(), **asked})
-    if executor is not None and scheduler is not None:
-        raise InputError("give executor= or scheduler=, not both")
+    execution = plan.spec.execution.overridden(
+        workers=workers,
+        scheduler=scheduler,
+        time_limit=time_limit,
+        retries=retries,
+        chunk=chunk,
+    )
     return run_plan(
         plan,
         folder_of(plan, out),
-        replace_scheduler(execution, scheduler),
+        execution,
         executor=executor,
         retry_failed=retry_failed,
         progress=progress,
         reproducer=f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)",
     )
-
-
-def replace_scheduler(execution: Execution, scheduler: str | None) -> Execution:
-    """The same on another cluster."""
-    if scheduler is None:
-        return execution
-    return execution.model_copy(update={"scheduler": scheduler})
 
 
 def folder_of(plan: Plan, out: str | Path | None) -> Path:
@@ -299,79 +293,16 @@ def run_plan(
 ) -> Fleet:
     """Do what of a plan is not there, and make the table."""
     told = plan.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
-    store = Store.make(folder, "sweep", plan.spec.name, told)
-    with store.locked():
-        done = store.done()
-        if retry_failed:
-            failed = store.aside()
-            store.take_back(failed)
-            store.forget(failed)
-            done -= failed.keys()
-        store.plan(plan.addresses)
-        missing = [k for k, address in enumerate(plan.addresses) if address not in done]
-        total = len(plan.addresses)
-        count = total - len(missing)
-        if progress is not None:
-            progress(count / total)
-
-        def advance(rows: int) -> None:
-            nonlocal count
-            count += rows
-            if progress is not None:
-                progress(count / total)
-
-        def keep(work: Any, content: bytes) -> None:
-            store.keep(content, work.addresses)
-
-        def set_aside(work: Any, failure: Failure) -> None:
-            (address,) = work.addresses
-            values = dict(zip(work.task.axes, work.values[0].tolist()))
-            about = {
-                "model": work.task.label,
-                "solver": work.task.solver,
-                "step": work.task.step,
-                **values,
-            }
-            command = f"{reproducer} --only {address}"
-            store.set_aside(address, {"run": about, "reproduce": command}, failure)
-            store.keep(
-                failed_row(work, failure.code, failure.message, failure.details), work.addresses
-            )
-
-        if missing:
-            with crew_of(execution, executor, folder) as crew:
-                execute(
-                    crew,
-                    pieces(plan, missing, crew.size, execution.chunk),
-                    keep,
-                    set_aside,
-                    time_limit=execution.time_limit,
-                    retries=execution.retries,
-                    done=advance,
-                )
-        frame = store.table()
-        store.write_frame(RESULTS, frame)
-        return summarise(store, frame, total)
-
-
-@contextlib.contextmanager
-def crew_of(execution: Execution, executor: Executor | None, folder: Path) -> Iterator[Crew]:
-    """Who does the work; InputError when the cluster is lost meanwhile."""
-    if executor is not None:
-        size = execution.workers or getattr(executor, "_max_workers", None) or 1
-        yield Crew(executor, size)
-    elif execution.scheduler is None:
-        with local_crew(execution.workers) as crew:
-            yield crew
-    else:
-        try:
-            with dask_crew(execution.scheduler) as crew:
-                yield crew
-        except SchedulerLost as lost:
-            raise InputError(
-                f"{lost}. What was done is in {folder}; run it again, with a scheduler or without, and it "
-                "goes on there"
-            ) from None
+    return run_fleet(
+        Store.make(folder, "sweep", plan.spec.name, told),
+        plan.addresses,
+        lambda missing, workers: pieces(plan, missing, workers, execution.chunk),
+        execution,
+        executor=executor,
+        retry_failed=retry_failed,
+        progress=progress,
+        reproducer=lambda work: f"{reproducer} --only {work.addresses[0]}",
+    )
 
 
 def pieces(plan: Plan, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Work]:
@@ -405,3 +336,19 @@ def run_only(plan: Plan, address: str) -> polars.DataFrame:
     if not address or not found:
         raise InputError(f"--only {address}: the sweep has no run of this address; see the table")
     return polars.read_parquet(io.BytesIO(plan.piece(found[:1])()))
+
+
+def write_case(plan: Plan, address: str, path: Path) -> None:
+    """The page of one run of a sweep: its audit, with the mechanism moving.
+
+    Raises InputError if the plan has no such run, or it cannot be made.
+    """
+    from deltac.diagnosis.audit.audit import audit
+    from deltac.fleets.runs import motion
+
+    found = [k for k, other in enumerate(plan.addresses) if other == address]
+    if not found:
+        raise InputError(f"address {address}: the sweep has no such run")
+    task = plan.tasks[int(plan.design.setting[found[0]])]
+    mechanism, run = motion(task, plan.design.values[found[:1]])
+    audit(mechanism, run, tolerance=task.tolerance).report(path)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy.live import SUMS, Given, LiveKernels, live_kernels
 from deltac.energy.sampling.quadrature import ORDERS
-from deltac.errors import DeltacError, InputError, UnknownName, closest
+from deltac.errors import DeltacError, InputError, UnknownName
 from deltac.mechanism.channels import ChannelName
 from deltac.models import ModelLike, load_model
 
@@ -127,8 +129,9 @@ class Monitor:
     ) -> bool:
         """Take the next row.
 
-        The first row decides what all others bring: accelerations or not, and which channels. A channel that
-        is missing later did not act. A row at the same time as the one before takes its place as the start
+        The first row decides whether there are accelerations, and which of the model's own forces are given.
+        A channel that is missing did not act; one that appears later acts from then on (once, it costs what
+        the first row does). A row at the same time as the one before takes its place as the start
         of what follows: say so when a force jumps.
 
         Args:
@@ -154,19 +157,18 @@ class Monitor:
         assert kernels is not None
         if (udot is not None) != kernels.given.rated:
             raise InputError(f"t = {t:g} s: accelerations must be given in every row or in none")
+        acting = {name: _sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
+        if not acting.keys() <= self._order.keys():
+            self._extend(forces, held)
         q, u = _sized("q", q, len(self.mechanism.coordinates)), _sized("u", u, nu)
+        udot = None if udot is None else _sized("udot", udot, nu)
         row = self._next_row(t)
-        self._fill(row, q, u, None if udot is None else _sized("udot", udot, nu))
+        self._fill(row, q, u, udot)
         channels = row[self._places["forces"]]
         channels[:] = 0.0
-        for name, force in (*forces.items(), *held.items()):
-            k = self._order.get(name)
-            if k is None:
-                raise UnknownName(
-                    f"channel {name!r} at t = {t:g} s was not in the first row{closest(name, self._order)}"
-                    "; name all channels there, with zeros for those that do not act yet"
-                )
-            channels[k * nu : (k + 1) * nu] = _sized(name, force, nu)
+        for name, force in acting.items():
+            k = self._order[name]
+            channels[k * nu : (k + 1) * nu] = force
         return self.judge(self._take(t))
 
     def reject(self) -> None:
@@ -250,10 +252,15 @@ class Monitor:
         both = set(given.forces) & set(given.held)
         if both:
             raise InputError(f"channels given both as forces and as held: {', '.join(both)}")
+        q = _sized("q", q, len(self.mechanism.coordinates))
+        self._origin = (float(t), q[self.mechanism.free.q])
+        self._set_up(given)
+
+    def _set_up(self, given: Given) -> LiveKernels:
+        """Kernels and empty buffers for rows that bring this."""
         mechanism = self.mechanism
-        q = _sized("q", q, len(mechanism.coordinates))
         free = self._free = mechanism.free
-        kernels = live_kernels(mechanism, given, self._testing, (float(t), q[free.q]))
+        kernels = live_kernels(mechanism, given, self._testing, self._origin)
         self._kernels = kernels
         self._order: dict[str, int] = {name: k for k, name in enumerate(given.channels)}
         n = len(free.u)
@@ -268,9 +275,47 @@ class Monitor:
         self._sums = self._y[kernels.step.output_slices["sums"]]
         self._at = {name: place.start for name, place in kernels.step.output_slices.items()}
         self._all_free = n == len(mechanism.speeds)
-        kernels.step.compile()
+        kernels.step.compile(single=True)
         if kernels.skipped is not None:
-            kernels.skipped.compile()
+            kernels.skipped.compile(single=True)
+        return kernels
+
+    def _extend(self, forces: Iterable[str], held: Iterable[str]) -> None:
+        """Channels that appear later: kernels with room for them, the sums so far carried over."""
+        old, pair = self._kernels, self._pair
+        assert old is not None and pair is not None
+        added = [
+            tuple(c for c in map(ChannelName.parse, names) if c not in old.given.channels)
+            for names in (forces, held)
+        ]
+        own = [part.name for part in equations_of_motion(self.mechanism).channels]
+        for name in (*added[0], *added[1]):
+            if name in own:
+                raise UnknownName(
+                    f"channel {name!r} is the model's own, and the first row did not give it; give it there"
+                )
+        self._commit()
+        pair.restart(self._row_before, self._sums_before)
+        before, sums, order, start = self._row_before, self._sums_before, self._order, self._places
+        given = replace(
+            old.given, forces=old.given.forces + added[0], held=old.given.held + added[1]
+        )
+        kernels = self._set_up(given)
+        common, nu = start["forces"].start, len(self.mechanism.speeds)
+        self._row_before[:common] = before[:common]
+        for channel, k in self._order.items():
+            if channel in order:
+                here, there = (
+                    slice(common + j * nu, common + (j + 1) * nu) for j in (k, order[channel])
+                )
+                self._row_before[here] = before[there]
+        works = dict(zip(old.channels, sums[len(SUMS) :]))
+        self._sums_before[: len(SUMS)] = sums[: len(SUMS)]
+        last = len(SUMS) + len(kernels.channels)
+        self._sums_before[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
+        self._sums_before[last:] = sums[len(SUMS) + len(old.channels) :]
+        self._pair = _Pair(kernels, self._row_before, pair)
+        self._pair.restart(self._row_before, self._sums_before)
 
     def _next_row(self, t: float) -> Array:
         """Where the new row is written: the last one, taken back no more, becomes the row before it."""
@@ -357,7 +402,7 @@ class _Pair:
     As in `balance`, differences are divided by 2^(p/2) − 1, where p is the order of the rule.
     """
 
-    def __init__(self, kernels: LiveKernels, row: Array) -> None:
+    def __init__(self, kernels: LiveKernels, row: Array, before: _Pair | None = None) -> None:
         self._kernel = kernels.skipped
         smooth = kernels.given.rated and not kernels.given.forces  # these are interpolated linearly
         order = ORDERS[2] if smooth else 2
@@ -368,6 +413,8 @@ class _Pair:
         self._open = self._apart = 0.0  # the sums where the pair began
         self._between = False  # whether its first interval is over
         self._off = self._largest = self._jumped = 0.0
+        if before is not None:  # it goes on, with more channels
+            self._off, self._largest, self._jumped = before._off, before._largest, before._jumped
         self._new = (0.0, 0.0)
 
     def bar(self, row: Array, sums: Array) -> float:

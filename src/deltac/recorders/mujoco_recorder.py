@@ -54,6 +54,9 @@ INPUTS = (
 )
 """What a user may set between two steps."""
 
+MOST_SKIPPED = 100_000
+"""Steps between two samples, at most."""
+
 REPLAY = 1e-6
 """How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
 
@@ -80,7 +83,11 @@ def integrator_names() -> dict[str, Any]:
 
 
 def record_mujoco(model: Model, data: Data, channels: str = "all") -> MujocoRecorder:
-    """A recorder for a loop of your own: call its `sample` after each ``mj_step``.
+    """A recorder for a loop of your own: call its `sample` after each ``mj_step``, or each few of them.
+
+    Steps that are taken with the same inputs, ``mj_step(model, data, nstep=5)``, are recorded one by one
+    all the same. For environments of Gymnasium and dm_control see `deltac.recorders.gymnasium` and
+    `deltac.recorders.dm_control`.
 
     >>> with record_mujoco(model, data) as rec:  # doctest: +SKIP
     ...     for _ in range(1000):
@@ -136,10 +143,10 @@ class MujocoRecorder:
         return len(self._rows)
 
     def sample(self) -> None:
-        """Record the step that was just taken.
+        """Record the step that was just taken, or the steps, if the inputs were the same in all of them.
 
-        Raises InputError when not exactly one step was taken since the last sample, when the state was
-        changed by other means, when MuJoCo met a bad value, or when its forces do not add up.
+        Raises InputError when no whole number of steps was taken since the last sample, when state or
+        inputs were changed in between, when MuJoCo met a bad value, or when its forces do not add up.
         """
         model, data, before = self._model, self._data, self._before
         trouble = self.trouble()
@@ -147,18 +154,33 @@ class MujocoRecorder:
             raise InputError(f"{trouble}; the samples before that are kept: use trajectory()")
         h = float(model.opt.timestep)
         taken = (data.time - before.time) / h
-        if abs(taken - 1.0) > 1e-6:
+        if not 0.5 < taken < MOST_SKIPPED or abs(taken - round(taken)) > 1e-6:
             raise InputError(
                 f"sample() at t = {data.time:g} s: {taken:g} steps were taken since the sample at "
-                f"{before.time:g} s, expected 1; call it after each mj_step (thin out later, with "
-                "run.every), and make a new recorder after a reset"
+                f"{before.time:g} s, expected a whole number from 1 on; call it after mj_step (thin out "
+                "later, with run.every), and make a new recorder after a reset"
             )
         self._set_inputs(before)
-        row = self._replay(before)
+        rows = [self._replay(before) for _ in range(round(taken))]
         self._check_replay()
-        self._rows.append(row)
+        self._rows += rows
         self._steps.add(h)
         self._keep()
+
+    def restart(self, t: float, q: Array, u: Array, ctrl: Array, act: Array) -> None:
+        """Put the simulation where a log says that it was; the next `steps` are taken from there."""
+        data = self._data
+        data.time, data.qpos[:], data.qvel[:], data.ctrl[:], data.act[:] = t, q, u, ctrl, act
+        self._set_inputs(self._before)
+        warm = np.array(self._before.qacc_warmstart)
+        self._keep()
+        self._before.qacc_warmstart[:] = warm
+
+    def steps(self, count: int) -> tuple[Array, Array]:
+        """Take and record steps with the present inputs; q and u after them."""
+        self._rows += [self._replay(self._before) for _ in range(count)]
+        self._steps.add(float(self._model.opt.timestep))
+        return np.array(self._before.qpos), np.array(self._before.qvel)
 
     def trouble(self) -> str:
         """What MuJoCo has warned of since the last sample: a state or acceleration gone bad."""

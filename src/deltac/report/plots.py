@@ -6,6 +6,7 @@ axes, where they cover nothing.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ from deltac.report.style import (
     PINK,
     SMALL,
     VERMILION,
+    WIDTH,
     align_labels,
     blank,
     entitle,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.recommend.work_precision import Trial
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
+    from deltac.mechanism.mechanism import Mechanism
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport
     from deltac.trajectories import Trajectory
@@ -75,15 +78,15 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
             f"{type(result).__name__} has no picture; those of {', '.join(sorted(DRAWN))} have one. "
             "explain() tells it in words"
         )
-    with styled():
-        try:
-            drawn = draw(result, **options)
-        except TypeError:
-            if not options:
-                raise
+    taken = list(inspect.signature(draw).parameters)[1:]
+    for option in options:
+        if option not in taken:
             raise InputError(
-                f"plot of {type(result).__name__}: unknown option among {', '.join(options)}"
-            ) from None
+                f"plot of {type(result).__name__}: there is no option {option!r}"
+                f"{closest(option, taken)}"
+            )
+    with styled():
+        drawn = draw(result, **options)
     if title is not None:
         entitle(drawn, title)
     return drawn
@@ -150,6 +153,9 @@ MOST_CHANNELS = 5
 
 MOST_BARS = 12
 
+NOTHING = 1e-6
+"""Share of the energy exchanged below which a work is not drawn by itself: it could not be seen."""
+
 GAP = 0.72
 """Between two panels that each have a title and a label (inches)."""
 
@@ -193,7 +199,7 @@ def _flows(panel: Axes, ledger: Ledger) -> None:
     if ledger.potential:
         look: dict[str, Any] = {"color": BLACK, "linewidth": 1.2, "linestyle": DASHED}
         panel.plot(*thinned(ledger.t, V - V[0]), label="V − V(0)", **look)
-    flowing = {n: w - w[0] for n, w in ledger.work.items() if n not in ledger.potential and w.any()}
+    flowing = _flowing(ledger)
     ranked = sorted(flowing.items(), key=lambda item: -float(np.ptp(item[1])))
     shown, rest = ranked[:MOST_CHANNELS], ranked[MOST_CHANNELS:]
     for (name, work), colour in zip(shown, MANY):
@@ -203,6 +209,13 @@ def _flows(panel: Axes, ledger: Ledger) -> None:
         panel.plot(*thinned(ledger.t, others), color="#999999", label=f"{len(rest)} smaller works")
     panel.set_title("Energies, and works of what is not in V" if flowing else "Energies")
     panel.set_ylabel("energy (J)")
+
+
+def _flowing(ledger: Ledger) -> dict[str, Array]:
+    """Works (T,) of what is not in V and can be seen."""
+    seen = NOTHING * ledger.energy_exchanged
+    works = {str(n): w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
+    return {name: work for name, work in works.items() if float(np.ptp(work)) > seen}
 
 
 def _size_of_errors(
@@ -238,8 +251,8 @@ def _size_of_errors(
 
 def _final(ledger: Ledger) -> list[tuple[str, float, str]]:
     """Name, energy (J) and colour of each bar: where energy came from, and where it is now."""
-    flowing = {n for n, w in ledger.work.items() if n not in ledger.potential and w.any()}
-    works = {str(n): w["work"] for n, w in ledger.works().items() if n in flowing}
+    flowing = _flowing(ledger)
+    works = {str(n): w["work"] for n, w in ledger.works().items() if str(n) in flowing}
     rest = list(works)[MOST_BARS:]
     if rest:
         works[f"{len(rest)} smaller works"] = sum(works.pop(name) for name in rest)
@@ -527,6 +540,8 @@ def _recommendation(advice: Recommendation) -> Figure:
 
 
 def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     solvers = sorted({t.solver for t in advice.trials})
     marks = MARKS * (1 + len(solvers) // len(MARKS))
     for solver, colour, mark in zip(solvers, shades(len(solvers)), marks):
@@ -557,6 +572,10 @@ def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -
         )
     panel.set_xscale("log")
     panel.set_yscale("log")
+    low, high = panel.get_xlim()
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+    panel.xaxis.set_major_formatter(lambda x, _: number(x))
+    panel.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _drawn(trial: Trial, what: str) -> bool:
@@ -603,7 +622,20 @@ def _linearisation(found: Linearisation) -> Figure:
     return made
 
 
+def _mechanism(mechanism: Mechanism, state: Any = None) -> Figure:
+    """The mechanism at a state, or along a run; by default with all coordinates zero."""
+    from deltac.models import load_model
+    from deltac.report.still import still
+    from deltac.trajectories import Trajectory
+
+    if isinstance(state, Trajectory):
+        return still(mechanism, state, places=6, title=mechanism.name, size=(WIDTH, 5.0))
+    at = None if state is None else load_model(mechanism).start(state)
+    return still(mechanism, at, title=mechanism.name, size=(WIDTH, 5.0))
+
+
 DRAWN: dict[str, Callable[..., Figure]] = {
+    "Mechanism": _mechanism,
     "Trajectory": _trajectory,
     "Ledger": _ledger,
     "Audit": _audit,

@@ -40,6 +40,7 @@ from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keepin
 from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
+    Adaptive,
     Options,
     Scipy,
     Solver,
@@ -50,9 +51,9 @@ from deltac.simulation.solvers import (
 )
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
+from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import (
     INSTRUCTIONS_PER_CALL,
-    INSTRUCTIONS_PER_CALL_OF_LONG_RUNS,
     LONG_RUN,
     FixedMethod,
     FixedSteps,
@@ -212,7 +213,7 @@ def simulate(
     else:
         p_run = p
     compiled = flow.traced and controller is None
-    stepper = _stepper(made, options, rate, p_run, compiled=compiled)
+    stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
     if found.step is not None and compiled and flow.bound is not None and equations is None:
         careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
@@ -255,7 +256,7 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod | None
+Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,9 +315,13 @@ def _compiled(
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
-            method = FixedMethod(moving, solver, _room(steps, watching=watching))
+            # Steps with events are looked at one by one.
+            long = steps >= LONG_RUN and not watching
+            method = FixedMethod(moving, solver, INSTRUCTIONS_PER_CALL if long else 0)
         elif solver.family == "implicit":
             method = ImplicitMethod(moving, solver)
+        elif solver.family == "adaptive":
+            method = AdaptiveMethod(moving, solver)
         observe = observer(flow)
         return Compiled(
             flow, moving, method, events, observe, observer(moving) if switches else observe
@@ -325,20 +330,22 @@ def _compiled(
     return _KEPT.get(key, make)
 
 
-def _room(steps: int, *, watching: bool) -> int:
-    """Instructions that steps fused into one call may have; with events they are looked at one by one."""
-    if watching:
-        return 0
-    return INSTRUCTIONS_PER_CALL_OF_LONG_RUNS if steps >= LONG_RUN else INSTRUCTIONS_PER_CALL
-
-
 def _stepper(
-    made: Compiled, options: Options, rate: StageRate, p: Array, *, compiled: bool
+    made: Compiled,
+    options: Options,
+    rate: StageRate,
+    p: Array,
+    duration: float,
+    *,
+    compiled: bool,
 ) -> Stepper:
     """What takes the steps of one run."""
     flow, method = made.moving, made.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
+    if isinstance(method, AdaptiveMethod):
+        assert isinstance(options, Adaptive)
+        return AdaptiveSteps(method, rate, p, options.tolerance, duration, compiled=compiled)
     if isinstance(method, ImplicitMethod):
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
     if isinstance(options, Taylor):

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from deltac.trajectories.columns import MechanismNames
-from deltac.trajectories.formats.files import FORMATS, explain, read_trajectory, write_trajectory
+from deltac.trajectories.formats.files import (
+    FORMATS,
+    draft_mapping,
+    explain,
+    read_trajectory,
+    write_trajectory,
+)
 from deltac.trajectories.formats.mapping import LogMapping, read_mapping
 from deltac.trajectories.formats.reading import ColumnReading
 from deltac.trajectories.formats.schema import SCHEMA_VERSION, from_columns, to_columns, to_metadata
@@ -26,6 +32,7 @@ __all__ = [
     "Trajectory",
     "corrected",
     "derived_error",
+    "draft_mapping",
     "explain",
     "from_columns",
     "read_mapping",

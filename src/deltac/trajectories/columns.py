@@ -8,7 +8,7 @@ of a coordinate's own name is its rate; ``<joint>.vx`` is the rate of ``<joint>.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -22,19 +22,31 @@ _PART_UNITS |= dict.fromkeys(("x", "y", "z", "slide"), "m")
 
 @dataclass(frozen=True)
 class MechanismNames:
-    """What a log of a mechanism holds: names of `coordinates` and `speeds` in order, with units."""
+    """What a log of a mechanism holds: names of `coordinates` and `speeds` in order, with units.
+
+    `motors`: the channel of the motor that acts on a speed, by the speed's name.
+    """
 
     coordinates: Mapping[str, str]
     speeds: Mapping[str, str]
+    motors: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mechanism: Mechanism | MechanismNames) -> MechanismNames:
         """The names and units of a mechanism's coordinates and speeds."""
         if isinstance(mechanism, MechanismNames):
             return mechanism
+        from deltac.mechanism.forces import JointTorque
+
         return cls(
             {entry.name: entry.unit for entry in mechanism.coordinates},
             {entry.name: entry.unit for entry in mechanism.speeds},
+            {
+                mechanism.speeds[k].name: f"actuator {element.name}"
+                for element in mechanism.forces
+                if isinstance(element, JointTorque)
+                for k in range(*mechanism.speeds.of(element.joint).indices(len(mechanism.speeds)))
+            },
         )
 
 
@@ -94,7 +106,9 @@ def si_unit(column: str, names: MechanismNames | None) -> str | None:
     if prefix == "q":
         return _coordinate_unit(name, names)
     if prefix == "force":
-        return {"rad/s": "N*m", "m/s": "N"}.get(_speed_unit(_speed_in(name, names), names) or "")
+        return {"rad/s": "N*m", "m/s": "N"}.get(
+            _speed_unit(speed_of_force(name, names), names) or ""
+        )
     speed = _speed_unit(name, names)
     return f"{speed}^2" if speed and prefix == "udot" else speed
 
@@ -123,7 +137,7 @@ def _speed_unit(name: str, names: MechanismNames | None) -> str | None:
     return None if unit in (None, "1") else f"{unit}/s"
 
 
-def _speed_in(force: str, names: MechanismNames | None) -> str:
+def speed_of_force(force: str, names: MechanismNames | None) -> str:
     """The speed at the end of ``<channel>.<speed>``."""
     known = names.speeds if names is not None else ()
     fitting = [speed for speed in known if force.endswith(f".{speed}")]

@@ -17,7 +17,7 @@ from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.residuals.one_step import OneStep
-from deltac.diagnosis.verdict import Judged, Verdict
+from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
@@ -243,6 +243,7 @@ def audit(
     work: str | None = None,
     mapping: Any = None,
     strict: bool = False,
+    replay: bool = False,
 ) -> Audit:
     """Judge a log against a model.
 
@@ -255,6 +256,9 @@ def audit(
             has that, discrete where it holds every step of an engine that holds its forces over a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
+        replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
+        every
+            step: tells whether the log is this model's, and audits every step.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -266,9 +270,15 @@ def audit(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
     mechanism = loaded.mechanism
+    told: list[Finding] = []
+    if replay:
+        from deltac.diagnosis.audit.replayed import replayed
+
+        log, told = replayed(model, mechanism, log, mapping)
+        mapping = None
     log_read = read_log(mechanism, log, work, mapping)
     import_report = loaded.import_report
-    findings = list(log_read.findings)
+    findings = [*told, *log_read.findings]
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
     findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
     findings += checks.impacts_not_held(mechanism, log_read.run)

@@ -1,13 +1,20 @@
 """CSV logs: the header of the schema is in the first line, ``# deltac {json}``.
 
 Other lines that start with ``#`` before the column names are comments. Numbers are written so that
-they read back bitwise.
+they read back bitwise. Tables of other programs are read in the forms that spreadsheets, NumPy, pandas and
+measuring programs write, see `read_csv`.
 """
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import csv
 import io
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -15,6 +22,7 @@ from deltac.errors import FileError, InputError, LogError, WrongType, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header
+from deltac.trajectories.formats.units import unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory, row_name
 
 if TYPE_CHECKING:
@@ -34,12 +42,22 @@ def write_csv(run: Trajectory, header: str, file: BinaryIO) -> None:
 
 
 def read_csv(path: Path) -> RawLog:
-    """Every column, as numbers."""
-    import polars
+    """Every column, as numbers.
 
-    data = read_bytes(path)
-    header, line, lines, rest = _head(data)
-    names = _column_names(line, exact=header is not None)
+    Of other programs' tables commas, semicolons, tabs and blanks separate columns, decimals may have
+    commas, and text may stand before the table; names may take several lines, of which the last may hold
+    units.
+    """
+    data = _in_utf8(read_bytes(path))
+    own = data.removeprefix(_BYTE_ORDER_MARK).startswith(_CSV_HEADER)
+    table = None if own else _foreign(data)
+    if table is None:
+        header, line, lines, rest = _head(data)
+        names = _column_names(line, exact=header is not None)
+        table = _Table(names, {}, lines, rest)
+    else:
+        header = None
+    names, lines, rest, separator = table.names, table.lines, table.rest, table.separator
     if not rest or rest.isspace():
         raise LogError("there are column names but no rows; expected at least one")
     rows = rest.count(b"\n") + 1
@@ -50,16 +68,210 @@ def read_csv(path: Path) -> RawLog:
     # Fields are read as text first: only so can a bad one be named with its row.
     keys = [str(index) for index in range(len(names))]
     try:
-        frame = polars.read_csv(
-            rest,
-            has_header=False,
-            infer_schema=False,
-            schema=dict.fromkeys(keys, polars.String),
-        )
-    except (polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
-        raise _malformed(rest, len(names), lines, error) from error
+        frame = polars_frame(rest, separator, keys)
+    except _polars_errors() as error:
+        raise _malformed(rest, len(names), lines, separator, error) from error
     frame.columns = names
-    return raw_log(frame, header, lines + 1)
+    return replace(raw_log(frame, header, lines + 1), units=table.units)
+
+
+def polars_frame(rest: bytes, separator: str, keys: list[str]) -> polars.DataFrame:
+    """The rows of a table as texts."""
+    import polars
+
+    return polars.read_csv(
+        rest,
+        has_header=False,
+        infer_schema=False,
+        separator=separator,
+        schema=dict.fromkeys(keys, polars.String),
+    )
+
+
+def _polars_errors() -> tuple[type[BaseException], ...]:
+    import polars
+
+    return polars.exceptions.PolarsError, polars.exceptions.PanicException
+
+
+# --- tables of other programs ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A table: names and units of its columns, how many lines come before its rows, and these."""
+
+    names: list[str]
+    units: dict[str, str]
+    lines: int
+    rest: bytes
+    separator: str = ","
+
+
+SEPARATORS = (",", ";", "\t", " ")
+_LOOKED_AT = 2**18
+"""Bytes at the start of a table in which its form is looked for."""
+_MOST_HEADERS = 4
+_BLANKS = re.compile(rb"[ \t]+")
+
+
+def _in_utf8(data: bytes) -> bytes:
+    """The text in UTF-8: spreadsheets also write UTF-16 and Windows' own encodings of one byte."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        try:
+            return data.decode("utf-16").encode()
+        except UnicodeDecodeError as error:
+            raise FileError(f"the text is no UTF-16, as its first bytes say ({error})") from error
+    head = data[:_LOOKED_AT]
+    try:
+        head.decode()
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 3 and b"\0" not in head:
+            start = head.find(b"\n", error.start)
+            if start >= 0 and data[start:].isascii():  # in names and units only
+                with contextlib.suppress(UnicodeDecodeError):
+                    text = data[:start].decode("cp1252")
+                    if all(c.isprintable() or c.isspace() for c in text):
+                        return text.encode() + data[start:]
+    return data
+
+
+def _foreign(data: bytes) -> _Table | None:
+    """The table of another program; None where its first lines show none, so that the usual one is read."""
+    text = data.removeprefix(_BYTE_ORDER_MARK)[:_LOOKED_AT]
+    if len(text) == _LOOKED_AT:
+        text = text[: text.rfind(b"\n") + 1]
+    try:
+        lines = text.decode().splitlines(keepends=True)
+    except UnicodeDecodeError:
+        return None
+    shape = _shape(lines)
+    if shape is None:
+        return None
+    separator, width = shape
+    split = [_fields(line, separator) for line in lines]
+    first = next(k for k, fields in enumerate(split) if _is_row(fields, width, separator))
+    headers: list[list[str]] = []
+    k = first - 1
+    short = not split[first][-1]  # rows that end with a separator which the names lack
+    while k >= 0 and len(headers) < _MOST_HEADERS:
+        fields = split[k]
+        wide = len(fields) == width or (short and len(fields) == width - 1)
+        if not wide or any(map(_is_number, fields)) or _comment(lines[k]):
+            break
+        headers.insert(0, fields + [""] * (width - len(fields)))
+        k -= 1
+    if not headers and first and lines[first - 1].strip() and not _comment(lines[first - 1]):
+        return None  # names of another number than the rows have fields
+    if not headers:
+        headers = _in_comments(lines[:first], separator, width)
+    names, units = _names_and_units(headers, width)
+    start = len("".join(lines[:first]).encode())
+    rest = data.removeprefix(_BYTE_ORDER_MARK)[start:]
+    if separator == " ":
+        rest = b"\n".join(_BLANKS.sub(b"\t", line.strip()) for line in rest.splitlines())
+    if separator != ",":
+        rest = rest.replace(b",", b".")
+    Limits.current().check("columns", width, "the log has")
+    Limits.current().check("header", start, f"line {first + 1}: the lines before the rows are of")
+    return _Table(
+        distinct(names), units, first, rest.rstrip(), "\t" if separator == " " else separator
+    )
+
+
+def _shape(lines: Sequence[str]) -> tuple[str, int] | None:
+    """Separator and number of columns of most lines that hold numbers, for the separator with the most."""
+    best: tuple[int, int, str] | None = None
+    for separator in SEPARATORS:
+        widths = Counter(
+            len(fields)
+            for line in lines
+            if not _comment(line) and len(fields := _fields(line, separator)) > 1
+            if _is_row(fields, len(fields), separator)
+        )
+        if widths:
+            width, count = widths.most_common(1)[0]
+            if best is None or (count, width) > best[:2]:
+                best = (count, width, separator)
+    return None if best is None else (best[2], best[1])
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    try:
+        row = next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
+    except csv.Error:
+        return []
+    return [field.strip() for field in row]
+
+
+def _is_row(fields: Sequence[str], width: int, separator: str) -> bool:
+    """Whether these are the fields of a row of numbers: at least half of them are."""
+    if len(fields) != width:
+        return False
+    if separator != ",":
+        fields = [field.replace(",", ".") for field in fields]
+    count = sum(map(_is_number, fields))
+    return count > 0 and 2 * count >= sum(map(bool, fields))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%", "//"))
+
+
+def _in_comments(lines: Sequence[str], separator: str, width: int) -> list[list[str]]:
+    """Names in the last comment before the rows, as `numpy.savetxt` writes them, if there are as many."""
+    for line in reversed(lines):
+        text = line.strip().lstrip("#%/").strip()
+        if not text:
+            continue
+        for candidate in dict.fromkeys((separator, *SEPARATORS)):
+            fields = _fields(text, candidate)
+            if len(fields) == width and not any(map(_is_number, fields)):
+                return [fields]
+        break
+    return []
+
+
+def _names_and_units(headers: list[list[str]], width: int) -> tuple[list[str], dict[str, str]]:
+    """Names from one line or several (joined by dots), and units where the last line holds such."""
+    units = [""] * width
+    if len(headers) > 1 and _all_units(headers[-1]):
+        units = [text.strip("[]()") for text in headers.pop()]
+    index = ""
+    if (
+        len(headers) > 1 and headers[-1][0] and not any(headers[-1][1:])
+    ):  # pandas names the index so
+        index = headers.pop()[0]
+    for upper in headers[:-1]:  # merged cells stand in the first column
+        for k in range(1, width):
+            upper[k] = upper[k] or (upper[k - 1] if headers[-1][k] else "")
+    names = []
+    for k in range(width):
+        parts = dict.fromkeys(row[k] for row in headers if row[k] and row[k] != "Unnamed")
+        names.append(".".join(parts) or f"column {k + 1}")
+    if index:
+        names[0] = index
+    return names, {name: unit for name, unit in zip(names, units) if unit and unit != "-"}
+
+
+def _all_units(fields: Sequence[str]) -> bool:
+    told = [field.strip("[]() ") for field in fields if field not in ("", "-")]
+    for text in told:
+        try:
+            unit(text)
+        except InputError:
+            return False
+    return bool(told)
 
 
 def _head(data: bytes) -> tuple[Header, bytes, int, bytes]:
@@ -94,8 +306,31 @@ def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = No
         try:
             columns[name] = numbers(name, series, first_line)
         except InputError as error:
-            skipped[name] = str(error)
+            seconds = None if header is not None else _instants(series)
+            if seconds is None:
+                skipped[name] = str(error)
+            else:
+                columns[name] = seconds
     return RawLog(columns, header, skipped=skipped)
+
+
+def _instants(series: polars.Series) -> FloatArray | None:
+    """Dates with times of day, as seconds since the first; None for anything else."""
+    import polars
+
+    if series.dtype == polars.String:
+        if not _DATE.match(str(series[0])):
+            return None
+        with contextlib.suppress(*_polars_errors()):
+            series = series.str.to_datetime(time_unit="ns", strict=True)
+    if not isinstance(series.dtype, polars.Datetime) or series.null_count():
+        return None
+    since = (series - series[0]).dt.total_nanoseconds()
+    seconds: FloatArray = since.cast(polars.Float64).to_numpy() / 1e9
+    return seconds
+
+
+_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
 def _column_names(line: bytes, exact: bool) -> list[str]:
@@ -132,14 +367,16 @@ def distinct(names: list[str]) -> list[str]:
     return names
 
 
-def _malformed(body: bytes, width: int, lines: int, error: Exception) -> InputError:
+def _malformed(
+    body: bytes, width: int, lines: int, separator: str, error: BaseException
+) -> InputError:
     """What is wrong with a body that polars refuses with `error`, and on which line."""
     try:
         text = body.decode()
     except UnicodeDecodeError as undecodable:
         line = lines + 1 + body.count(b"\n", 0, undecodable.start)
         return FileError(f"line {line} is not UTF-8 text; expected numbers")
-    reader = csv.reader(io.StringIO(text), strict=True)
+    reader = csv.reader(io.StringIO(text), strict=True, delimiter=separator)
     try:
         for fields in reader:
             if len(fields) != width:

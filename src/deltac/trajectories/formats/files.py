@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from deltac.errors import FileError, InputError, LimitError, UnknownName, closes
 from deltac.files import appearing, opened
 from deltac.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats import reading
 from deltac.trajectories.formats.delimited import read_csv, write_csv
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
@@ -23,7 +24,10 @@ from deltac.trajectories.formats.opensim import read_opensim
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
-from deltac.trajectories.trajectory import Trajectory
+from deltac.trajectories.formats.recognition import arrays_named
+from deltac.trajectories.formats.records import read_json, read_json_lines
+from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
+from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
     from deltac.mechanism.mechanism import Mechanism
@@ -49,14 +53,21 @@ class Format:
 
 _HDF5 = Format(read_hdf5, write_hdf5)
 _OPENSIM = Format(read_opensim, copies=12.0)
+_BAG = Format(read_bag, copies=0.0)
 
 FORMATS: Mapping[str, Format] = {
     ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
+    **dict.fromkeys((".tsv", ".txt", ".dat"), Format(read_csv, copies=6.0)),
     ".npz": Format(read_npz, write_npz),
     ".h5": _HDF5,
     ".hdf5": _HDF5,
     ".mat": Format(read_mat, write_mat),
+    ".json": Format(read_json, copies=40.0),
+    ".jsonl": Format(read_json_lines, copies=40.0),
+    ".ndjson": Format(read_json_lines, copies=40.0),
+    ".mcap": _BAG,
+    ".bag": _BAG,
     ".sto": _OPENSIM,
     ".mot": _OPENSIM,
 }
@@ -113,17 +124,39 @@ def explain(
     mapping: LogMapping | str | Path | None = None,
     mechanism_names: MechanismNames | Mechanism | None = None,
 ) -> list[ColumnReading]:
-    """How `read_trajectory` reads each column of a file, without judging the values."""
+    """How `read_trajectory` reads each column of a file, without judging the values.
+
+    What is missing, or cannot be used, is a reading whose note says so.
+    """
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     known = as_mapping(mapping)
     with naming(path):
-        return interpret(read_raw(path), known, names)
+        return interpret(read_raw(path), known, names, lenient=True)
+
+
+def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism) -> str:
+    """A mapping file (TOML) for a log of another program: what is recognised, guessed and missing.
+
+    Raises InputError for a log that cannot be read, or is deltac's own.
+    """
+    with naming(path):
+        return reading.draft_mapping(
+            read_raw(path), MechanismNames.of(mechanism_names), Path(path).name
+        )
+
+
+def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[FloatArray]:
+    """Arrays (T, n) of a file that are called one of these names and have so many columns; none twice."""
+    with naming(path):
+        return arrays_named(read_raw(path), names, width)
 
 
 def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
-    form = _format(path)
     source = Path(path)
+    if is_bag_folder(source):
+        return checked(read_bag(source))
+    form = _format(path)
     with opened(source) as file:
         start = file.read(4096)
         size = os.fstat(file.fileno()).st_size
@@ -146,8 +179,29 @@ def naming(path: str | Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+_REFUSED: Mapping[str, str] = {
+    **dict.fromkeys(
+        (".pkl", ".pickle", ".p", ".joblib", ".pt", ".pth"),
+        "pickles run code when they are read: save the arrays with numpy.savez(path, time=…, qpos=…, qvel=…)",
+    ),
+    **dict.fromkeys(
+        (".xlsx", ".xls", ".ods"), "spreadsheets are read as text: export the sheet as CSV"
+    ),
+    **dict.fromkeys(
+        (".db3", ".yaml"), "of a bag of ROS 2 give its folder, the one with metadata.yaml"
+    ),
+    ".slx": "this is a model of Simulink; log its run to a .mat file",
+    ".mldatx": "save the run of the Simulation Data Inspector as a .mat file",
+    ".osim": "this is a model of OpenSim; the log is a .sto or .mot file",
+    ".npy": "save times, coordinates and speeds in one file: numpy.savez(path, time=…, q=…, v=…)",
+}
+"""Files that users take for logs -> what to do instead."""
+
+
 def _format(path: str | Path, writing: bool = False) -> Format:
     suffix = Path(path).suffix.lower()
+    if suffix in _REFUSED and not writing:
+        raise FileError(f"{path}: {_REFUSED[suffix]}")
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"

@@ -59,6 +59,17 @@ def read_hdf5(path: Path) -> RawLog:
         return collector.log()
 
 
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files."""
+    with opened_hdf5(path) as log:
+        members = dict(log.members(log.root))
+        return {
+            name: log.values(item)
+            for name, item in members.items()
+            if name == "deltac" or (getattr(item, "shape", None) and item.dtype.kind in "iuf")
+        }
+
+
 def _gather(collector: Collector, log: Opened, group: Any, prefix: str, depth: int) -> None:
     log.check_depth(depth)
     for key, item in log.members(group):

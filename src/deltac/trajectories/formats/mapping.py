@@ -2,7 +2,7 @@
 
     [log]
     simulator = "Simscape"
-    time = { column = "t", unit = "ms" }
+    time = { column = "t", unit = "ms" }   # or { step = 0.02 }, s: rows that are equally far apart
     angles = ["elbow"]                     # which one-coordinate joints are angles, without a model
 
     [units]                                # where a column does not say otherwise
@@ -65,7 +65,7 @@ _TABLES = {
     "integrals": "integral",
 }
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
-_SOURCE_KEYS = ("column", "constant", "unit", "sign", "offset")
+_SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset")
 _ORDERS = ("wxyz", "xyzw")
 
 
@@ -73,8 +73,8 @@ _ORDERS = ("wxyz", "xyzw")
 class Source:
     """Where the values of one column of the log schema come from.
 
-    `column` of the file, or a `constant`; `unit` as written, None where the mapping does not say;
-    `where` names the place in the mapping for messages.
+    `column` of the file, or a `constant`, or for the time the `step` from row to row; `unit` as written, None
+    where the mapping does not say; `where` names the place in the mapping for messages.
     """
 
     column: str | None = None
@@ -83,6 +83,7 @@ class Source:
     sign: float = 1.0
     offset: float = 0.0
     where: str = "the mapping"
+    step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -203,8 +204,15 @@ class _Parser:
         for name in value:
             if name not in _SOURCE_KEYS:
                 raise self.error(f"{key}.{name}", f"unknown key{closest(name, _SOURCE_KEYS)}")
-        if ("column" in value) == ("constant" in value):
-            raise self.error(key, "expected either 'column' or 'constant'")
+        if sum(name in value for name in ("column", "constant", "step")) != 1:
+            raise self.error(
+                key, "expected either 'column' or 'constant' (or 'step', for the time)"
+            )
+        step = self.number(key, value, "step", 0.0) if "step" in value else None
+        if step is not None and (key != "log.time" or step <= 0.0):
+            raise self.error(
+                key, "'step' is the time from row to row (s), above zero, and of time alone"
+            )
         if not isinstance(value.get("column", ""), str):
             raise self.error(f"{key}.column", f"found {shown(value['column'])}, expected a name")
         written = value.get("unit")
@@ -215,7 +223,7 @@ class _Parser:
             raise self.error(f"{key}.sign", f"found {sign}, expected 1 or -1")
         constant = self.number(key, value, "constant", 0.0) if "constant" in value else None
         offset = self.number(key, value, "offset", 0.0)
-        return Source(value.get("column"), constant, written, sign, offset, where)
+        return Source(value.get("column"), constant, written, sign, offset, where, step)
 
     def units(self) -> dict[str, str]:
         units = self.table("units")

@@ -19,7 +19,14 @@ from deltac.errors import LogError
 from deltac.files import read_bytes
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
 from deltac.trajectories.formats.mat5 import MatlabObject, variables
-from deltac.trajectories.formats.raw import Collector, RawLog, from_arrays, parse_header, to_arrays
+from deltac.trajectories.formats.raw import (
+    Collector,
+    RawLog,
+    from_arrays,
+    labelled,
+    parse_header,
+    to_arrays,
+)
 from deltac.trajectories.trajectory import Trajectory
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -29,6 +36,10 @@ _UNITS = ("unit", "units", "Unit", "Units")
 
 _REMEDIES = {
     "timeseries": "in MATLAB: s.time = x.Time; s.elbow = x.Data; save('log.mat', '-struct', 's')",
+    "table": "in MATLAB: s = table2struct(T, 'ToScalar', true); save('log.mat', '-struct', 's')",
+    "timetable": "in MATLAB: s = table2struct(timetable2table(T), 'ToScalar', true); s.time = "
+    "seconds(T.Time); "
+    "save('log.mat', '-struct', 's')",
     "Simulink": "in Simulink, Configuration Parameters > Data Import/Export: format 'Structure with "
     "time', or for each signal: x = out.get('name'); s.time = x.Time; s.elbow = x.Data; "
     "save('log.mat', '-struct', 's')",
@@ -62,7 +73,7 @@ def read_mat(path: Path) -> RawLog:
     if isinstance(header := found.get("deltac"), str):
         return from_arrays(found, parse_header(header) or {})
     collector = Collector()
-    for name, value in found.items():
+    for name, value in labelled(found).items():
         _flatten(collector, name, value)
     return collector.log()
 
@@ -75,8 +86,12 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
         if "signals" in value:
             _simulink(collector, name, value)
             return
+        named = value.get("Name")
+        fresh = isinstance(named, str) and named and named != name.rpartition(".")[2]
+        if fresh and any(key in value for key in _VALUES):
+            name = f"{name}.{named}"  # a timeseries that was saved as a structure
         unit = next((value[k] for k in _UNITS if isinstance(value.get(k), str)), None)
-        for key, item in value.items():
+        for key, item in labelled(value).items():
             if key in _VALUES and isinstance(item, np.ndarray):
                 collector.add(f"{name}.{key}", item, unit)
             elif not (key in _UNITS and isinstance(item, str)):
@@ -96,8 +111,8 @@ def _simulink(collector: Collector, name: str, structure: Mapping[str, Any]) -> 
         _flatten(collector, f"{name}.time", structure["time"])
     signals = structure["signals"]
     for index, signal in enumerate(signals if isinstance(signals, list) else [signals]):
-        label = signal.get("label") if isinstance(signal, Mapping) else None
-        full = f"{name}.{label}" if isinstance(label, str) and label else f"{name}.signals[{index}]"
+        label = _label(signal) if isinstance(signal, Mapping) else ""
+        full = f"{name}.{label}" if label else f"{name}.signals[{index}]"
         if not isinstance(signal, Mapping) or "values" not in signal:
             collector.skip(full, "has no field 'values', which a signal of Simulink has")
             continue
@@ -107,8 +122,18 @@ def _simulink(collector: Collector, name: str, structure: Mapping[str, Any]) -> 
         _flatten(collector, full, values)
 
 
+def _label(signal: Mapping[str, Any]) -> str:
+    """The name of a signal: its label, the state's name, or the block that it comes from."""
+    for key in ("label", "stateName", "blockName"):
+        found = signal.get(key)
+        if isinstance(found, str) and found and found not in ("CSTATE", "DSTATE"):
+            return found.rpartition("/")[2]
+    return ""
+
+
 def _explained(kind: str) -> str:
-    family = next((key for key in _REMEDIES if kind.lower().startswith(key.lower())), None)
+    fitting = [key for key in _REMEDIES if kind.lower().startswith(key.lower())]
+    family = max(fitting, key=len, default=None)
     remedy = _REMEDIES[family] if family else "save its numbers as a structure of arrays"
     return f"is an object of MATLAB's class {kind!r}, which only MATLAB can read; {remedy}"
 

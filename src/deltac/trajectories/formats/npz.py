@@ -11,8 +11,9 @@ import math
 import os
 import struct
 import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -25,10 +26,13 @@ from deltac.trajectories.formats.raw import (
     RawLog,
     damage_named,
     from_arrays,
+    labelled,
     parse_header,
     to_arrays,
 )
 from deltac.trajectories.trajectory import Trajectory
+
+T = TypeVar("T")
 
 _MAGIC = b"\x93NUMPY"
 _LONGEST = 10_000  # bytes of an array's header, as in NumPy
@@ -43,6 +47,10 @@ def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
 
 def read_npz(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or each array of another program's as columns."""
+    return _opened(path, _log)
+
+
+def _opened(path: Path, read: Callable[[zipfile.ZipFile, int], T]) -> T:
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         if not zipfile.is_zipfile(file):
@@ -51,11 +59,16 @@ def read_npz(path: Path) -> RawLog:
             directory = _Directory(file)
             with zipfile.ZipFile(directory) as archive:
                 directory.most = math.inf
-                return _log(archive, size)
+                return read(archive, size)
 
 
-def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
-    collector, budget, arrays = Collector(), Budget(size), {}
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an archive by name, as they are; those of no numbers and no text are left out."""
+    return _opened(path, lambda archive, size: _arrays(archive, size, Collector()))
+
+
+def _arrays(archive: zipfile.ZipFile, size: int, collector: Collector) -> dict[str, Any]:
+    budget, arrays = Budget(size), {}
     Limits.current().check("columns", len(archive.filelist), "the archive holds")
     for info in archive.filelist:
         name = info.filename.removesuffix(".npy")
@@ -63,13 +76,23 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
             arrays[name] = _array(archive, info, budget)
         except TypeError as error:  # of values that are no numbers
             collector.skip(name, str(error))
+    return arrays
+
+
+def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
+    collector = Collector()
+    arrays = _arrays(archive, size, collector)
     if "deltac" in arrays:
         header = arrays["deltac"]
         if header.dtype.kind != "U" or header.size != 1:
             raise LogError("the deltac metadata are no text; write the log again")
         return from_arrays(arrays, parse_header(str(header[()])) or {})
-    for name, values in arrays.items():
-        collector.add(name, values)
+    for name, values in labelled(arrays).items():
+        if isinstance(values, Mapping):
+            for column, numbers in values.items():
+                collector.add(f"{name}.{column}", numbers)
+        else:
+            collector.add(name, values)
     return collector.log()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -31,6 +32,7 @@ class RawLog:
     plain_names the format names coordinates without a prefix, and has columns of other kinds
     in_degrees  the file says that its angles are in degrees, but not which columns are angles
     skipped     what else is in the file -> a message that says why it is no column of numbers
+    scalars     single numbers in the file, such as a step
     """
 
     columns: Mapping[str, FloatArray]
@@ -40,6 +42,7 @@ class RawLog:
     plain_names: bool = False
     in_degrees: bool = False
     skipped: Mapping[str, str] = field(default_factory=dict)
+    scalars: Mapping[str, float] = field(default_factory=dict)
 
 
 def parse_header(text: str | bytes) -> Header:
@@ -95,46 +98,103 @@ def checked(raw: RawLog) -> RawLog:
 
 
 class Collector:
-    """Gathers arrays of a file that holds more than one: NPZ, HDF5, MATLAB."""
+    """Gathers arrays of a file that holds more than one: NPZ, HDF5, MATLAB, JSON.
+
+    An array (T, n) is the columns ``name[0]``, ``name[1]``, …; one of shape (n, T) is turned where T is the
+    length of other columns and n is not.
+    """
 
     def __init__(self) -> None:
-        self.columns: dict[str, FloatArray] = {}
-        self.units: dict[str, str] = {}
         self.skipped: dict[str, str] = {}
+        self.scalars: dict[str, float] = {}
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
+        self.units: dict[str, str] = {}
+        self._columns = 0
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
-        """A column, or the columns ``name[0]``, ``name[1]``, … of an array (T, n)."""
-        self._count()
+        """A column, or an array of columns."""
         array = np.asarray(values)
         if array.dtype.kind not in "iufb":
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
-        elif array.dtype.kind == "b":
-            self.add(name, array.astype(np.float64), unit)
-        elif array.ndim == 0 or not array.size:
-            self.skip(name, "is a single number" if array.ndim == 0 else "is empty")
-        elif array.ndim > 2:
-            self.skip(name, f"has shape {array.shape}; expected (T,) or (T, n), time first")
-        elif array.ndim == 2 and min(array.shape) > 1 and array.shape[1] > WIDEST:
-            self.skip(name, f"has shape {array.shape}; time comes first: transpose it")
-        elif array.ndim == 2 and min(array.shape) > 1:
-            for index, column in enumerate(array.T):
-                self.add(f"{name}[{index}]", column, unit)
+        elif not array.size:
+            self.skip(name, "is empty")
+        elif array.ndim == 0:
+            self.scalars[name] = float(array)
+            self.skip(name, "is a single number")
+        elif array.ndim > 2 and sum(n > 1 for n in array.shape) > 2:
+            self.skip(
+                name,
+                f"has shape {array.shape}, perhaps of {len(array)} episodes; expected (T,) or (T, n), time "
+                "first: save one episode a file",
+            )
         else:
-            self.columns[name] = array.astype(np.float64).ravel()
+            if array.size == 1:
+                self.scalars[name] = float(array.ravel()[0])
+            if array.ndim > 1:
+                array = array.reshape([n for n in array.shape if n > 1] or [1])
+            self._count(1 if array.ndim == 1 else min(array.shape))
+            self.arrays[name] = array
             if unit:
                 self.units[name] = unit
 
     def skip(self, name: str, why: str) -> None:
         """Remember what is no column, to say so where it is missed."""
-        self._count()
+        self._count(1)
         self.skipped[name] = f"{name!r} {why}"
 
-    def _count(self) -> None:
-        Limits.current().check("columns", len(self.columns) + len(self.skipped), "the file holds")
+    def _count(self, more: int) -> None:
+        self._columns += more
+        Limits.current().check("columns", self._columns, "the file holds")
 
     def log(self) -> RawLog:
         """What was gathered."""
-        return RawLog(self.columns, units=self.units, skipped=self.skipped)
+        lengths = {len(array) for array in self.arrays.values() if array.ndim == 1}
+        columns: dict[str, FloatArray] = {}
+        units: dict[str, str] = {}
+        for name, array in self.arrays.items():
+            if array.ndim == 1:
+                parts = {name: array}
+            else:
+                if array.shape[0] not in lengths and array.shape[1] in lengths:
+                    array = array.T
+                if array.shape[1] > WIDEST:
+                    self.skip(name, f"has shape {array.shape}; time comes first: transpose it")
+                    continue
+                parts = {f"{name}[{index}]": column for index, column in enumerate(array.T)}
+            for column, values in parts.items():
+                columns[column] = values.astype(np.float64)
+                if name in self.units:
+                    units[column] = self.units[name]
+        return RawLog(columns, units=units, skipped=self.skipped, scalars=self.scalars)
+
+
+_LABELS = frozenset(
+    "colheaders labels label names columns header headers varnames variablenames columnnames fields "
+    "jointnames".split()
+)
+
+
+def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
+    """The same values, but a table (T, n) beside a list of n names as columns.
+
+    MATLAB's `importdata` gives such structures, and many programs write them.
+    """
+    result = dict(found)
+    for key, texts in found.items():
+        if re.sub(r"[\W_]", "", key.lower()) not in _LABELS:
+            continue
+        listed_texts = list(np.ravel(np.asarray(texts, dtype=object)))
+        if isinstance(texts, str) or not all(isinstance(text, str) for text in listed_texts):
+            continue
+        names = [text.strip() for text in listed_texts]
+        for name, table in found.items():
+            fits = (
+                isinstance(table, np.ndarray) and table.ndim == 2 and table.shape[1] == len(names)
+            )
+            if fits and table.dtype.kind in "iuf" and len(set(names)) == len(names) > 1:
+                result[name] = dict(zip(names, table.T, strict=True))
+                result.pop(key, None)
+    return result
 
 
 # -- the layout of deltac's own logs in files of arrays ------------------------------------------

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
 from deltac.errors import InputError, LogError, UnknownName, closest, listed
-from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit
+from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.formats.recognition import Recognised, recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
-from deltac.trajectories.formats.units import named_unit, unit
+from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.rates import derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
@@ -33,7 +34,8 @@ _PURPOSES = {
 class ColumnReading:
     """How one column of a file is read: value in SI = `factor` × number + `offset`.
 
-    `column` is its name in the file (a constant's is empty), `meaning` its name in the log schema
+    `column` is its name in the file (empty for a constant, and for times that are counted, where the number
+    is the row's), `meaning` its name in the log schema
     (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
     from, or why the column is not used.
     """
@@ -47,9 +49,17 @@ class ColumnReading:
 
 
 def interpret(
-    raw: RawLog, mapping: LogMapping | None, names: MechanismNames | None
+    raw: RawLog,
+    mapping: LogMapping | None,
+    names: MechanismNames | None,
+    *,
+    lenient: bool = False,
 ) -> list[ColumnReading]:
-    """How each column of the file is read; raises InputError for a mapping that does not fit it."""
+    """How each column of the file is read.
+
+    Raises InputError for a mapping that does not fit the file, and for what is missing; if `lenient`, notes
+    say so instead.
+    """
     if raw.header is not None:
         if mapping is not None:
             raise InputError(
@@ -57,10 +67,20 @@ def interpret(
                 "mapping out"
             )
         return [ColumnReading(name, name) for name in raw.columns]
-    sources = _sources(raw, mapping, names)
+    sources, missing = _sources(raw, mapping, names)
+    if missing and not lenient:
+        raise next(iter(missing.values()))
     known = mapping.names(names) if mapping is not None else names
-    readings = [_reading(target, source, raw, mapping, known) for target, source in sources.items()]
-    _check_mixed(readings)
+    readings = []
+    for target, source in sources.items():
+        try:
+            readings.append(_reading(target, source, raw, mapping, known))
+        except InputError as error:
+            if not lenient:
+                raise
+            readings.append(ColumnReading(source.column or "", target, note=f"not usable: {error}"))
+    if not lenient:
+        _check_mixed(readings)
     used = {reading.column for reading in readings}
     strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
     for name in raw.columns:
@@ -68,7 +88,10 @@ def interpret(
             why = "not a name of the log schema" if strict else "ignored: nothing says what it is"
             readings.append(ColumnReading(name, "", note=why))
     readings += [ColumnReading(n, "", note=why) for n, why in raw.skipped.items() if n not in used]
-    return readings
+    told = {} if not lenient else missing
+    return [
+        ColumnReading("", t, note=f"missing: {str(e).partition(' (')[0]}") for t, e in told.items()
+    ] + readings
 
 
 def to_trajectory(
@@ -88,7 +111,8 @@ def to_trajectory(
     ignored = [r.column for r in readings if not r.meaning]
     by_name = all(r.column == r.meaning for r in readings if r.meaning)
     if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
-        columns = {name: columns.get(name, values) for name, values in raw.columns.items()}
+        like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
+        columns = {name: columns.get(name, values) for name, values in like_ours.items()} | columns
         ignored = [name for name in ignored if name not in columns]
     derived: dict[str, dict[str, float]] = {}
     units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
@@ -107,19 +131,22 @@ def to_trajectory(
 def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
     """The columns (T,) of the log schema in SI units; InputError when their lengths differ."""
     columns: dict[str, FloatArray] = {}
-    time = next((r for r in readings if r.meaning == "time"), None)
-    rows = len(raw.columns[time.column]) if time is not None and time.column else None
+    counted = sorted(
+        (r for r in readings if r.meaning and r.column), key=lambda r: r.meaning != "time"
+    )
+    rows = len(raw.columns[counted[0].column]) if counted else None
     for reading in readings:
         if not reading.meaning:
             continue
         if not reading.column:
-            columns[reading.meaning] = np.full(rows or 0, reading.offset)
+            counted_rows = np.arange(rows or 0, dtype=np.float64)
+            columns[reading.meaning] = reading.factor * counted_rows + reading.offset
             continue
         values = raw.columns[reading.column]
         if rows is not None and len(values) != rows:
             raise LogError(
-                f"column {reading.column!r} has {len(values)} values, time has {rows}; expected one "
-                "for each time. Export all signals at the same sample times."
+                f"column {reading.column!r} has {len(values)} values, {counted[0].column!r} has {rows}; "
+                "expected one for each time. Export all signals at the same sample times."
             )
         same = reading.factor == 1.0 and reading.offset == 0.0
         columns[reading.meaning] = values if same else reading.factor * values + reading.offset
@@ -133,73 +160,54 @@ def _strict(raw: RawLog, mapping: LogMapping | None) -> bool:
 
 def _sources(
     raw: RawLog, mapping: LogMapping | None, names: MechanismNames | None
-) -> dict[str, Source]:
-    """Schema column -> where it is in this file: the mapping's word, then the names'."""
+) -> tuple[dict[str, Source], dict[str, InputError]]:
+    """Schema column -> where it is in this file: the mapping's word, then the names'; and what is missing."""
     sources: dict[str, Source] = {}
+    missing: dict[str, InputError] = {}
     if mapping is not None:
         for target, source in mapping.sources.items():
             if source.column is not None:
-                _require(source.column, source.where, target, raw)
+                try:
+                    _require(source.column, source.where, target, raw)
+                except InputError as error:
+                    missing[target] = error
+                    continue
             sources[target] = source
     taken = {source.column for source in sources.values()}
     for name in [*raw.columns, *raw.skipped]:
         meaning = raw.meanings.get(name) or _own_meaning(name, raw, names)
         if meaning is not None and meaning not in sources and name not in taken:
             if name in raw.skipped:
-                raise LogError(raw.skipped[name])
-            sources[meaning] = Source(name)
+                missing[meaning] = LogError(raw.skipped[name])
+            else:
+                sources[meaning] = Source(name)
+    guesses: dict[str, Recognised] = {}
     if names is not None and mapping is None:
-        for target, column in _by_layout(raw, names).items():
-            if column not in {source.column for source in sources.values()}:
-                sources.setdefault(target, Source(column))
+        taken = {source.column for source in sources.values()}
+        for found in recognise(raw, names):
+            if found.target in sources or found.column in taken:
+                continue
+            if found.certain:
+                sources[found.target] = Source(found.column)
+            else:
+                guesses[found.target] = found
     if names is None and _strict(raw, mapping):
-        return sources  # from_columns says what is missing
+        return sources, missing  # from_columns says what is missing
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
-        if target not in sources:
-            raise _missing(target, raw, sources)
-    if not any(target.startswith("q.") for target in sources):
-        raise LogError(
+        if target not in sources and target not in missing:
+            missing[target] = _missing(target, raw, sources, guesses.get(target))
+    if not missing and not any(target.startswith("q.") for target in sources):
+        missing["q"] = LogError(
             "no column is known to be a coordinate; give the model, or say in a mapping file which "
             f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
         )
-    return sources
-
-
-def _by_layout(raw: RawLog, names: MechanismNames) -> dict[str, str]:
-    """Schema column -> column of arrays that programs log without names, by what they are called and width.
-
-    Time is ``time``, ``t`` or ``tout``; all coordinates are the columns of ``qpos`` or ``q``, all speeds
-    those of ``qvel``, ``v``, ``qd`` …, in the mechanism's order; ``x``, ``state`` or ``yout`` may hold both.
-    Only what is there once, and has just as many columns, is taken.
-    """
-    groups: dict[str, list[str]] = {}
-    for column in raw.columns:
-        found = re.fullmatch(r"(.+)\[\d+\]", column)
-        groups.setdefault(found[1] if found else column, []).append(column)
-    coordinates, speeds = list(names.coordinates), list(names.speeds)
-    q, u = [f"q.{name}" for name in coordinates], [f"u.{name}" for name in speeds]
-    layouts = (
-        (("time", "t", "tout"), ["time"]),
-        (("qpos", "q"), q),
-        (("qvel", "v", "u", "qd", "dq", "qdot"), u),
-        (("qacc", "vdot", "qdd", "ddq", "udot"), [f"udot.{name}" for name in speeds]),
-        (("x", "xout", "state", "yout"), [*q, *u]),
-    )
-    meant: dict[str, str] = {}
-    for keys, targets in layouts:
-        fitting = [
-            columns
-            for group, columns in groups.items()
-            if re.split(r"[./]", group)[-1].lower() in keys and len(columns) == len(targets)
-        ]
-        if len(fitting) == 1 and not meant.keys() & set(targets):
-            meant |= dict(zip(targets, fitting[0], strict=True))
-    return meant
+    return sources, missing
 
 
 def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:
     if is_schema_name(name):
-        return name
+        plain = without_unit(name)
+        return plain if is_schema_name(plain) and names is not None else name
     if names is not None and name in names.coordinates and raw.plain_names:
         return f"q.{name}"
     return None
@@ -223,27 +231,33 @@ def _require(column: str, where: str, target: str, raw: RawLog) -> None:
     )
 
 
-def _missing(target: str, raw: RawLog, sources: Mapping[str, Source]) -> InputError:
-    for name in raw.columns:
-        said = re.fullmatch(r"(.*?)\s*[\[(](.*)[\])]", name)
-        if said and said[1] == target:
-            kind, _, element = target.partition(".")
-            key = f'"{element}"' if "." in element else element or kind
-            table = {"q": "[coordinates]", "u": "[speeds]"}.get(kind, "[log]")
-            return LogError(
-                f"no column {target!r}, but {name!r}. A name with its unit in brackets needs a mapping file, "
-                f"which then takes the unit from it: {table} {key} = "
-                f'{{ column = "{name}" }}'
-            )
+def _missing(
+    target: str, raw: RawLog, sources: Mapping[str, Source], guess: Recognised | None
+) -> InputError:
     taken = {source.column for source in sources.values()}
     unused = [name for name in raw.columns if name not in taken]
-    hint = closest(target, unused)
+    hint = (
+        f"; did you mean {guess.column!r}?" if guess and guess.column else closest(target, unused)
+    )
     if "did you mean" not in hint and "." in target:
         hint = closest(target.partition(".")[2], unused)
     return LogError(
-        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a "
-        f"mapping file which column it is, or that it is constant{_also(raw)}"
+        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a mapping "
+        f"file which "
+        f"column it is, or that it is constant: {_line(target, guess, unused)}; deltac audit MODEL LOG "
+        f"--draft-mapping map.toml writes one to edit{_also(raw)}"
     )
+
+
+def _line(target: str, guess: Recognised | None, unused: Sequence[str]) -> str:
+    """The lines of a mapping that would say what a column is, to be pasted."""
+    kind, _, name = target.partition(".")
+    if guess is not None and guess.step is not None:
+        return f"[log] time = {{ step = {guess.step:g} }}"
+    column = guess.column if guess is not None else next(iter(unused), "…")
+    table = {"q": "coordinates", "u": "speeds", "time": "log"}.get(kind, "log")
+    key = "time" if kind == "time" else json.dumps(name, ensure_ascii=False)
+    return f"[{table}] {key} = {{ column = {json.dumps(column, ensure_ascii=False)} }}"
 
 
 def _purpose(target: str) -> str:
@@ -273,7 +287,7 @@ def _reading(
     if written is None and column in raw.units:
         written, note = raw.units[column], "unit from the file"
     if written is None and column != target:
-        written, note = named_unit(column), "unit from the column's name"
+        written, note = column_unit(column, si), "unit from the column's name"
     if written is None and mapping is not None and mapping.units:
         if si is None:
             raise _unknown_kind(
@@ -289,6 +303,10 @@ def _reading(
         factor, note = 1.0, f"{si or 'SI units'}, as nothing else is said"
     else:
         factor = _factor(target, written, si, source, column)
+    if source.step is not None:
+        return ColumnReading(
+            "", target, written or "", factor * source.step, 0.0, "counted from row to row"
+        )
     if source.constant is not None:
         value = factor * (source.sign * source.constant + source.offset)
         return ColumnReading("", target, written or "", 0.0, value, "constant")
@@ -354,3 +372,88 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
     order += [f"{prefix}.{n}" for prefix in ("u", "udot") for n in names.speeds]
     place = {name: index for index, name in enumerate(order)}
     return dict(sorted(columns.items(), key=lambda item: place.get(item[0], len(place))))
+
+
+# --- a mapping to edit ---------------------------------------------------------------------------
+
+
+def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
+    """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
+
+    Raises InputError for a log of deltac's own, which needs none.
+    """
+    if raw.header is not None:
+        raise InputError(
+            "the log has deltac's own metadata, which say all that a mapping could; it needs none"
+        )
+    sources, _ = _sources(raw, None, names)
+    found = {one.target: one for one in recognise(raw, names)}
+    speeds = any(target.startswith("u.") for target in [*sources, *found])
+    tables: dict[str, list[str]] = {"log": [], "coordinates": [], "speeds": []}
+    used: set[str] = set()
+    for target in dict.fromkeys([*_needed(names, speeds), *sources, *found]):
+        one = found.get(target)
+        source = sources.get(target)
+        column = source.column if source is not None else one.column if one is not None else None
+        kind, _, name = target.partition(".")
+        table, key = _place(kind, name, names)
+        if column is None and not (one and one.step):
+            line = f'# {key} = {{ column = "?" }}  # missing: {_purpose(target)}'
+        elif one is not None and one.step is not None and not column:
+            line = f"{key} = {{ step = {one.step!r} }}  # guessed: {one.why}"
+        else:
+            assert column is not None
+            used.add(column)
+            si = si_unit(target, names)
+            unit_text = raw.units.get(column) or column_unit(column, si)
+            entry = f"column = {_quoted(column)}" + (
+                f", unit = {_quoted(unit_text)}" if unit_text else ""
+            )
+            why = one.why if one is not None else "a name of its format"
+            sure = source is not None or (one is not None and one.certain)
+            told = why if sure else f"guessed: {why}"
+            line = f"{key} = {{ {entry} }}  # {told}" + (
+                "" if unit_text else f"; {si or 'SI'} assumed"
+            )
+        tables.setdefault(table, []).append(line)
+    lines = [
+        f"# A draft by deltac of the mapping for {title}: look at what is guessed, and at units that are "
+        f"assumed.",
+        f"# {LEGEND}",
+    ]
+    for table, entries in tables.items():
+        if entries:
+            lines += ["", f"[{table}]", *entries]
+    unused = [name for name in raw.columns if name not in used]
+    if unused:
+        lines += ["", "# Not used:", *(f"#   {_quoted(name)}" for name in unused[:MOST_UNUSED])]
+    return "\n".join(lines) + "\n"
+
+
+LEGEND = (
+    "An entry is name = { column = …, unit = …, sign = -1, offset = … } or { constant = … }; see "
+    "docs/logs.md"
+)
+MOST_UNUSED = 200
+
+
+def _place(kind: str, name: str, names: MechanismNames) -> tuple[str, str]:
+    """The table of a mapping, and the key in it, for a column of the schema."""
+    if kind == "time":
+        return "log", "time"
+    if kind == "force":
+        speed = speed_of_force(name, names)
+        channel = name.removesuffix(f".{speed}")
+        return f"forces.{_quoted(channel)}", _quoted(speed)
+    tables = {
+        "q": "coordinates",
+        "u": "speeds",
+        "udot": "accelerations",
+        "work": "works",
+        "integral": "integrals",
+    }
+    return tables[kind], _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from deltac.errors import InputError, UnknownName, closest
@@ -103,13 +104,89 @@ def unit(text: str) -> Unit:
     return Unit(factor, dimension)
 
 
-def named_unit(column: str) -> str | None:
-    """The unit that a column's name gives in brackets, as in ``elbow [deg]``; None without one."""
-    match = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", column)
-    if match is None or not match[1].strip() or match[1].strip().isdigit():
+_SUFFIXES = {
+    words: written
+    for written, several in {
+        "deg/s": "deg s;degs;degps;dps;deg sec",
+        "deg/s^2": "deg s2;deg s 2",
+        "rad/s": "rad s;rads;radps;rad sec",
+        "rad/s^2": "rad s2;rad s 2;radps2",
+        "m/s": "m s;mps",
+        "m/s^2": "m s2;m s 2;mps2",
+        "mm/s": "mm s",
+        "cm/s": "cm s",
+        "N*m": "n m;nm",
+        "N*mm": "n mm;nmm",
+        "deg": "deg;degree;degrees;grad",
+        "rad": "rad;radians",
+        "rpm": "rpm",
+        "mm": "mm",
+        "cm": "cm",
+        "m": "m",
+        "N": "n",
+        "s": "s;sec;secs;seconds",
+        "ms": "ms;msec",
+        "us": "us;usec",
+        "ns": "ns;nsec",
+    }.items()
+    for words in several.split(";")
+}
+"""Units at the end of names, as words: ``elbow_deg_s``."""
+
+_BRACKETS = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}]\s*$")
+_AFTER = re.compile(r"(?:\s*,\s*|\s+/\s*|\s+in\s+)(\S+)\s*$")
+
+
+def column_unit(column: str, si: str | None = None) -> str | None:
+    """The unit that a column's name gives: ``elbow [deg]``, ``elbow, deg``, ``elbow / deg``, ``elbow_deg``.
+
+    A unit without brackets must convert to `si`, the unit of what the column means. None without a unit.
+    """
+    if match := _BRACKETS.search(column):
+        return match[1].strip() if _is_unit(match[1]) else None
+    if si is None:
         return None
+    if (match := _AFTER.search(column)) and converts(match[1], si):
+        return match[1]
+    for _, written in _suffixes(column):
+        if converts(written, si):
+            return written
+    return None
+
+
+def without_unit(column: str) -> str:
+    """The name of a column without the unit that stands behind it, if one does."""
+    if match := _BRACKETS.search(column):
+        return column[: match.start()] if _is_unit(match[1]) else column
+    if (match := _AFTER.search(column)) and _is_unit(match[1]):
+        return column[: match.start()]
+    for rest, _ in _suffixes(column):
+        return rest
+    return column
+
+
+def _suffixes(column: str) -> Iterator[tuple[str, str]]:
+    """What stands before units in words at the end of a name, and these, the longest first."""
+    words = list(re.finditer(r"[^\W_]+", column))
+    for count in (3, 2, 1):
+        if len(words) > count:
+            tail = words[-count:]
+            written = _SUFFIXES.get(" ".join(word[0].lower() for word in tail))
+            if written is not None:
+                yield column[: tail[0].start()].rstrip("_ .-/"), written
+
+
+def _is_unit(text: str) -> bool:
+    text = text.strip()
+    if not text or text.isdigit():
+        return False  # an index
     try:
-        unit(match[1])
+        unit(text)
     except InputError:
-        return None  # an index, a remark
-    return match[1].strip()
+        return False  # a remark
+    return True
+
+
+def converts(text: str, si: str) -> bool:
+    """Whether a text is a unit of the kind of the unit `si`."""
+    return _is_unit(text) and unit(text).dimension == unit(si).dimension

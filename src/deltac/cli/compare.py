@@ -1,0 +1,31 @@
+"""`deltac compare`: two folders of results, before and after a change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deltac.cli.output import Form, Format, Json, deliver
+
+
+def command(
+    before: Annotated[
+        Path, typer.Argument(metavar="BEFORE", help="Results of a sweep or of audits.")
+    ],
+    after: Annotated[Path, typer.Argument(metavar="AFTER", help="Results of the same, later.")],
+    factor: Annotated[
+        float, typer.Option(help="How many times larger an energy error has to be to have grown.")
+    ] = 2.0,
+    form: Format = Form.text,
+    as_json: Json = False,
+) -> None:
+    """Compare two folders of results row by row: what got worse?
+
+    Exit code 1 if a verdict got worse or an energy error grew, 3 if rows are missing after, else 0.
+    """
+    from deltac.fleets.compare import compare
+
+    found = compare(before, after, factor=factor)
+    deliver(found, form.unless(as_json), name=str(after))

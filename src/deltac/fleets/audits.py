@@ -1,0 +1,348 @@
+"""`audit_many`: a folder of logs, or one log of many episodes, against one model: a verdict for each."""
+
+from __future__ import annotations
+
+import glob as globbing
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from deltac.errors import FileError, InputError, closest
+from deltac.files import read_text
+from deltac.fleets.episodes import episode_names, file_system, read_episodes
+from deltac.fleets.execution import Work
+from deltac.fleets.fleet import run_fleet
+from deltac.fleets.isolation import Failure
+from deltac.fleets.result import Fleet
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.fleets.spec import Execution
+from deltac.fleets.store import ADDRESS, Store, digest, versions
+from deltac.fleets.verdicts import AuditTask, verdicts
+from deltac.interrupts import interruptible
+from deltac.models import Model, ModelLike, load_model
+from deltac.trajectories.formats.files import FORMATS
+from deltac.trajectories.formats.mapping import as_mapping
+
+OUTCOME: dict[str, str] = {
+    "verdict": TEXT,
+    "confidence": TEXT,
+    "relative": NUMBER,
+    "energy_error": NUMBER,
+    "energy": NUMBER,
+    "error_bar": NUMBER,
+    "samples": NUMBER,
+    "duration": NUMBER,
+    "exit_code": NUMBER,
+    "findings": TEXT,
+    "seconds": NUMBER,
+    "code": TEXT,
+    "message": TEXT,
+    "details": TEXT,
+}
+"""What the table says of every log or episode; see docs/fleets.md."""
+
+LOGS, EPISODES = 8, 256
+"""Logs, and episodes of a log, in a piece, at most."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log, or an episode of one: where it is, and by what it is known whether it has changed."""
+
+    source: str
+    fingerprint: str
+    episode: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class AuditPiece:
+    """Some logs, or some episodes of one log."""
+
+    task: AuditTask
+    logs: tuple[Log, ...]
+    addresses: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """How many."""
+        return len(self.logs)
+
+    def halves(self) -> tuple[AuditPiece, AuditPiece]:
+        """The first ones, and the others."""
+        m = self.rows // 2
+        return (
+            replace(self, logs=self.logs[:m], addresses=self.addresses[:m]),
+            replace(self, logs=self.logs[m:], addresses=self.addresses[m:]),
+        )
+
+    def __call__(self) -> bytes:
+        """Their rows, as a Parquet file."""
+        outcome: dict[str, list[Any]] = {}
+        for source in dict.fromkeys(log.source for log in self.logs):
+            own = [log.episode for log in self.logs if log.source == source]
+            for one in verdicts(self.task, source, own):
+                for name in OUTCOME:
+                    outcome.setdefault(name, []).append(one.get(name))
+        return self._table(outcome)
+
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a log that could not be audited."""
+        return self._table({**failed_outcome(failure), "exit_code": [2.0]})
+
+    def about(self) -> dict[str, Any]:
+        """The first log."""
+        return {"log": self.logs[0].source, "episode": self.logs[0].episode}
+
+    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+        point = {
+            "log": (TEXT, [log.source for log in self.logs]),
+            "episode": (TEXT, [log.episode for log in self.logs]),
+        }
+        return rows_as_parquet(self.addresses, point, OUTCOME, outcome)
+
+
+# --- which logs -----------------------------------------------------------------------------------
+
+
+def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
+    """The logs that are meant: paths, folders, patterns (``logs/**/*.parquet``), URLs that fsspec knows.
+
+    A path that is not there is a log, too: its row says so. Raises InputError where a pattern matches none.
+    """
+    many = [logs] if isinstance(logs, str | Path) else list(logs)
+    found: list[str] = []
+    for one in map(str, many):
+        if "://" in one:
+            found += _remote(one)
+        elif Path(one).is_dir():
+            found += sorted(str(p) for p in Path(one).iterdir() if p.suffix.lower() in FORMATS)
+        elif globbing.has_magic(one) and not Path(one).exists():
+            matches = sorted(globbing.glob(one, recursive=True))
+            if not matches:
+                raise FileError(
+                    f"{one}: no file matches; quote the pattern, and look at its folder"
+                )
+            found += [name for name in matches if Path(name).is_file()]
+        else:
+            found.append(one)
+    if not found:
+        raise FileError(
+            f"{', '.join(map(str, many))}: no logs there; expected files {', '.join(FORMATS)}"
+        )
+    return list(dict.fromkeys(found))
+
+
+def is_fleet(logs: Sequence[str]) -> bool:
+    """Whether these are a folder, a pattern, or in a store, and so a fleet even if they are few."""
+    return any(
+        "://" in one or Path(one).is_dir() or (globbing.has_magic(one) and not Path(one).exists())
+        for one in logs
+    )
+
+
+def _remote(url: str) -> list[str]:
+    system, path = file_system(url)
+    if not globbing.has_magic(path):
+        return [url]
+    matches = sorted(system.glob(path))
+    if not matches:
+        raise FileError(f"{url}: no object matches")
+    return [system.unstrip_protocol(name) for name in matches]
+
+
+def _fingerprint(source: str) -> str:
+    """By what it is noticed that a log has changed: its size and time, or what its store tells."""
+    try:
+        if "://" in source:
+            system, path = file_system(source)
+            return str(system.ukey(path))
+        about = Path(source).stat()
+    except (OSError, InputError):
+        return "missing"
+    return f"{about.st_size} {about.st_mtime_ns}"
+
+
+# --- the fleet -------------------------------------------------------------------------------------
+
+
+@interruptible()
+def audit_many(
+    model: ModelLike,
+    logs: Iterable[str | Path] | str | Path,
+    out: str | Path | None = None,
+    *,
+    tolerance: float = 1e-3,
+    work: str | None = None,
+    mapping: str | Path | None = None,
+    strict: bool = False,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    scheduler: str | None = None,
+    time_limit: float | None = None,
+    retries: int | None = None,
+    retry_failed: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Fleet:
+    """Audit many logs, or the episodes of batched logs, against one model.
+
+    Every log is accounted for: one that cannot be read, or is not of this model, is a row with the verdict
+    "failed" and the reason. What is in `out` is not done again unless its log has changed.
+
+    A log is batched if it has a column ``episode`` (Parquet, CSV), or arrays (T, N, n) of N episodes at
+    common times (NPZ, HDF5). The equations are compiled once for all of its episodes.
+
+    Args:
+        model: as for `audit`.
+        logs: paths, folders, patterns, or URLs that fsspec knows (``s3://…``).
+        out: folder of the results; by default the model's name with ``.audits``.
+        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        work: as for `audit`.
+        mapping: path of a mapping file, for all logs.
+        strict: as for `audit`.
+        workers: processes; by default one a core.
+        executor: who does the work instead: any that follows `concurrent.futures`.
+        scheduler: address of a Dask scheduler whose workers do the work instead.
+        time_limit: seconds that a piece (8 logs, or 256 episodes) may take until its process is ended (600).
+        retries: more attempts for a log whose process died or took too long (2).
+        retry_failed: try again what was set aside before.
+        progress: called with the fraction done.
+
+    Returns:
+        The fleet: counts of verdicts, the worst cases, `frame` with a row for every log or episode.
+
+    Raises:
+        InputError: the model is none, no log is there, the folder is another fleet's or in use.
+    """
+    plan = plan_audits(model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
+    execution = Execution().overridden(
+        workers=workers, scheduler=scheduler, time_limit=time_limit, retries=retries
+    )
+    return plan.run(
+        folder_of(plan, out),
+        execution,
+        executor=executor,
+        retry_failed=retry_failed,
+        progress=progress,
+    )
+
+
+def folder_of(plan: AuditPlan, out: str | Path | None) -> Path:
+    """Where the results of a plan go."""
+    name = Path(plan.name.replace(":", "-")).name
+    return Path(f"{name}.audits") if out is None else Path(out)
+
+
+@dataclass(frozen=True, eq=False)
+class AuditPlan:
+    """The logs of a fleet with their addresses."""
+
+    name: str
+    told: dict[str, Any]
+    task: AuditTask
+    logs: tuple[Log, ...]
+    addresses: tuple[str, ...]
+
+    def pieces(self, missing: Sequence[int], workers: int) -> Iterator[Work]:
+        """Logs in small pieces, episodes in larger ones of one log; each once."""
+        left = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
+        most = max(1, min(LOGS, len(left) // (4 * workers)))
+        start = 0
+        while start < len(left):
+            first = self.logs[left[start]]
+            end = start + 1
+            limit = most if first.episode is None else EPISODES
+            while end < len(left) and end - start < limit:
+                log = self.logs[left[end]]
+                together = (log.episode is None) == (first.episode is None)
+                if not together or (first.episode is not None and log.source != first.source):
+                    break
+                end += 1
+            rows = left[start:end]
+            logs, addresses = ([of[k] for k in rows] for of in (self.logs, self.addresses))
+            yield AuditPiece(self.task, tuple(logs), tuple(addresses))  # type: ignore[arg-type]
+            start = end
+
+    def run(self, folder: Path, execution: Execution, **options: Any) -> Fleet:
+        """Do what is missing."""
+        store = Store.make(folder, "audit", self.name, self.told)
+        return run_fleet(
+            store,
+            self.addresses,
+            self.pieces,
+            execution,
+            reproducer=lambda work: _command(self.name, work),
+            **options,
+        )
+
+
+def _command(model: str, work: Work) -> str:
+    """The command that audits one log, or one episode, alone."""
+    about = work.about()
+    episode = "" if about["episode"] is None else f" --episode {about['episode']}"
+    return f"deltac audit {model} {about['log']}{episode}"
+
+
+def plan_audits(
+    model: ModelLike,
+    logs: Iterable[str | Path] | str | Path,
+    *,
+    tolerance: float = 1e-3,
+    work: str | None = None,
+    mapping: str | Path | None = None,
+    strict: bool = False,
+) -> AuditPlan:
+    """Find the logs and their episodes; nothing is audited. See `audit_many`."""
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    if work not in (None, "in-loop", "samples", "discrete"):
+        ways = ("in-loop", "samples", "discrete")
+        raise InputError(f"unknown way to take the work, {work!r}{closest(str(work), ways)}")
+    loaded = load_model(model)
+    known = as_mapping(mapping)  # first: one that is none is no error of a log
+    text = None if mapping is None else read_text(mapping)
+    name = str(model) if isinstance(model, str | Path) else loaded.mechanism.name
+    # What problems carry besides (equations, measures) is not needed, and may not travel.
+    bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
+    task = AuditTask(bare, float(tolerance), work, known, strict)
+    found: list[Log] = []
+    for source in find_logs(logs):
+        fingerprint = _fingerprint(source)
+        names = episode_names(source)
+        found += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
+    told = {
+        "model": loaded.mechanism.hash,
+        "tolerance": task.tolerance,
+        "work": work,
+        "mapping": text,
+        "strict": strict,
+    }
+    seed = hashlib.blake2b(digest({**told, "versions": versions()}), digest_size=ADDRESS)
+    addresses = []
+    for log in found:
+        own = seed.copy()
+        own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
+        addresses.append(own.hexdigest())
+    return AuditPlan(name, told, task, tuple(found), tuple(addresses))
+
+
+def write_case(plan: AuditPlan, address: str, path: Path) -> None:
+    """The page of one log, or of one episode.
+
+    Raises InputError if the plan has no such log, or it cannot be audited.
+    """
+    from deltac.diagnosis.audit.audit import audit
+
+    task = plan.task
+    found = [log for log, other in zip(plan.logs, plan.addresses) if other == address]
+    if not found:
+        raise InputError(f"address {address}: there is no such log")
+    log = found[0]
+    (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
+    if isinstance(run, InputError):
+        raise run
+    audit(task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict).report(
+        path
+    )

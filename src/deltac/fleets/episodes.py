@@ -1,0 +1,216 @@
+"""Batched logs: many episodes in one file, read one after the other or side by side.
+
+Two layouts are known: a column ``episode`` that tells the rows of each (Parquet, CSV), and arrays (T, N, n)
+of N episodes at common times, as simulators on GPUs hand them over (NPZ, HDF5). Files are read from disks, or
+from wherever fsspec reaches.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.errors import FileError, InputError, LogError, PackageError, UnknownName, closest
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import Model
+from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.files import naming, read_raw, read_trajectory
+from deltac.trajectories.formats.mapping import LogMapping, as_mapping
+from deltac.trajectories.formats.raw import Collector, RawLog, checked
+from deltac.trajectories.formats.reading import to_trajectory
+from deltac.trajectories.trajectory import Trajectory
+
+COLUMN = "episode"
+TIMES = ("time", "t", "tout")
+
+
+def file_system(url: str) -> tuple[Any, str]:
+    """The file system of a URL and the path there, by fsspec.
+
+    Raises PackageError without fsspec, or the package of that store; InputError for a URL of no store.
+    """
+    try:
+        import fsspec
+    except ImportError:
+        raise PackageError(f"{url}: URLs need fsspec: pip install 'deltac[remote]'") from None
+    try:
+        system, path = fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise PackageError(f"{url}: {error}") from None
+    except Exception as error:
+        raise FileError(f"{url}: {error}") from error
+    return system, path
+
+
+@contextmanager
+def local_copy(source: str) -> Iterator[Path]:
+    """A path where the file can be read: its own, or that of a copy of what a URL names."""
+    if "://" not in source:
+        yield Path(source)
+        return
+    system, path = file_system(source)
+    with tempfile.TemporaryDirectory(prefix="deltac-") as folder:
+        copy = Path(folder) / Path(path).name
+        try:
+            system.get_file(path, str(copy))
+        except FileNotFoundError:
+            raise FileError(f"{source}: no such object") from None
+        except Exception as error:  # whatever a store raises
+            raise FileError(f"{source} cannot be read: {type(error).__name__}: {error}") from error
+        try:
+            yield copy
+        except InputError as error:
+            raise InputError(str(error).replace(str(copy), source)) from error
+
+
+def episode_names(source: str) -> list[str] | None:
+    """The names of a log's episodes, in order; None if it is no batched log, or cannot be read."""
+    suffix = Path(source).suffix.lower()
+    try:
+        with local_copy(source) as path:
+            if suffix == ".parquet":
+                return _parquet_episodes(path)
+            if suffix == ".csv":
+                with path.open("rb") as file:
+                    head = file.readline(1 << 16)
+                if COLUMN not in head.decode("utf-8", "replace").strip().split(","):
+                    return None
+                values = read_raw(path).columns.get(COLUMN)
+                return None if values is None else _names(values)
+            if suffix in (".npz", ".h5", ".hdf5"):
+                arrays = _arrays(path)
+                return None if arrays is None else [str(k) for k in range(_count(arrays))]
+    except Exception:  # its row will say what is wrong
+        return None
+    return None
+
+
+def _parquet_episodes(path: Path) -> list[str] | None:
+    import polars
+
+    from deltac.trajectories.formats.parquet import parquet_header
+
+    parquet_header(path)
+    if COLUMN not in polars.read_parquet_schema(path):
+        return None
+    column = polars.read_parquet(path, columns=[COLUMN], glob=False)[COLUMN]
+    return [str(value) for value in column.unique(maintain_order=True)]
+
+
+def _names(values: Any) -> list[str]:
+    return [f"{value:g}" for value in dict.fromkeys(np.asarray(values).tolist())]
+
+
+def read_episodes(
+    source: str,
+    names: Sequence[str | None],
+    mapping: LogMapping | None,
+    mechanism: Mechanism,
+) -> list[Trajectory | InputError]:
+    """Some episodes of a log, or a whole log (None), each as a trajectory or as why it is none."""
+    try:
+        with local_copy(source) as path:
+            if list(names) == [None]:
+                return [read_trajectory(path, mapping, mechanism)]
+            raws = dict(_raw_episodes(path, [name for name in names if name is not None]))
+    except InputError as error:
+        return [error] * len(names)
+    known = MechanismNames.of(mechanism)
+    found: list[Trajectory | InputError] = []
+    for name in names:
+        try:
+            with naming(source):
+                if name not in raws:
+                    raise LogError(f"there is no episode {name!r} any more; run it again")
+                with naming(f"episode {name}"):
+                    found.append(to_trajectory(checked(raws[name]), mapping, known))
+        except InputError as error:
+            found.append(error)
+    return found
+
+
+def read_episode(
+    source: str, name: str, mapping: LogMapping | str | Path | None, model: Model
+) -> Trajectory:
+    """One episode of a batched log.
+
+    Raises InputError if there is none of that name, or it cannot be read.
+    """
+    names = episode_names(source)
+    if names is None:
+        raise LogError(
+            f"{source}: it has no episodes; expected a column 'episode', or arrays (T, N, n) of N episodes"
+        )
+    if name not in names:
+        raise UnknownName(f"{source}: there is no episode {name!r}{closest(name, names)}")
+    (found,) = read_episodes(source, [name], as_mapping(mapping), model.mechanism)
+    if isinstance(found, InputError):
+        raise found
+    return found
+
+
+def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLog]]:
+    suffix = path.suffix.lower()
+    if suffix == ".parquet":
+        import polars
+
+        from deltac.trajectories.formats.delimited import raw_log
+        from deltac.trajectories.formats.parquet import damaged
+
+        with damaged():
+            texts = polars.col(COLUMN).cast(polars.String)
+            frame = polars.scan_parquet(path, glob=False).filter(texts.is_in(list(names))).collect()
+        for part in frame.partition_by(COLUMN, maintain_order=True):
+            yield str(part[COLUMN][0]), raw_log(part.drop(COLUMN), None)
+    elif suffix == ".csv":
+        raw = read_raw(path)
+        own = raw.columns[COLUMN]
+        for name in names:
+            rows = np.array([f"{value:g}" == name for value in own])
+            columns = {n: c[rows] for n, c in raw.columns.items() if n != COLUMN}
+            yield name, RawLog(columns, None, raw.units, raw.meanings)
+    else:
+        arrays = _arrays(path)
+        assert arrays is not None
+        count = _count(arrays)
+        for name in names:
+            k = int(name)
+            collector = Collector()
+            for key, values in arrays.items():
+                if (
+                    values.ndim == 3
+                    or values.ndim == 2
+                    and values.shape[1] == count
+                    and key in TIMES
+                ):
+                    collector.add(key, values[:, k])
+                else:
+                    collector.add(key, values)
+            yield name, collector.log()
+
+
+def _arrays(path: Path) -> dict[str, Any] | None:
+    """The arrays of a file by name, if some are (T, N, n); time comes first, as everywhere."""
+    if path.suffix.lower() == ".npz":
+        from deltac.trajectories.formats.npz import read_arrays
+
+        arrays = read_arrays(path)
+    else:
+        from deltac.trajectories.formats.hdf5 import read_arrays as read_datasets
+
+        arrays = read_datasets(path)
+    if "deltac" in arrays or not any(v.ndim == 3 for v in arrays.values()):
+        return None
+    return arrays
+
+
+def _count(arrays: dict[str, Any]) -> int:
+    counts = {name: v.shape[1] for name, v in arrays.items() if v.ndim == 3}
+    if len(set(counts.values())) > 1:
+        raise LogError(f"arrays (T, N, n) of different numbers N of episodes: {counts}")
+    return int(next(iter(counts.values())))

@@ -1,0 +1,105 @@
+"""`run_fleet`: what a plan lacks is done, kept, and told; a sweep and an audit of many logs alike."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+from deltac.errors import InputError
+from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
+from deltac.fleets.isolation import Failure
+from deltac.fleets.result import Fleet, summarise
+from deltac.fleets.spec import Execution
+from deltac.fleets.store import RESULTS, Store
+
+
+def run_fleet(
+    store: Store,
+    addresses: Sequence[str],
+    pieces: Callable[[Sequence[int], int], Iterator[Work]],
+    execution: Execution,
+    *,
+    executor: Executor | None = None,
+    retry_failed: bool = False,
+    progress: Callable[[float], None] | None = None,
+    reproducer: Callable[[Work], str],
+) -> Fleet:
+    """Do what is not there, and make the table.
+
+    Args:
+        store: where the rows go.
+        addresses: of all rows that there are to be, in order.
+        pieces: the work for some of them (places in `addresses`), cut for so many workers.
+        execution: how it is done.
+        executor: who does it, in place of what `execution` says.
+        retry_failed: try again what was set aside before.
+        progress: called with the fraction done, first with what was there before.
+        reproducer: the command that makes the row of such a piece alone.
+
+    Raises:
+        InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made stay.
+    """
+    if executor is not None and execution.scheduler is not None:
+        raise InputError("give executor= or scheduler=, not both")
+    with store.locked():
+        done = store.done()
+        if retry_failed:
+            failed = store.aside()
+            store.take_back(failed)
+            store.forget(failed)
+            done -= failed.keys()
+        store.plan(addresses)
+        missing = [k for k, address in enumerate(addresses) if address not in done]
+        count, total = len(addresses) - len(missing), len(addresses)
+
+        def advance(rows: int) -> None:
+            nonlocal count
+            count += rows
+            if progress is not None:
+                progress(count / total)
+
+        def keep(work: Work, content: bytes) -> None:
+            store.keep(content, work.addresses)
+
+        def set_aside(work: Work, failure: Failure) -> None:
+            (address,) = work.addresses
+            store.set_aside(address, {"of": work.about(), "reproduce": reproducer(work)}, failure)
+            store.keep(work.failed(failure), work.addresses)
+
+        advance(0)
+        if missing:
+            with _crew(execution, executor, store.folder) as crew:
+                execute(
+                    crew,
+                    pieces(missing, crew.size),
+                    keep,
+                    set_aside,
+                    time_limit=execution.time_limit,
+                    retries=execution.retries,
+                    done=advance,
+                )
+        frame = store.table()
+        store.write_frame(RESULTS, frame)
+        return summarise(store, frame, total)
+
+
+@contextlib.contextmanager
+def _crew(execution: Execution, executor: Executor | None, folder: Path) -> Iterator[Crew]:
+    """Who does the work; InputError when the cluster is lost meanwhile."""
+    if executor is not None:
+        size = execution.workers or getattr(executor, "_max_workers", None) or 1
+        yield Crew(executor, size)
+    elif execution.scheduler is None:
+        with local_crew(execution.workers) as crew:
+            yield crew
+    else:
+        try:
+            with dask_crew(execution.scheduler) as crew:
+                yield crew
+        except SchedulerLost as lost:
+            raise InputError(
+                f"{lost}. What was done is in {folder}; run it again, with a scheduler or without, and it "
+                "goes on there"
+            ) from None

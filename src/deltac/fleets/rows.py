@@ -1,0 +1,54 @@
+"""Rows of the table: what whoever does the work hands back, as a small Parquet file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from deltac.fleets.isolation import Failure
+
+TEXT, NUMBER = "text", "number"
+"""Kinds of columns."""
+
+FAILED = "failed"
+"""The verdict of a row that could not be made: its code and message say why."""
+
+MEASURED = ("seconds",)
+"""Columns that differ between two runs of the same work."""
+
+
+def rows_as_parquet(
+    addresses: Sequence[str],
+    point: Mapping[str, tuple[str, Any]],
+    kinds: Mapping[str, str],
+    outcome: Mapping[str, Any],
+) -> bytes:
+    """Rows of the table: address, what they are of, what came of them; what is not a number is null.
+
+    `point` and `outcome` hold a sequence for each column, `kinds` the columns of the outcome, in order; those
+    it lacks are null.
+    """
+    import polars
+
+    types = {TEXT: polars.String, NUMBER: polars.Float64}
+    nothing = [None] * len(addresses)
+    columns = [polars.Series("address", addresses, polars.String)]
+    for name, (kind, values) in point.items():
+        columns.append(polars.Series(name, values, types[kind], strict=False))
+    for name, kind in kinds.items():
+        columns.append(polars.Series(name, outcome.get(name, nothing), types[kind], strict=False))
+    frame = polars.DataFrame(columns).with_columns(polars.col(polars.Float64).fill_nan(None))
+    target = io.BytesIO()
+    frame.write_parquet(target)
+    return target.getvalue()
+
+
+def failed_outcome(failure: Failure) -> dict[str, list[Any]]:
+    """The outcome of a single row that could not be made."""
+    return {
+        "verdict": [FAILED],
+        "code": [failure.code],
+        "message": [failure.message],
+        "details": [failure.details or None],
+    }

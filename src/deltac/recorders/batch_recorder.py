@@ -1,0 +1,174 @@
+"""Recording MuJoCo's batches, MJX and MuJoCo Warp: every world an episode, a trajectory of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+from deltac.importers.names import coordinate_names, speed_names
+from deltac.recorders.builder import TrajectoryBuilder, simulator
+from deltac.recorders.mujoco_recorder import IMPLICIT, integrator_names
+from deltac.recorders.recorder import HELD, OCCASIONAL, Forces
+from deltac.trajectories import Provenance, Trajectory
+
+Model: TypeAlias = Any
+Batch: TypeAlias = Any
+
+FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_constraint")
+OPTIONAL = ("qfrc_fluid", "qfrc_gravcomp")
+
+
+def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None) -> BatchRecorder:
+    """Record a batch of MJX or of MuJoCo Warp: call `sample` with the data after each step.
+
+    >>> rec = record_batch(model, batch, worlds=range(8))  # doctest: +SKIP
+    >>> for _ in range(500):  # doctest: +SKIP
+    ...     batch = step(mjx_model, batch)
+    ...     rec.sample(batch)
+    >>> runs = rec.episodes()  # doctest: +SKIP
+
+    Args:
+        model: the mjModel that the batch was put on the device from.
+        data: the batch at its start: mjx.Data with a leading axis of worlds, or mujoco_warp's Data.
+        worlds: which of them are recorded; by default all.
+
+    Raises:
+        InputError: MuJoCo is missing, the data are no batch, or its integrator leaves the forces of another
+            stage than that of the step (RK4).
+    """
+    return BatchRecorder(model, data, worlds)
+
+
+class BatchRecorder:
+    """Rows of all worlds of a batch; made by `record_batch`.
+
+    A row is the state before a step with the forces of the step, in groups: ``actuator all``,
+    ``constraint all`` (contacts, limits, friction loss, equalities) and ``applied all`` (applied forces,
+    fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit
+    integrator adds is ``correction implicit``, as for `record_mujoco`.
+    """
+
+    def __init__(self, model: Model, data: Batch, worlds: Sequence[int] | None) -> None:
+        self._mujoco = simulator("mujoco", "mujoco")
+        self._model = model
+        names = {value: name for name, value in integrator_names().items()}
+        self._solver = names[self._mujoco.mjtIntegrator(model.opt.integrator)]
+        if self._solver == "rk4":
+            raise InputError(
+                "with RK4 a batch holds the forces of the last stage, not those of its rows; record with "
+                "euler or implicitfast"
+            )
+        shape = _array(data.qpos).shape
+        if len(shape) != 2 or shape[1] != model.nq:
+            raise InputError(
+                f"data.qpos has shape {shape}, expected (worlds, {model.nq}): a batch, as jax.vmap makes it"
+            )
+        self._worlds = list(range(shape[0])) if worlds is None else list(worlds)
+        for world in self._worlds:
+            if not 0 <= world < shape[0]:
+                raise InputError(f"worlds: there is no world {world}, they are 0 … {shape[0] - 1}")
+        self._state = self._states(data)
+        self._rows: list[tuple[tuple[Array, Array, Array], dict[str, Array], Array, Array]] = []
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def sample(self, data: Batch) -> None:
+        """Record the step that was just made. A world whose time went back begins a new episode.
+
+        Raises InputError when the batch has another number of worlds.
+        """
+        after = self._states(data)
+        forces = {name: self._values(data, name) for name in FIELDS}
+        forces |= {name: self._values(data, name) for name in OPTIONAL if hasattr(data, name)}
+        self._rows.append((self._state, forces, after[0], after[2]))
+        self._state = after
+
+    def episodes(self) -> list[Trajectory]:
+        """The trajectories, world by world; a world that was reset has one for each episode."""
+        found: list[Trajectory] = []
+        for k in range(len(self._worlds)):
+            rows: list[int] = []
+            for row, (before, _, t, _) in enumerate(self._rows):
+                if t[k] > before[0][k]:
+                    rows.append(row)
+                elif t[k] < before[0][k] and rows:
+                    found.append(self._episode(k, rows))
+                    rows = []
+            if rows:
+                found.append(self._episode(k, rows))
+        return [run for run in found if len(run) > 1]
+
+    def _episode(self, k: int, rows: Sequence[int]) -> Trajectory:
+        model = self._model
+        builder = TrajectoryBuilder(coordinate_names(model), speed_names(model))
+        data = self._mujoco.MjData(model)
+        kept: list[tuple[float, Array, Array, Array, Forces]] = []
+        corrected = False
+        step = float(model.opt.timestep)
+        for row in rows:
+            (t, q, u), fields, _, after = self._rows[row]
+            f = {name: values[k] for name, values in fields.items()}
+            a = (after[k] - u[k]) / step
+            other = f["qfrc_smooth"] + f["qfrc_bias"] - f["qfrc_passive"] - f["qfrc_actuator"]
+            for name in OPTIONAL:
+                other = other + f.get(name, 0.0)
+            total = f["qfrc_smooth"] + f["qfrc_constraint"]
+            correction = self._mass_times(data, q[k], a) - total
+            size = sum(np.abs(f[name]).max(initial=0.0) for name in FIELDS)
+            # A difference of speeds has their rounding, and forces that of the device.
+            eps = float(np.finfo(fields["qfrc_smooth"].dtype).eps)
+            least = 64 * eps * (size + self._size_of_mass * np.abs(u[k]).max(initial=0.0) / step)
+            corrected |= bool(np.abs(correction).max(initial=0.0) > least)
+            forces = {
+                "actuator all": f["qfrc_actuator"],
+                "constraint all": f["qfrc_constraint"],
+                "applied all": np.where(np.abs(other) > least, other, 0.0),
+                IMPLICIT: correction,
+            }
+            kept.append((float(t[k]), q[k], u[k], a, forces))
+        for t0, q0, u0, a, forces in kept:
+            acting = {n: x for n, x in forces.items() if n != IMPLICIT or corrected}
+            builder.add(t0, q0, u0, a, acting)
+        return builder.trajectory(
+            Provenance(
+                simulator=f"MuJoCo {self._mujoco.mj_versionString()} (batch)",
+                solver=self._solver,
+                step=step,
+                model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
+                stage=HELD,
+                held=builder.channels,
+                looked_for=OCCASIONAL,
+                notes={"world": str(self._worlds[k]), "precision": str(self._precision)},
+            )
+        )
+
+    def _mass_times(self, data: Any, q: Array, a: Array) -> Array:
+        """M(q) a, by MuJoCo in double precision."""
+        mujoco, model = self._mujoco, self._model
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        product = np.zeros(model.nv)
+        mujoco.mj_mulM(model, data, product, np.ascontiguousarray(a, dtype=np.float64))
+        self._size_of_mass = float(np.abs(data.M).max(initial=0.0))
+        return product
+
+    def _states(self, data: Batch) -> tuple[Array, Array, Array]:
+        t = np.broadcast_to(_array(data.time), _array(data.qpos).shape[:1])
+        self._precision = _array(data.qpos).dtype
+        return t[self._worlds].astype(float), self._values(data, "qpos"), self._values(data, "qvel")
+
+    def _values(self, data: Batch, name: str) -> Array:
+        values = _array(getattr(data, name))
+        return np.array(values[self._worlds])
+
+
+def _array(values: Any) -> Array:
+    """A field of a batch on the host: JAX's arrays convert themselves, Warp's have a method."""
+    return np.asarray(values.numpy() if hasattr(values, "numpy") else values)

@@ -1,0 +1,306 @@
+"""Recording Drake: a MultibodyPlant, continuous or discrete, through the simulator's monitor function.
+
+In either mode the sum of all forces is known without asking for each: M v̇ + C v, with the plant's own v̇.
+What gravity, force elements, joint dampers, actuators and contacts leave of it is recorded too, under the
+name of what it can only be. So the channels add up, whatever the plant contains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError, ModelError
+from deltac.models import ModelLike
+from deltac.recorders.builder import simulator
+from deltac.recorders.monitor import Monitor
+from deltac.recorders.recorder import (
+    HELD,
+    INSTANT,
+    OCCASIONAL,
+    Columns,
+    Forces,
+    JointColumns,
+    Recorder,
+    rotation,
+)
+from deltac.trajectories import Provenance, Trajectory
+
+Plant: TypeAlias = Any
+Context: TypeAlias = Any
+
+KINDS = {
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "planar": "planar",
+    "quaternion_floating": "free",
+}
+"""Drake's kind of a joint -> ours. Its Euler angles of ball and floating joints have no counterpart."""
+
+SOLVED = 1e-4
+"""The same of a discrete step with contact, for the tolerance of its solver."""
+
+ROUNDING = 1e-9
+"""What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
+
+
+def record_drake(
+    simulation: Any,
+    plant: Plant,
+    model: ModelLike | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    monitor: Monitor | None = None,
+) -> DrakeRecorder:
+    """Record a MultibodyPlant, after every step of the simulator.
+
+    >>> with record_drake(simulator, plant, mechanism) as rec:  # doctest: +SKIP
+    ...     simulator.AdvanceTo(2.0)
+    >>> run = rec.trajectory()  # doctest: +SKIP
+
+    Args:
+        simulation: the pydrake Simulator. Its monitor function, if any, is replaced until the end.
+        plant: the MultibodyPlant, finalised; alone or part of the diagram.
+        model: the mechanism, for the order of its joints; by default the order is the plant's.
+        names: Drake's name of a joint -> the mechanism's, where they differ; a floating base's joint is
+            called after its body.
+        monitor: what is fed with the rows, in place of keeping them.
+
+    Raises:
+        InputError: Drake is missing, a joint is of a kind that is not known here, or the mechanism has other
+            joints.
+    """
+    return DrakeRecorder(simulation, plant, model, names, monitor)
+
+
+class DrakeRecorder(Recorder):
+    """Rows of a running Drake simulation; made by `record_drake`."""
+
+    def __init__(
+        self,
+        simulation: Any,
+        plant: Plant,
+        model: ModelLike | None,
+        names: Mapping[str, str] | None,
+        monitor: Monitor | None,
+    ) -> None:
+        simulator("pydrake", "drake")
+        from pydrake.multibody.tree import MultibodyForces
+
+        self._simulator, self._plant = simulation, plant
+        self._here = plant.CreateDefaultContext()
+        self._forces, self._none = MultibodyForces(plant), MultibodyForces(plant)
+        self._none.SetZero()
+        joints, self._dampers, self._limited = [], [], np.zeros(plant.num_velocities(), dtype=bool)
+        for index in plant.GetJointIndices():
+            joint = plant.get_joint(index)
+            if not joint.num_velocities():
+                continue
+            if joint.type_name() not in KINDS:
+                raise ModelError(
+                    f"joint {joint.name()!r} of the plant is a {joint.type_name()} joint; known: "
+                    f"{', '.join(KINDS)}"
+                )
+            q = slice(joint.position_start(), joint.position_start() + joint.num_positions())
+            v = slice(joint.velocity_start(), joint.velocity_start() + joint.num_velocities())
+            joints.append(JointColumns(joint.name(), KINDS[joint.type_name()], q, v))
+            self._dampers.append((joint, v))
+            if joint.num_positions() == joint.num_velocities():
+                bounds = np.array([joint.position_lower_limits(), joint.position_upper_limits()])
+                self._limited[v] = np.isfinite(bounds).any(axis=0)
+        self._names = names or {}
+        self._columns = Columns.of(joints, model if monitor is None else monitor.mechanism, names)
+        self._actuation = np.array(plant.MakeActuationMatrix())
+        self._actuators = [
+            (plant.get_joint_actuator(index).name(), plant.get_joint_actuator(index).input_start())
+            for index in plant.GetJointActuatorIndices()
+        ]
+        # TAMSI takes dampers at the start of a step, the convex solvers at its end.
+        self._implicit = "Tamsi" not in str(plant.get_discrete_contact_approximation())
+        self._period = float(plant.time_step()) or None
+        self._before: tuple[float, Array, Array] | None = None
+        self._live: Forces = {}
+        super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
+
+    def __enter__(self) -> DrakeRecorder:
+        self._simulator.set_monitor(self._after_step)
+        context = self._simulator.get_context()
+        # Initialize() calls the monitor; a simulator that was initialised before will not.
+        self._after_step(context)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Take the monitor function away; the trajectory stays available."""
+        self._simulator.clear_monitor()
+
+    def trajectory(self) -> Trajectory:
+        """The rows so far."""
+        plant, discrete = self._plant, self._period is not None
+        if discrete:
+            solver = str(plant.get_discrete_contact_approximation()).rpartition(".k")[2].lower()
+        else:
+            solver = type(self._simulator.get_integrator()).__name__.partition("[")[0]
+        integrator = self._simulator.get_integrator()
+        fixed = not discrete and integrator.get_fixed_step_mode()
+        return self._trajectory(
+            Provenance(
+                simulator=f"Drake {version('drake')}",
+                solver=solver,
+                step=self._period or (integrator.get_maximum_step_size() if fixed else None),
+                stage=HELD if discrete else INSTANT,
+                held=self._builder.channels if discrete else (),
+                looked_for=OCCASIONAL,
+                acted=self._acted,
+            )
+        )
+
+    # --- rows ------------------------------------------------------------------------------------
+
+    def _after_step(self, root: Context) -> None:
+        """What the simulator calls after Initialize and after each of its steps."""
+        context = self._plant.GetMyContextFromRoot(root)
+        t = float(context.get_time())
+        if self._period is None:
+            if self._before is not None and t <= self._before[0]:
+                return  # initialised anew, or a pending event: the same row
+            self._continuous(t, context)
+        else:
+            self._discrete(t, context)
+
+    def _continuous(self, t: float, context: Context) -> None:
+        plant = self._plant
+        q, v = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
+        vdot = np.array(plant.get_generalized_acceleration_output_port().Eval(context))
+        forces = {**self._actuators_of(context), **self._contacts(context)}
+        plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
+        known, rest = self._known(vdot, v, forces)
+        if np.abs(rest).max(initial=0.0) > ROUNDING * known:
+            forces["applied external"] = rest
+        rows = self._converted(q, v)
+        self._before = (t, q, v)
+        ours = {name: self._turned(f, q) for name, f in forces.items()}
+        self._instant(t, *rows, self._turned(vdot, q), ours)
+
+    def _discrete(self, t: float, context: Context) -> None:
+        plant, h = self._plant, self._period
+        assert h is not None
+        q, v = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
+        if self._before is not None:
+            gone = (t - self._before[0]) / h
+            if gone < 1.0 - 1e-6:
+                return  # a step of something else in the diagram
+            if gone > 1.0 + 1e-6:
+                raise InputError(f"Drake's plant made {gone:g} steps at once at t = {t:g} s")
+            forces = self._live
+            if plant.has_sampled_output_ports():
+                forces = {**self._actuators_of(context), **self._contacts(context)}
+            before, q0, v0 = self._before[0], self._before[1], self._before[2]
+            plant.SetPositionsAndVelocities(self._here, np.concatenate([q0, v0]))
+            forces = dict(forces)
+            known, rest = self._known((v - v0) / h, v0, forces)
+            forces |= dict(self._of_the_step(rest, v - v0, known))
+            ours = {name: self._turned(f, q0) for name, f in forces.items()}
+            self._step((before, *self._converted(q0, v0)), (t, *self._converted(q, v)), ours)
+        if not plant.has_sampled_output_ports():
+            self._live = {**self._actuators_of(context), **self._contacts(context)}
+        self._before = (t, q, v)
+
+    def _known(self, vdot: Array, v: Array, forces: Forces) -> tuple[float, Array]:
+        """Add springs and dampers; the size of the forces and what is left of their sum, M v̇ + C v."""
+        plant, here = self._plant, self._here
+        total = np.array(plant.CalcInverseDynamics(here, vdot, self._none))
+        gravity = np.array(plant.CalcGravityGeneralizedForces(here))
+        plant.CalcForceElementsContribution(here, self._forces)
+        elements = np.array(plant.CalcGeneralizedForces(here, self._forces)) - gravity
+        for joint, place in self._dampers:
+            c = np.array(joint.GetDampingVector(here))
+            if c.any():
+                damping = np.zeros_like(v)
+                damping[place] = -c * v[place]
+                forces[f"damper {self._names.get(joint.name(), joint.name())}"] = damping
+                elements = elements - damping
+        size = np.abs(gravity).max(initial=0.0) + np.abs(total).max(initial=0.0)
+        size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
+        if np.abs(elements).max(initial=0.0) > ROUNDING * size:
+            forces["spring elements"] = elements
+        rest = (
+            total - gravity - np.sum([np.zeros_like(v), elements, *self._of_logged(forces)], axis=0)
+        )
+        return float(size), rest
+
+    @staticmethod
+    def _of_logged(forces: Forces) -> Iterator[Array]:
+        return (f for name, f in forces.items() if name != "spring elements")
+
+    def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
+        """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
+        least = ROUNDING * size
+        implicit = np.zeros_like(rest)
+        if self._implicit:
+            for joint, place in self._dampers:
+                implicit[place] -= np.array(joint.GetDampingVector(self._here)) * change[place]
+            if np.abs(implicit).max(initial=0.0) > least:
+                yield "correction implicit", implicit
+        left = rest - implicit
+        for joint in self._columns.joints:
+            own = np.zeros_like(left)
+            own[joint.v] = np.where(self._limited[joint.v], left[joint.v], 0.0)
+            if np.abs(own).max(initial=0.0) > least:
+                yield f"limit {joint.name}", own
+                left = left - own
+        found = np.abs(left).max(initial=0.0)
+        if self._plant.num_constraints() and found > least:
+            yield "constraint all", left
+        elif found > SOLVED * size:
+            yield "applied external", left
+        elif found > least:
+            yield "correction solver", left
+
+    def _actuators_of(self, context: Context) -> Forces:
+        if not self._actuators:
+            return {}
+        values = np.array(self._plant.get_net_actuation_output_port().Eval(context))
+        return {
+            f"actuator {name}": self._actuation[:, place] * values[place]
+            for name, place in self._actuators
+        }
+
+    def _contacts(self, context: Context) -> Forces:
+        from pydrake.multibody.tree import ModelInstanceIndex
+
+        plant = self._plant
+        if not plant.geometry_source_is_registered() or not plant.num_collision_geometries():
+            return {}
+        total = np.zeros(plant.num_velocities())
+        for k in range(plant.num_model_instances()):
+            index = ModelInstanceIndex(k)
+            if plant.num_velocities(index):
+                port = plant.get_generalized_contact_forces_output_port(index)
+                plant.SetVelocitiesInArray(index, np.array(port.Eval(context)), total)
+        return {"contact all": total}
+
+    # --- conventions: floating joints have the quaternion and the angular velocity first ------------
+
+    def _converted(self, q: Array, v: Array) -> tuple[Array, Array]:
+        parts = []
+        for joint in self._columns.joints:
+            own = q[joint.q]
+            parts.append(np.concatenate([own[4:], own[:4]]) if joint.kind == "free" else own)
+        return np.concatenate([np.zeros(0), *parts]), self._turned(v, q)
+
+    def _turned(self, values: Array, q: Array) -> Array:
+        """Velocities, accelerations or forces; angular components of free joints in the body's frame.
+
+        d/dt (Rᵀω) = Rᵀω̇, since ω × ω = 0; and turning is orthogonal, so that forces turn alike.
+        """
+        parts = []
+        for joint in self._columns.joints:
+            own = values[joint.v]
+            if joint.kind == "free":
+                own = np.concatenate([own[3:], rotation(q[joint.q][:4]).T @ own[:3]])
+            parts.append(own)
+        return np.concatenate([np.zeros(0), *parts])

@@ -1,0 +1,110 @@
+"""Recording MuJoCo inside environments of Gymnasium and dm_control."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from deltac.errors import InputError, WrongType
+from deltac.recorders.mujoco_recorder import MujocoRecorder, record_mujoco
+from deltac.trajectories import Trajectory
+
+
+class _Recording:
+    """An environment that records what MuJoCo does in it; all else is that of the environment.
+
+    `episodes` are the recorded ones that have ended; `trajectory()` is the present one.
+    """
+
+    def __init__(self, env: Any, channels: str) -> None:
+        self.env = env
+        self.episodes: list[Trajectory] = []
+        self._channels = channels
+        self._recorder: MujocoRecorder | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.env, name)
+
+    def _model_and_data(self) -> tuple[Any, Any]:
+        raise NotImplementedError
+
+    def reset(self, *arguments: Any, **keywords: Any) -> Any:
+        """Reset the environment; what was recorded since the last reset becomes an episode."""
+        if self._recorder is not None and len(self._recorder):
+            self.episodes.append(self._recorder.trajectory())
+        self._recorder = None
+        found = self.env.reset(*arguments, **keywords)
+        self._recorder = record_mujoco(*self._model_and_data(), self._channels)
+        return found
+
+    def step(self, action: Any) -> Any:
+        """Step the environment, and record every step of MuJoCo in it."""
+        if self._recorder is None:
+            raise InputError("step() before reset(): reset the environment first")
+        found = self.env.step(action)
+        self._recorder.sample()
+        return found
+
+    def trajectory(self) -> Trajectory:
+        """What was recorded since the last reset, at the rate of MuJoCo's steps."""
+        if self._recorder is None:
+            raise InputError("nothing is recorded yet: reset the environment, and step it")
+        return self._recorder.trajectory()
+
+
+class _Gymnasium(_Recording):
+    def _model_and_data(self) -> tuple[Any, Any]:
+        bare = self.env.unwrapped
+        return bare.model, bare.data
+
+    @property
+    def unwrapped(self) -> Any:
+        """The bare environment."""
+        return self.env.unwrapped
+
+
+class _DmControl(_Recording):
+    def _model_and_data(self) -> tuple[Any, Any]:
+        physics = self.env.physics
+        return physics.model.ptr, physics.data.ptr
+
+
+def gymnasium(env: Any, channels: str = "all") -> Any:
+    """An environment of Gymnasium on MuJoCo that records every step of the physics, frame_skip or not.
+
+    >>> env = deltac.recorders.gymnasium(gymnasium.make("HalfCheetah-v5"))  # doctest: +SKIP
+    >>> env.reset(seed=0)  # doctest: +SKIP
+    >>> for _ in range(100):
+    ...     env.step(env.action_space.sample())  # doctest: +SKIP
+    >>> run = env.trajectory()  # doctest: +SKIP
+
+    Args:
+        env: the environment, wrapped or not; its bare one has `model` and `data` of MuJoCo.
+        channels: as in `record_mujoco`.
+
+    Raises:
+        InputError: the environment is not one of MuJoCo.
+    """
+    bare = getattr(env, "unwrapped", env)
+    if not (hasattr(bare, "model") and hasattr(bare, "data")):
+        raise WrongType(
+            f"gymnasium: found {type(bare).__name__}, expected an environment on MuJoCo, with .model and "
+            f".data"
+        )
+    return _Gymnasium(env, channels)
+
+
+def dm_control(env: Any, channels: str = "all") -> Any:
+    """An environment of dm_control that records every step of the physics.
+
+    Args:
+        env: the environment, with `physics`.
+        channels: as in `record_mujoco`.
+
+    Raises:
+        InputError: the environment has no physics of MuJoCo.
+    """
+    if not hasattr(env, "physics"):
+        raise WrongType(
+            f"dm_control: found {type(env).__name__}, expected an environment with .physics"
+        )
+    return _DmControl(env, channels)

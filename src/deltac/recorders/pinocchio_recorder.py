@@ -1,0 +1,221 @@
+"""Recording Pinocchio: a dynamics library, around which users write the integrator themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError, ModelError
+from deltac.models import ModelLike
+from deltac.recorders.builder import simulator
+from deltac.recorders.monitor import Monitor
+from deltac.recorders.recorder import INSTANT, Columns, Forces, JointColumns, Recorder, rotation
+from deltac.trajectories import Provenance, Trajectory
+
+Model: TypeAlias = Any
+
+KINDS = {
+    **{f"JointModelR{axis}": "revolute" for axis in "XYZ"},
+    **{f"JointModelRUB{axis}": "continuous" for axis in "XYZ"},
+    **{f"JointModelP{axis}": "prismatic" for axis in "XYZ"},
+    "JointModelRevoluteUnaligned": "revolute",
+    "JointModelRevoluteUnboundedUnaligned": "continuous",
+    "JointModelPrismaticUnaligned": "prismatic",
+    "JointModelSpherical": "spherical",
+    "JointModelFreeFlyer": "free",
+}
+"""Pinocchio's kind of a joint -> ours; "continuous" has the cosine and sine of its angle in q."""
+
+
+def record_pinocchio(
+    pin_model: Model,
+    model: ModelLike | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    monitor: Monitor | None = None,
+) -> PinocchioRecorder:
+    """Record a loop of your own around Pinocchio.
+
+    >>> with record_pinocchio(pin_model, mechanism) as rec:  # doctest: +SKIP
+    ...     for k in range(1000):
+    ...         rec.sample(k * h, q, v, tau=tau)
+    ...         q, v = step(q, v, tau)
+    >>> run = rec.trajectory(solver="rk4", step=h)  # doctest: +SKIP
+
+    Args:
+        pin_model: the pinocchio.Model.
+        model: the mechanism, for the order of its joints; by default the order is Pinocchio's.
+        names: Pinocchio's name of a joint -> the mechanism's, where they differ ("root_joint" is a free
+            flyer's usual one).
+        monitor: what is fed with the rows, in place of keeping them.
+
+    Raises:
+        InputError: Pinocchio is missing, a joint is of a kind that is not known here, or the mechanism has
+            other joints.
+    """
+    return PinocchioRecorder(pin_model, model, names, monitor)
+
+
+class PinocchioRecorder(Recorder):
+    """Rows of a loop around Pinocchio; made by `record_pinocchio`."""
+
+    def __init__(
+        self,
+        pin_model: Model,
+        model: ModelLike | None,
+        names: Mapping[str, str] | None,
+        monitor: Monitor | None,
+    ) -> None:
+        self._pin = simulator("pinocchio", "pin")
+        self._model, self._data = pin_model, pin_model.createData()
+        joints, continuous = [], set()
+        for name, joint in zip(pin_model.names[1:], pin_model.joints[1:]):
+            kind = KINDS.get(joint.shortname())
+            if kind is None:
+                raise ModelError(
+                    f"joint {name!r} of the Pinocchio model is a {joint.shortname()}; known: "
+                    f"{', '.join(KINDS)}"
+                )
+            if kind == "continuous":
+                continuous.add((names or {}).get(name, name))
+                kind = "revolute"
+            q, v = (
+                slice(joint.idx_q, joint.idx_q + joint.nq),
+                slice(joint.idx_v, joint.idx_v + joint.nv),
+            )
+            joints.append(JointColumns(name, kind, q, v))
+        self._continuous = frozenset(continuous)
+        self._turned: dict[str, float] = {}
+        self._columns = Columns.of(joints, model if monitor is None else monitor.mechanism, names)
+        super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
+
+    def sample(
+        self,
+        t: float,
+        q: Array,
+        v: Array,
+        a: Array | None = None,
+        tau: Array | None = None,
+        fext: Sequence[Any] | None = None,
+        forces: Mapping[str, Array] | None = None,
+    ) -> None:
+        """Record a state of the loop and what acted there.
+
+        Args:
+            t: time, s.
+            q: Pinocchio's configuration (model.nq).
+            v: Pinocchio's velocity (model.nv).
+            a: accelerations of this instant (model.nv); by default those of `pinocchio.aba` under the forces
+                given here.
+            tau: joint torques (model.nv), N or N·m: channels ``actuator <joint>``.
+            fext: external forces as for `pinocchio.aba`, a pinocchio.Force for each joint in its frame:
+                channel ``applied external``.
+            forces: further generalized forces (model.nv) in Pinocchio's conventions, by channel, such as
+                ``damper elbow`` or ``contact foot``. They are part of the accelerations that are found here.
+
+        Raises:
+            InputError: an array of the wrong size.
+        """
+        pin, model, data = self._pin, self._model, self._data
+        q, v = self._sized("q", q, model.nq), self._sized("v", v, model.nv)
+        acting = {name: self._sized(name, f, model.nv) for name, f in (forces or {}).items()}
+        if tau is not None:
+            tau = self._sized("tau", tau, model.nv)
+            for joint in self._columns.joints:
+                part = np.zeros(model.nv)
+                part[joint.v] = tau[joint.v]
+                name = f"actuator {joint.name}"
+                acting[name] = acting[name] + part if name in acting else part
+        if fext is not None:
+            acting["applied external"] = self._external(q, fext)
+        if a is None:
+            total = np.sum([*acting.values(), np.zeros(model.nv)], axis=0)
+            a = np.array(pin.aba(model, data, q, v, total))
+        a = self._sized("a", a, model.nv)
+        ours: Forces = {name: self._dual(f, q) for name, f in acting.items()}
+        self._instant(t, self._coordinates(q), self._speeds(v, q), self._rates(a, v, q), ours)
+
+    def trajectory(
+        self, solver: str | None = None, step: float | None = None, held: Sequence[str] = ()
+    ) -> Trajectory:
+        """The samples so far, with what the caller says of the integrator, its step, and channels it held."""
+        return self._trajectory(
+            Provenance(
+                simulator=f"Pinocchio {self._pin.__version__}",
+                solver=solver,
+                step=step,
+                model=self._model.name or None,
+                stage=INSTANT,
+                held=tuple(held),
+                acted=self._acted,
+            )
+        )
+
+    def _external(self, q: Array, fext: Sequence[Any]) -> Array:
+        """Σ Jᵀ f, as what inverse dynamics at rest lacks without them."""
+        pin, model, data = self._pin, self._model, self._data
+        rest = np.zeros(model.nv)
+        forces = pin.StdVec_Force()
+        for force in fext:
+            forces.append(force)
+        if len(forces) != model.njoints:
+            raise InputError(
+                f"fext: found {len(forces)} forces, expected {model.njoints}: one for each joint, the "
+                "universe first"
+            )
+        without = np.array(pin.rnea(model, data, q, rest, rest))
+        return np.asarray(without - np.array(pin.rnea(model, data, q, rest, rest, forces)))
+
+    # --- conventions: free flyers have body components and quaternions x, y, z, w ------------------
+
+    def _coordinates(self, q: Array) -> Array:
+        parts = []
+        for joint in self._columns.joints:
+            own = q[joint.q]
+            if joint.name in self._continuous:
+                angle = float(np.arctan2(own[1], own[0]))
+                before = self._turned.get(joint.name, angle)
+                own = np.array([before + np.remainder(angle - before + np.pi, 2 * np.pi) - np.pi])
+                self._turned[joint.name] = float(own[0])
+            elif joint.kind in ("spherical", "free"):
+                own = np.concatenate([own[:-4], own[-1:], own[-4:-1]])
+            parts.append(own)
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _speeds(self, v: Array, q: Array) -> Array:
+        return self._turned_parts(v, q)
+
+    def _dual(self, f: Array, q: Array) -> Array:
+        # Turning linear components is orthogonal: forces turn as velocities do.
+        return self._turned_parts(f, q)
+
+    def _rates(self, a: Array, v: Array, q: Array) -> Array:
+        """d/dt (R v_B) = R (v̇_B + ω × v_B) of free flyers."""
+        inertial = a.copy()
+        for joint in self._columns.joints:
+            if joint.kind == "free":
+                start = joint.v.start
+                inertial[start : start + 3] += np.cross(
+                    v[start + 3 : start + 6], v[start : start + 3]
+                )
+        return self._turned_parts(inertial, q)
+
+    def _turned_parts(self, values: Array, q: Array) -> Array:
+        parts = []
+        for joint in self._columns.joints:
+            own = values[joint.v]
+            if joint.kind == "free":
+                x, y, z, w = q[joint.q][3:]
+                own = np.concatenate([rotation(np.array([w, x, y, z])) @ own[:3], own[3:]])
+            parts.append(own)
+        return np.concatenate([np.zeros(0), *parts])
+
+    @staticmethod
+    def _sized(what: str, values: Any, size: int) -> Array:
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != (size,):
+            raise InputError(f"{what}: found shape {array.shape}, expected ({size},)")
+        return array

@@ -1,0 +1,329 @@
+"""Recording PyBullet: the state before each step, and what forces the step came to.
+
+Bullet steps by semi-implicit Euler: u_{k+1} = u_k + h a with a of the state k, so a, and by inverse dynamics
+the sum of all forces, are known to rounding. Dampers and motors are told apart; what is left over are
+contacts, joint limits, or whatever else acted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError, ModelError
+from deltac.models import ModelLike
+from deltac.recorders.builder import simulator
+from deltac.recorders.monitor import Monitor
+from deltac.recorders.recorder import (
+    HELD,
+    OCCASIONAL,
+    Columns,
+    Forces,
+    JointColumns,
+    Recorder,
+    rotation,
+)
+from deltac.trajectories import Provenance, Trajectory
+
+KINDS = {0: "revolute", 1: "prismatic"}
+"""PyBullet's kind of a joint -> ours; those that are fixed (4) have no coordinate."""
+
+FIXED = 4
+
+ROUNDING = 1e-9
+"""What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
+
+
+def record_pybullet(
+    body: int,
+    model: ModelLike | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    monitor: Monitor | None = None,
+    client: int = 0,
+) -> PybulletRecorder:
+    """Record a body of PyBullet: call `sample` after each ``stepSimulation``.
+
+    >>> with record_pybullet(robot, mechanism) as rec:  # doctest: +SKIP
+    ...     for k in range(1000):
+    ...         p.setJointMotorControl2(robot, 0, p.TORQUE_CONTROL, force=torque)
+    ...         p.stepSimulation()
+    ...         rec.sample({"shoulder": torque})
+    >>> run = rec.trajectory()  # doctest: +SKIP
+
+    Args:
+        body: unique number of the body, in the state of the first row.
+        model: the mechanism, for the order of its joints; by default the order is Bullet's.
+        names: Bullet's name of a joint -> the mechanism's, where they differ. The joint of a body whose base
+            is free is called after its base link.
+        monitor: what is fed with the rows, in place of keeping them.
+        client: number of the physics client.
+
+    Raises:
+        InputError: PyBullet is missing, it makes several substeps a step, a joint is spherical or planar, or
+            the mechanism has other joints.
+    """
+    return PybulletRecorder(body, model, names, monitor, client)
+
+
+class PybulletRecorder(Recorder):
+    """Rows of a running PyBullet simulation; made by `record_pybullet`."""
+
+    def __init__(
+        self,
+        body: int,
+        model: ModelLike | None,
+        names: Mapping[str, str] | None,
+        monitor: Monitor | None,
+        client: int,
+    ) -> None:
+        p = self._p = simulator("pybullet", "pybullet")
+        self._body, self._of = body, {"physicsClientId": client}
+        engine = p.getPhysicsEngineParameters(**self._of)
+        if engine["numSubSteps"] > 1:
+            raise InputError(
+                f"PyBullet makes {engine['numSubSteps']} substeps a step, of which it shows only the last; "
+                "set numSubSteps=0 and a smaller time step"
+            )
+        self._gravity = np.array(
+            [
+                engine["gravityAccelerationX"],
+                engine["gravityAccelerationY"],
+                engine["gravityAccelerationZ"],
+            ]
+        )
+        base = p.getDynamicsInfo(body, -1, **self._of)
+        self._centre, self._axes = np.array(base[3]), _matrix(base[4])
+        self._places: list[int] = []
+        joints: list[JointColumns] = []
+        self._free = 6 if base[0] > 0.0 else 0
+        if self._free:
+            name = p.getBodyInfo(body, **self._of)[0].decode()
+            joints.append(JointColumns(name, "free", slice(0, 7), slice(0, 6)))
+        self._damping: dict[str, float] = {}
+        self._limited: list[str] = []
+        own = names or {}
+        for j in range(p.getNumJoints(body, **self._of)):
+            info = p.getJointInfo(body, j, **self._of)
+            if info[2] == FIXED:
+                continue
+            name = info[1].decode()
+            if info[2] not in KINDS:
+                raise ModelError(
+                    f"joint {name!r} of the body is neither revolute nor prismatic: PyBullet does not show "
+                    "what is needed of it"
+                )
+            place = self._free + len(self._places)
+            joints.append(
+                JointColumns(
+                    name,
+                    KINDS[info[2]],
+                    slice(place + bool(self._free), place + bool(self._free) + 1),
+                    slice(place, place + 1),
+                )
+            )
+            self._places.append(j)
+            if info[6]:
+                self._damping[own.get(name, name)] = float(info[6])
+            if info[8] <= info[9]:
+                self._limited.append(own.get(name, name))
+        self._columns = Columns.of(joints, model if monitor is None else monitor.mechanism, names)
+        self._at = {joint.name: joint.v for joint in self._columns.joints}
+        self._t = 0.0
+        super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
+        self._before = self._state()
+
+    def sample(self, torques: Mapping[str, float] | None = None) -> None:
+        """Record the step that was just made.
+
+        Args:
+            torques: what you applied to joints by torque control in this step, N·m or N, by the mechanism's
+                names: PyBullet does not report it. Torques of its own motors are found.
+
+        Raises:
+            InputError: an unknown joint.
+        """
+        h = float(self._p.getPhysicsEngineParameters(**self._of)["fixedTimeStep"])
+        before, after = self._before, self._state()
+        a = (after.v - before.v) / h
+        total, size = self._total(before, a)
+        forces: Forces = {}
+        for name in torques or {}:
+            if name not in self._at:
+                raise InputError(
+                    f"torques: the body has no joint {name!r}; it has {', '.join(self._at)}"
+                )
+        for name, place in self._at.items():
+            if place.stop - place.start > 1:
+                continue
+            motor = float((torques or {}).get(name, 0.0)) + after.motors[place.start - self._free]
+            for kind, value in (
+                ("actuator", motor),
+                ("damper", -self._damping.get(name, 0.0) * before.v[place.start]),
+            ):
+                if value or (kind == "damper" and name in self._damping):
+                    forces[f"{kind} {name}"] = np.zeros(len(total))
+                    forces[f"{kind} {name}"][place] = value
+        rest = total - np.sum([*forces.values(), np.zeros(len(total))], axis=0)
+        size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
+        self._name(rest, ROUNDING * size, forces)
+        t, self._t = self._t, self._t + h
+        self._before = after
+        ours = {name: self._force(f, before) for name, f in forces.items()}
+        self._step(
+            (t, *self._row(before)),
+            (self._t, *self._row(after)),
+            ours,
+            self._acceleration(a, before),
+        )
+
+    def trajectory(self) -> Trajectory:
+        """The rows so far; the state after the last step, from which none was made, is not a row."""
+        h = float(self._p.getPhysicsEngineParameters(**self._of)["fixedTimeStep"])
+        return self._trajectory(
+            Provenance(
+                simulator=f"PyBullet {self._p.getAPIVersion()}",
+                solver="semi-implicit euler",
+                step=h,
+                stage=HELD,
+                held=self._builder.channels,
+                looked_for=OCCASIONAL,
+                acted=self._acted,
+            )
+        )
+
+    # --- what Bullet says ------------------------------------------------------------------------
+
+    def _state(self) -> _State:
+        """The present state; of the base its centre's motion and its principal axes, in world components."""
+        p, body = self._p, self._body
+        joints = p.getJointStates(body, self._places, **self._of) if self._places else []
+        q = np.array([state[0] for state in joints])
+        v = np.array([state[1] for state in joints])
+        motors = np.array([state[3] for state in joints])
+        if not self._free:
+            return _State(q, v, motors, np.zeros(3), np.eye(3))
+        centre, turn = p.getBasePositionAndOrientation(body, **self._of)
+        linear, angular = p.getBaseVelocity(body, **self._of)
+        return _State(
+            q, np.concatenate([linear, angular, v]), motors, np.array(centre), _matrix(turn)
+        )
+
+    def _total(self, state: _State, a: Array) -> tuple[Array, float]:
+        """M a + c less gravity: all other forces, on the base's centre in world components; their size."""
+        p, body, n = self._p, self._body, self._free
+        q = list(state.q)
+        if not n:
+            total = np.array(
+                p.calculateInverseDynamics(body, q, list(state.v), list(a), **self._of)
+            )
+            weight = np.array(
+                p.calculateInverseDynamics(body, q, [0.0] * len(q), [0.0] * len(q), **self._of)
+            )
+            return total, float(np.abs(weight).max(initial=0.0) + np.abs(total).max(initial=0.0))
+        # Of a free base Bullet turns gravity the wrong way. So its weight is taken away again, and gravity
+        # comes in as an acceleration. The base's columns are angular, then linear, along its axes; the
+        # forces come out linear first.
+        R = state.axes
+        where = [*state.centre, *_xyzw(R), *q]
+        along = [*(R.T @ state.v[3:6]), *(R.T @ state.v[:3]), *state.v[6:]]
+        rates = [*(R.T @ a[3:6]), *(R.T @ (a[:3] - self._gravity)), *a[6:]]
+        nothing = [0.0] * (6 + len(q))
+        flags = {"flags": 0, **self._of}
+        found = np.array(p.calculateInverseDynamics(body, where, along, rates, **flags))
+        weight = np.array(p.calculateInverseDynamics(body, where, nothing, nothing, **flags))
+        found = found - weight
+        size = float(np.abs(weight).max() + np.abs(found).max())
+        return np.concatenate([R @ found[:3], R @ found[3:6], found[6:]]), size
+
+    def _name(self, rest: Array, least: float, forces: Forces) -> None:
+        """Give what is left over the name of what it can be."""
+        if np.abs(rest).max(initial=0.0) <= least:
+            return
+        p, body = self._p, self._body
+        if p.getContactPoints(bodyA=body, **self._of):
+            forces["contact all"] = rest
+            return
+        for name in self._limited:
+            own = np.zeros_like(rest)
+            own[self._at[name]] = rest[self._at[name]]
+            if np.abs(own).max(initial=0.0) > least:
+                forces[f"limit {name}"] = own
+                rest = rest - own
+        if np.abs(rest).max(initial=0.0) > least:
+            forces["applied external"] = rest
+
+    # --- conventions: the centre's motion in world components, to the link frame's ------------------
+
+    def _arm(self, state: _State) -> tuple[Array, Array]:
+        """The link frame's axes, and the way from its origin to the centre, in world components."""
+        R = state.axes @ self._axes.T
+        return R, R @ self._centre
+
+    def _row(self, state: _State) -> tuple[Array, Array]:
+        q: list[Array] = []
+        u: list[Array] = []
+        for joint in self._columns.joints:
+            if joint.kind == "free":
+                R, r = self._arm(state)
+                omega = state.v[3:6]
+                x, y, z, w = _xyzw(R)
+                q += [state.centre - r, np.array([w, x, y, z])]
+                u += [state.v[:3] - np.cross(omega, r), R.T @ omega]
+            else:
+                q.append(state.q[joint.v.start - self._free : joint.v.stop - self._free])
+                u.append(state.v[joint.v])
+        return np.concatenate([np.zeros(0), *q]), np.concatenate([np.zeros(0), *u])
+
+    def _acceleration(self, a: Array, state: _State) -> Array:
+        parts = []
+        for joint in self._columns.joints:
+            own = a[joint.v]
+            if joint.kind == "free":
+                R, r = self._arm(state)
+                omega, alpha = state.v[3:6], own[3:6]
+                origin = own[:3] - np.cross(alpha, r) - np.cross(omega, np.cross(omega, r))
+                own = np.concatenate([origin, R.T @ alpha])
+            parts.append(own)
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _force(self, f: Array, state: _State) -> Array:
+        parts = []
+        for joint in self._columns.joints:
+            own = f[joint.v]
+            if joint.kind == "free":
+                R, r = self._arm(state)
+                own = np.concatenate([own[:3], R.T @ (own[3:6] + np.cross(r, own[:3]))])
+            parts.append(own)
+        return np.concatenate([np.zeros(0), *parts])
+
+
+class _State:
+    """Joints' q, all speeds v (the base's first), motor torques; the base's centre and principal axes."""
+
+    __slots__ = ("axes", "centre", "motors", "q", "v")
+
+    def __init__(self, q: Array, v: Array, motors: Array, centre: Array, axes: Array) -> None:
+        self.q, self.v, self.motors, self.centre, self.axes = q, v, motors, centre, axes
+
+
+def _matrix(xyzw: Any) -> Array:
+    x, y, z, w = xyzw
+    return rotation(np.array([w, x, y, z]))
+
+
+def _xyzw(R: Array) -> Array:
+    """The unit quaternion x, y, z, w of a rotation matrix, from its largest component on."""
+    trace = float(np.trace(R))
+    squares = np.array([*np.diag(R), trace])  # 4 x², …, 4 w², shifted
+    squares = 1.0 + 2.0 * squares - trace
+    k = int(squares.argmax())
+    K = np.empty((4, 4))
+    K[:3, :3] = R + R.T
+    K[:3, 3] = K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+    np.fill_diagonal(K, squares)
+    found = K[k]
+    return np.asarray(found / np.linalg.norm(found))

@@ -1,0 +1,182 @@
+"""A log of states and controls at a policy's rate, stepped again between its rows by MuJoCo.
+
+The rows tell where the motion was, the model what happened in between: from each row the model takes as
+many steps as there are to the next one, with the controls of the row. Where it arrives at the next row, the
+log is this model's, and every step is known with its forces; where it does not, the log is of another
+model, or something else acted.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.errors import LogError
+from deltac.recorders.builder import simulator
+from deltac.recorders.mujoco_recorder import MujocoRecorder, compiled_model
+from deltac.trajectories import Trajectory
+
+REPRODUCED = 1e-4
+"""A row is arrived at if it is missed by less than this share of what changes from row to row."""
+
+DIGITS = 8.0
+"""Units in the last digit of the log that are allowed for besides."""
+
+WHOLE = 1e-3
+"""The time between rows is a whole number of steps to this."""
+
+MOST_LOOKED_AT = 10_000
+"""Numbers whose digits are counted."""
+
+TRIED = 32
+"""Rows on which it is tried whether controls belong to the steps after their row, or before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A log that was stepped again.
+
+    run        every step of the model between the rows, with forces and accelerations
+    missed     (T − 1,) by how much each next row was missed, as a share of what changes from row to row
+    allowed    (T − 1,) how much is allowed, for the digits of the log
+    t          (T,) times of the rows, s
+    steps      steps of the model from row to row
+    late       whether the controls of a row are those of the steps that led to it
+    """
+
+    run: Trajectory
+    missed: Array
+    allowed: Array
+    t: Array
+    steps: int
+    late: bool
+
+    @property
+    def departures(self) -> NDArray[np.intp]:
+        """Places of the rows that the model does not arrive at."""
+        return np.flatnonzero(self.missed > self.allowed) + 1
+
+
+def replay_mujoco(
+    model: Any,
+    t: Array,
+    q: Array,
+    u: Array,
+    ctrl: Array,
+    act: Array | None = None,
+    *,
+    base: str = "fixed",
+) -> Replay:
+    """Step a MuJoCo model between the rows of a log.
+
+    Args:
+        model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
+        t: times (T,), s, equally far apart, a whole number of the model's steps.
+        q: qpos (T, nq); u: qvel (T, nv).
+        u: qvel (T, nv).
+        ctrl: controls (T, nu), held until the next row; or those of the steps that led to their row, which is
+            found out.
+        act: activations (T, na), of actuators that have such.
+        base: "fixed" or "free", for the root link of a URDF file.
+
+    Raises:
+        InputError: MuJoCo is missing, or the log does not fit the model or its step.
+    """
+    mujoco = simulator("mujoco", "mujoco")
+    own = copy.copy(compiled_model(model, base))
+    own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    h = float(own.opt.timestep)
+    act = np.zeros((len(t), own.na)) if act is None else act
+    widths = {
+        "qpos": (q, own.nq),
+        "qvel": (u, own.nv),
+        "ctrl": (ctrl, own.nu),
+        "act": (act, own.na),
+    }
+    for name, (array, width) in widths.items():
+        if array.shape != (len(t), width):
+            raise LogError(
+                f"--replay: the log has {name} of shape {array.shape}, the model asks for ({len(t)}, {width})"
+            )
+    if len(t) < 2:
+        raise LogError("--replay: the log has a single row; expected two or more")
+    ratios = np.diff(t) / h
+    steps = round(float(np.median(ratios)))
+    if steps < 1 or np.abs(ratios - steps).max() > WHOLE * max(steps, 1):
+        row = int(np.argmax(np.abs(ratios - steps)))
+        raise LogError(
+            f"--replay: rows {row} and {row + 1} are {t[row + 1] - t[row]:.6g} s apart, which is no whole "
+            f"number "
+            f"of the model's steps of {h:g} s, or another than elsewhere ({steps}); give the model the "
+            f"timestep of "
+            "the run, and log at equal distances"
+        )
+    rows = range(min(len(t) - 1, TRIED))
+    shifts = (0, 1) if own.nu else (0,)
+    tried = [
+        _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u) for shift in shifts
+    ]
+    late = len(tried) > 1 and float(np.median(tried[1])) < 0.1 * float(np.median(tried[0]))
+    run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
+    missed = _missed(ends, q, u)
+    digits = DIGITS * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
+    return Replay(run, missed, np.full(len(missed), REPRODUCED + digits * steps), t, steps, late)
+
+
+def _stepped(
+    model: Any,
+    t: Array,
+    q: Array,
+    u: Array,
+    ctrl: Array,
+    act: Array,
+    steps: int,
+    rows: range,
+    shift: int,
+) -> tuple[Trajectory, list[tuple[Array, Array]]]:
+    """The run through these rows, and the state that is arrived at after each."""
+    data = simulator("mujoco", "mujoco").MjData(model)
+    recorder = MujocoRecorder(model, data)
+    ends = []
+    for k in rows:
+        recorder.restart(float(t[k]), q[k], u[k], ctrl[k + shift], act[k])
+        ends.append(recorder.steps(steps))
+    last = rows[-1] + 1
+    recorder.restart(float(t[last]), q[last], u[last], ctrl[last], act[last])
+    return recorder.trajectory(), ends
+
+
+def _missed(ends: list[tuple[Array, Array]], q: Array, u: Array) -> Array:
+    """By how much each next row is missed, as a share of what changes from row to row."""
+    found = np.array([np.concatenate(end) for end in ends])
+    rows = np.hstack([q, u])[1 : len(found) + 1]
+    scale = np.concatenate([np.full(q.shape[1], _change(q)), np.full(u.shape[1], _change(u))])
+    missed: Array = np.abs((found - rows) / scale).max(axis=1)
+    return np.where(np.isfinite(missed), missed, np.inf)
+
+
+def _change(values: Array) -> float:
+    """What changes from row to row, typically; above zero."""
+    change = np.abs(np.diff(values, axis=0)).max(axis=1)
+    return max(float(np.median(change)), 1e-6 * float(np.abs(values).max(initial=0.0)), 1e-12)
+
+
+def _resolution(values: Array) -> float:
+    """The unit in the last digit that was written."""
+    largest = float(np.abs(values).max(initial=0.0))
+    if np.array_equal(values, values.astype(np.float32)):
+        return 2.0**-24 * largest
+    for decimals in range(1, 10):
+        if np.array_equal(np.round(values, decimals), values):
+            return 0.5 * 10.0**-decimals
+    some = values[np.abs(values) > 1e-200][:MOST_LOOKED_AT]
+    for digits in range(4, 13):  # significant ones, as "%.6g" writes them
+        scale = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(some))))
+        if np.allclose(np.round(some * scale) / scale, some, rtol=1e-15, atol=0.0):
+            return 0.5 * 10.0 ** (1 - digits) * largest
+    return 2.0**-53 * largest

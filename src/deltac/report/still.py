@@ -1,0 +1,225 @@
+"""A mechanism in a still picture: where it is at the end, and, paler, where it was before.
+
+What is drawn is the scene that pages show moving; every shape is its outline as the eye sees it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.state import State
+from deltac.report.page.scene import Form, Scene, scene, turned
+from deltac.report.style import BLUE, GREEN, ORANGE, PINK, VERMILION, blank, styled
+from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BODIES = (BLUE, VERMILION, GREEN, ORANGE, PINK, "#56b4e9", "#8a6d3b")
+
+PALEST = 0.12
+"""Opacity of the earliest of several places."""
+
+SMALLEST = 7.0
+"""Points (1/72 in) across below which a shape is drawn as a dot of that size."""
+
+AROUND = 36
+"""Corners of a circle."""
+
+
+def still(
+    mechanism: Mechanism,
+    motion: Trajectory | State | None = None,
+    *,
+    places: int = 1,
+    title: str = "",
+    size: tuple[float, float] = (4.8, 3.2),
+) -> Figure:
+    """The mechanism at the end of a run, and at `places` − 1 earlier instants, evenly spread, paler.
+
+    Without a run it is at a state, by default with all coordinates zero. `size` is in inches.
+
+    Raises InputError for a mechanism without bodies.
+    """
+    if not isinstance(motion, Trajectory):
+        motion = _standing(mechanism, mechanism.state() if motion is None else motion)
+    found = scene(mechanism, [("", motion)])
+    if found is None:
+        raise InputError(f"mechanism {mechanism.name!r} has no bodies to draw")
+    with styled():
+        figure = blank(size[1], title, width=size[0])
+        figure.subplots_adjust(
+            left=0.0, right=1.0, bottom=0.0, top=1.0 - 0.42 * bool(title) / size[1]
+        )
+        panel = figure.subplots()
+        frames = len(found.runs[0].t.values)
+        draw(
+            panel,
+            found,
+            [round(k * (frames - 1) / max(places - 1, 1)) for k in range(places)]
+            if places > 1
+            else [frames - 1],
+        )
+    return figure
+
+
+def _standing(mechanism: Mechanism, state: State) -> Trajectory:
+    return Trajectory(
+        t=np.array([state.t]),
+        q=np.array([state.q]),
+        u=np.array([state.u]),
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+    )
+
+
+def draw(panel: Axes, found: Scene, frames: Sequence[int], trail: bool = True) -> None:
+    """Draw a scene at some of its frames, the last one full, into axes that fit it."""
+    eye = np.array(found.view)
+    up = np.array(found.up)
+    right = np.cross(up, eye)
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0, 0])
+    seen = np.column_stack([right, np.cross(eye, right)])
+    run = found.runs[0]
+    poses = np.asarray(run.poses.values)
+    centre = np.array(found.centre) @ seen
+    half = np.array(found.half)[:2] * 1.14
+    box = panel.get_window_extent()
+    width, height = box.width / panel.figure.dpi, box.height / panel.figure.dpi
+    if half[0] * height > half[1] * width:
+        half = np.array([half[0], half[0] * height / width])
+    else:
+        half = np.array([half[1] * width / height, half[1]])
+    panel.set_xlim(centre[0] - half[0], centre[0] + half[0])
+    panel.set_ylim(centre[1] - half[1], centre[1] + half[1])
+    panel.set_aspect("equal")
+    panel.axis("off")
+    if found.floor is not None:
+        level = float((up * found.floor) @ seen[:, 1])
+        panel.axhline(level, color="#cccccc", linewidth=1.0, zorder=0)
+    if trail:
+        for body, point in found.trails:
+            path = turned(poses[: int(frames[-1]) + 1, body], np.array(point)) @ seen
+            panel.plot(*path.T, color="#9a9a9a", linewidth=0.6, zorder=1)
+    per_point = 72.0 * width / (2.0 * half[0])
+    for k, frame in enumerate(map(int, frames)):
+        share = (k + 1) / len(frames)
+        opacity = 1.0 if k == len(frames) - 1 else PALEST + 0.35 * share**2
+        _frame(panel, found, poses[frame], seen, eye, opacity, 2.0 + k, per_point)
+
+
+def _frame(
+    panel: Axes,
+    found: Scene,
+    poses: Array,
+    seen: Array,
+    eye: Array,
+    opacity: float,
+    order: float,
+    per_point: float,
+) -> None:
+    """All bodies at one instant, those farther from the eye first, then joints and ties."""
+    outlines = []
+    for i, body in enumerate(found.bodies):
+        for form in body.forms:
+            corners = _corners(form)
+            if len(corners):
+                placed = turned(poses[i], corners)
+                outlines.append((float((placed @ eye).mean()), i, form, placed @ seen))
+    for _, i, form, points in sorted(outlines, key=lambda entry: entry[0]):
+        colour: Any = BODIES[(i - 1) % len(BODIES)] if i else "#bbbbbb"
+        if form.colour is not None and i:
+            colour = form.colour[:3]
+        hull = _hull(points)
+        # What only its inertia is known of may be large and in front of others.
+        veiled = found.bodies[i].inferred and form.kind != "capsule" and len(found.bodies) > 4
+        look: dict[str, Any] = {"alpha": opacity * (0.45 if veiled else 1.0), "zorder": order}
+        panel.fill(*hull.T, facecolor=colour, edgecolor="white", linewidth=0.8, **look)
+        if float(np.ptp(hull, axis=0).max()) * per_point < SMALLEST:
+            place = hull.mean(axis=0)
+            panel.plot(*place, "o", color=colour, markersize=SMALLEST, markeredgewidth=0, **look)
+    for tie in found.ties:
+        ends = np.array([turned(poses[i], np.array(p)) for i, p in tie.points]) @ seen
+        if tie.kind == "loop":
+            panel.plot(
+                *ends.T, "o", color="#333333", markersize=3, alpha=opacity, zorder=order + 0.6
+            )
+        else:
+            style = {"spring": (0, (1, 0.8)), "tendon": "-", "rod": "-"}[tie.kind]
+            line: dict[str, Any] = {"color": "#555555", "alpha": opacity, "zorder": order + 0.5}
+            panel.plot(*ends.T, linestyle=style, linewidth=1.6, **line)
+    for i, body in enumerate(found.bodies):
+        if body.carried is not None and body.carried["kind"] != "free":
+            at = turned(poses[i], np.array(body.carried["position"])) @ seen
+            panel.plot(
+                *at,
+                "o",
+                color="white",
+                markeredgecolor="#333333",
+                markeredgewidth=0.8,
+                markersize=min(4.0, max(2.0, 0.012 * found.size * per_point)),
+                alpha=opacity,
+                zorder=order + 0.7,
+            )
+
+
+def _corners(form: Form) -> Array:
+    """Points whose hull is the shape (n, 3), in the body's frame; none of what has no end."""
+    turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(AROUND)])
+    if form.kind == "sphere":
+        points = form.size[0] * _ball()
+    elif form.kind == "ellipsoid":
+        points = np.array(form.size) * _ball()
+    elif form.kind == "box":
+        points = 0.5 * np.array(form.size) * np.array(list(np.ndindex(2, 2, 2))) * 2.0
+        points = points - 0.5 * np.array(form.size)
+    elif form.kind in ("capsule", "cylinder"):
+        radius, length = form.size
+        ring = radius * (_ball() if form.kind == "capsule" else circle)
+        points = np.concatenate([ring + [0, 0, length / 2], ring - [0, 0, length / 2]])
+    elif form.vertices is not None:
+        points = np.asarray(form.vertices.values, dtype=float).reshape(-1, 3)
+    else:
+        return np.zeros((0, 3))
+    pose = np.array([*form.position, *form.rotation])
+    return turned(pose, points)
+
+
+def _ball() -> Array:
+    """Points on the unit sphere."""
+    turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
+    rings: Iterator[Array] = (
+        np.column_stack(
+            [
+                np.cos(level) * np.cos(turn),
+                np.cos(level) * np.sin(turn),
+                np.full(AROUND, np.sin(level)),
+            ]
+        )
+        for level in np.linspace(-math.pi / 2, math.pi / 2, 13)
+    )
+    return np.concatenate(list(rings))
+
+
+def _hull(points: Array) -> Array:
+    """The convex outline (n, 2) of points in the plane; of points on a line its two ends."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        outline: Array = points[ConvexHull(points).vertices]
+        return outline
+    except QhullError:
+        along = points @ (points[-1] - points[0])
+        return points[[int(np.argmin(along)), int(np.argmax(along))]]
+
+
+__all__ = ["draw", "still"]

@@ -1,0 +1,99 @@
+"""JSON logs: an object of arrays, a list of records, or a record a line (.jsonl, .ndjson).
+
+Objects in objects are joined by dots, ``joints.elbow.angle``; a list of numbers in a record is an array of
+that name. JSON's NaN and Infinity, which are none, are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.errors import FileError, InputError, LogError, shown
+from deltac.files import read_bytes
+from deltac.limits import Limits, parse_json
+from deltac.trajectories.formats.raw import Collector, RawLog
+
+
+def read_json(path: Path) -> RawLog:
+    """The columns of an object of arrays, or of a list of records."""
+    value = parse_json(read_bytes(path, "metadata"), "the log")
+    if isinstance(value, Mapping):
+        rows = next((v for v in value.values() if _records(v)), None)
+        if rows is not None and not any(
+            isinstance(v, list) and not _records(v) for v in value.values()
+        ):
+            return _of_records(rows)
+        collector = Collector()
+        for name, item in _entries(value, ""):
+            _add(collector, name, item)
+        return collector.log()
+    if _records(value):
+        return _of_records(value)
+    raise LogError(
+        f'the JSON is {shown(value)}, expected an object of arrays, {{"time": […], "q": [[…], …]}}, or a '
+        "of records"
+    )
+
+
+def read_json_lines(path: Path) -> RawLog:
+    """The columns of records, one a line."""
+    records = []
+    for number, line in enumerate(read_bytes(path).split(b"\n"), 1):
+        if line.strip():
+            try:
+                records.append(parse_json(line, "the record"))
+            except InputError as error:
+                raise FileError(f"line {number}: {error}") from None
+            Limits.current().check("rows", len(records), "the log has")
+    if not _records(records):
+        raise LogError('expected a JSON object a line, such as {"time": 0.0, "q": [0.1, 0.2]}')
+    return _of_records(records)
+
+
+def _records(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
+
+
+def _entries(value: Mapping[str, Any], before: str) -> Iterator[tuple[str, Any]]:
+    """Names and values, of objects in objects too."""
+    for key, item in value.items():
+        name = f"{before}.{key}" if before else str(key)
+        if isinstance(item, Mapping):
+            yield from _entries(item, name)
+        else:
+            yield name, item
+
+
+def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
+    collector = Collector()
+    columns: dict[str, list[Any]] = {}
+    for row, record in enumerate(records):
+        for name, item in _entries(record, ""):
+            column = columns.setdefault(name, [])
+            if len(column) == row:  # else it was missing in a record before
+                column.append(item)
+    for name, values in columns.items():
+        if len(values) < len(records):
+            collector.skip(name, f"is missing in record {len(values)} (of 0 to {len(records) - 1})")
+        else:
+            _add(collector, name, values)
+    return collector.log()
+
+
+def _add(collector: Collector, name: str, values: Any) -> None:
+    if isinstance(values, str) or values is None:
+        collector.skip(name, f"is {shown(values)}, no numbers")
+        return
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        collector.skip(name, "has rows of different lengths")
+        return
+    if array.dtype.kind == "O":
+        collector.skip(name, "holds other values than numbers")
+    else:
+        collector.add(name, array)

@@ -1,0 +1,493 @@
+"""Write the natural logs: ``python -m tests.natural_logs.generate`` (needs the programs named in `PROGRAMS`).
+
+Every log is written the way its program's users write it: by the program itself, or, for MATLAB and
+OpenSim, in the structures and headers that their documentation describes. Nothing is random.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import odeint, solve_ivp
+from scipy.io import savemat
+
+from tests.natural_logs.models import GRAVITY, INERTIA, LENGTH, MASS
+
+HERE = Path(__file__).parent
+LOGS = HERE / "logs"
+PROGRAMS = ("scipy", "mujoco", "drake", "pybullet", "pin", "exudyn", "h5py", "rosbags", "mcap")
+START = (1.1, 0.6)
+T = np.linspace(0.0, 1.2, 241)
+DEG = np.rad2deg
+
+
+def rhs(t: float, y: Any) -> Any:
+    """Lagrange's equations in relative angles."""
+    a, b, u, v = y
+    s, c, d = np.sin(b), np.cos(b), LENGTH / 2
+    upper, lower = INERTIA + MASS * d**2, INERTIA + MASS * d**2
+    M = np.array(
+        [
+            [
+                upper + lower + MASS * LENGTH**2 + 2 * MASS * LENGTH * d * c,
+                lower + MASS * LENGTH * d * c,
+            ],
+            [lower + MASS * LENGTH * d * c, lower],
+        ]
+    )
+    k = MASS * LENGTH * d * s
+    h = np.array([-k * (2 * u * v + v * v), k * u * u])
+    g = (
+        MASS
+        * GRAVITY
+        * np.array([d * np.sin(a) + LENGTH * np.sin(a) + d * np.sin(a + b), d * np.sin(a + b)])
+    )
+    return np.array([u, v, *np.linalg.solve(M, -h - g)])
+
+
+def table(
+    name: str, head: str, *columns: Any, separator: str = ",", decimal: str = ".", encoding: str = "utf-8",
+    end: str = "\n", form: str = "%.9g",
+) -> None:  # fmt: skip
+    """A delimited text: `head`, then rows."""
+    rows = zip(*(column for array in columns for column in np.atleast_2d(np.asarray(array).T)))
+    lines = [separator.join((form % x).replace(".", decimal) for x in row) for row in rows]
+    text = end.join([*([head] if head else []), *lines]) + end
+    (LOGS / name).write_bytes(text.encode(encoding))
+
+
+def main() -> None:
+    """Write all of them anew."""
+    shutil.rmtree(LOGS, ignore_errors=True)
+    LOGS.mkdir()
+    y = solve_ivp(rhs, (0, T[-1]), [*START, 0, 0], t_eval=T, rtol=1e-11, atol=1e-11).y.T
+    q, u = y[:, :2], y[:, 2:]
+    scipy_logs()
+    text_logs(q, u)
+    matlab_logs(q, u)
+    opensim_logs(q, u)
+    bags(q, u)
+    mujoco_logs()
+    drake_logs()
+    pybullet_logs()
+    pinocchio_log()
+    exudyn_log()
+
+
+def scipy_logs() -> None:
+    result = solve_ivp(rhs, (0, 1.2), [*START, 0, 0], rtol=1e-9, atol=1e-9)
+    np.savez(LOGS / "scipy_solve_ivp.npz", t=result.t, y=result.y)
+    y = odeint(rhs, [*START, 0, 0], T, tfirst=True, rtol=1e-10, atol=1e-10)
+    np.savetxt(
+        LOGS / "scipy_odeint.txt",
+        np.column_stack([T, y]),
+        header="t theta1 theta2 omega1 omega2",
+        fmt="%.10g",
+    )
+    np.savetxt(LOGS / "numpy_savetxt.dat", np.column_stack([T, y]), fmt="%.10g")
+
+
+def text_logs(q: Any, u: Any) -> None:
+    table(
+        "pandas.csv",
+        ",time,shoulder_pos,elbow_pos,shoulder_vel,elbow_vel",
+        np.arange(len(T)),
+        T,
+        q,
+        u,
+    )
+    table(
+        "pandas_multiindex.csv",
+        ",position,position,velocity,velocity\n,shoulder,elbow,shoulder,elbow\ntime,,,,",
+        T, q, u,
+    )  # fmt: skip
+    table(
+        "excel_german.csv",
+        "Zeit [s];Shoulder Winkel [°];Elbow Winkel [°];Shoulder Geschwindigkeit [°/s];"
+        "Elbow Geschwindigkeit [°/s]",
+        T, DEG(q), DEG(u), separator=";", decimal=",", encoding="cp1252", end="\r\n",
+    )  # fmt: skip
+    table(
+        "excel_unicode.txt", "Time\tθ Shoulder\tθ Elbow\tω Shoulder\tω Elbow", T, q, u,
+        separator="\t", decimal=",", encoding="utf-16", end="\r\n",
+    )  # fmt: skip
+    table(
+        "labview.txt",
+        "Test stand 3\nOperator: kl\nRate; 200\n\n"
+        "Time;Shoulder Angle;Elbow Angle;Shoulder Rate;Elbow Rate\ns;deg;deg;deg/s;deg/s",
+        T, DEG(q), DEG(u), separator=";",
+    )  # fmt: skip
+    lines = [
+        json.dumps({"t": a, "q": b.tolist(), "qd": c.tolist()}) for a, b, c in zip(T.tolist(), q, u)
+    ]
+    (LOGS / "records.jsonl").write_text("\n".join(lines) + "\n")
+    nested = {
+        n: {"angle_deg": DEG(q[:, i]).tolist(), "rate_deg_s": DEG(u[:, i]).tolist()}
+        for i, n in enumerate(("shoulder", "elbow"))
+    }
+    (LOGS / "nested.json").write_text(json.dumps({"time_ms": (1e3 * T).tolist(), "joints": nested}))
+
+
+def structures(items: list[dict[str, Any]]) -> Any:
+    """A MATLAB array of structures (1, n)."""
+    array = np.zeros((1, len(items)), dtype=[(key, object) for key in items[0]])
+    for place, item in enumerate(items):
+        for key, value in item.items():
+            array[0, place][key] = value
+    return array
+
+
+def matlab_logs(q: Any, u: Any) -> None:
+    """As Simulink, Simscape and MATLAB structure what they save (MathWorks' documentation of each)."""
+    column = T[:, None]
+    both = {"shoulder": (q[:, 0], u[:, 0]), "elbow": (q[:, 1], u[:, 1])}
+    savemat(LOGS / "ode45.mat", {"t": column, "y": np.hstack([q, u])})
+    savemat(LOGS / "simulink_array.mat", {"tout": column, "yout": np.hstack([q, u])})
+    signals = [
+        {"values": x[:, None], "dimensions": 1.0, "label": label, "blockName": f"arm/{block}"}
+        for label, block, x in (
+            ("shoulder angle", "Scope", q[:, 0]),
+            ("elbow angle", "Scope", q[:, 1]),
+            ("", "shoulder speed", u[:, 0]),
+            ("", "elbow speed", u[:, 1]),
+        )
+    ]
+    scope = {"time": column, "signals": structures(signals), "blockName": "arm/Scope"}
+    savemat(LOGS / "simulink_structure_with_time.mat", {"ScopeData": scope})
+    series = {
+        f"{name}_{what}": {
+            "Name": f"{name}_{what}",
+            "Time": column,
+            "Data": x[:, None],
+            "Length": float(len(T)),
+        }
+        for name, pair in both.items()
+        for what, x in zip(("angle", "rate"), pair)
+    }
+    savemat(LOGS / "timeseries_as_struct.mat", series)
+    out = {
+        "logsout": {
+            f"{name}{dot}": {
+                "Values": {"Time": column, "Data": x[:, None]},
+                "BlockPath": f"arm/{name}",
+            }
+            for name, pair in both.items()
+            for dot, x in zip(("", "_dot"), pair)
+        }
+    }
+    savemat(LOGS / "simulation_output_as_struct.mat", {"out": out})
+    simlog = {
+        name.title(): {
+            "Rz": {
+                part: {"series": {"time": column, "values": DEG(x)[:, None], "unit": unit}}
+                for part, x, unit in zip("qw", pair, ("deg", "deg/s"))
+            }
+        }
+        for name, pair in both.items()
+    }
+    savemat(LOGS / "simscape_simlog.mat", {"simlog": simlog})
+    names = np.array(["time", "shoulder", "elbow", "shoulder_dot", "elbow_dot"], dtype=object)
+    savemat(LOGS / "importdata.mat", {"data": np.column_stack([T, q, u]), "colheaders": names})
+    # A Simulink.SimulationOutput is an object of a MATLAB class: class 17, in a form only MATLAB reads.
+    savemat(LOGS / "simulation_output.mat", {})
+    with (LOGS / "simulation_output.mat").open("ab") as file:
+        file.write(opaque("out", "Simulink.SimulationOutput"))
+    table(
+        "simscape_export.csv",
+        "time,arm.Shoulder.Rz.q (deg),arm.Elbow.Rz.q (deg),arm.Shoulder.Rz.w (deg/s),arm.Elbow.Rz.w (deg/s)",
+        T, DEG(q), DEG(u),
+    )  # fmt: skip
+    import h5py
+
+    with h5py.File(LOGS / "rollout.hdf5", "w") as file:
+        demo = file.create_group("data/demo_0")
+        for key, value in (("time", T), ("joint_pos", q), ("joint_vel", u)):
+            demo.create_dataset(key, data=value.astype(np.float64), compression="gzip")
+
+
+def opaque(name: str, kind: str) -> bytes:
+    """A variable of a MATLAB class as MATLAB stores it, without its content."""
+    import struct
+
+    def element(number: int, data: bytes) -> bytes:
+        return struct.pack("<II", number, len(data)) + data + bytes(-len(data) % 8)
+
+    flags = element(6, struct.pack("<II", 17, 0))
+    texts = b"".join(element(1, text.encode()) for text in (name, "MCOS", kind))
+    numbers = element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 1, 1))
+    numbers += element(1, b"") + element(6, struct.pack("<I", 0xDD000000))
+    return element(14, flags + texts + element(14, numbers))
+
+
+def opensim_logs(q: Any, u: Any) -> None:
+    """States, motions and storages as OpenSim's user's guide describes them."""
+
+    def storage(name: str, title: str, names: list[str], columns: Any, *, degrees: bool) -> None:
+        head = [title, "version=1", f"nRows={len(T)}", f"nColumns={len(names) + 1}"]
+        head += [
+            f"inDegrees={'yes' if degrees else 'no'}",
+            "endheader",
+            "\t".join(["time", *names]),
+        ]
+        table(name, "\n".join(head), T, columns, separator="\t")
+
+    activation = 0.02 + 0.01 * np.sin(T)
+    paths = [
+        f"/jointset/{joint}/{joint}/{part}"
+        for joint in ("shoulder", "elbow")
+        for part in ("value", "speed")
+    ]
+    states = np.column_stack([q[:, 0], u[:, 0], q[:, 1], u[:, 1], activation])
+    storage(
+        "opensim_states.sto",
+        "States",
+        [*paths, "/forceset/biceps/activation"],
+        states,
+        degrees=False,
+    )
+    storage("opensim_motion.mot", "Coordinates", ["shoulder", "elbow"], DEG(q), degrees=True)
+    old = np.column_stack([q, u, activation])
+    storage(
+        "opensim_storage_3.sto",
+        "arm_states",
+        ["shoulder", "elbow", "shoulder_u", "elbow_u", "biceps.activation"],
+        old,
+        degrees=False,
+    )
+    storage("opensim_analysis.sto", "Kinematics", ["shoulder", "elbow"], q, degrees=False)
+
+
+def bags(q: Any, u: Any) -> None:
+    """Joint states as a robot publishes them, stamps since 1970."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    def stamped(store: Any, path: Path, ros1: bool, plugin: Any = None) -> None:
+        types = store.types
+        State, Header = types["sensor_msgs/msg/JointState"], types["std_msgs/msg/Header"]
+        Time = types["builtin_interfaces/msg/Time"]
+        writer = Writer1(path) if ros1 else Writer(path, version=9, storage_plugin=plugin)
+        with writer:
+            connection = writer.add_connection("/joint_states", State.__msgtype__, typestore=store)
+            for row, (t, a, b) in enumerate(zip(T, q, u)):
+                now = 1_714_550_000 * 10**9 + round(float(t) * 1e9)
+                head = (row,) if ros1 else ()
+                header = Header(*head, Time(now // 10**9, now % 10**9), "")
+                message = State(header, ["shoulder", "elbow"], a.copy(), b.copy(), np.zeros(2))
+                write = store.serialize_ros1 if ros1 else store.serialize_cdr
+                writer.write(connection, now + 200_000, write(message, State.__msgtype__))
+
+    humble = get_typestore(Stores.ROS2_HUMBLE)
+    stamped(humble, LOGS / "bag_sqlite", False, StoragePlugin.SQLITE3)
+    stamped(humble, LOGS / "bag_mcap", False, StoragePlugin.MCAP)
+    shutil.copy(next((LOGS / "bag_mcap").glob("*.mcap")), LOGS / "joint_states.mcap")
+    shutil.rmtree(LOGS / "bag_mcap")
+    stamped(get_typestore(Stores.ROS1_NOETIC), LOGS / "ros1.bag", True)
+
+
+def mujoco_rows(
+    model: Any, seconds: float, every: int, control: Any = None
+) -> Iterator[tuple[Any, Any]]:
+    """MuJoCo's data at every so many steps, the start included; control(t) is held in between."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = START
+    for _ in range(round(seconds / model.opt.timestep / every) + 1):
+        if control is not None:
+            data.ctrl[:] = control(data.time)
+        mujoco.mj_forward(model, data)
+        yield data, data.ctrl.copy()
+        for _ in range(every):
+            mujoco.mj_step(model, data)
+
+
+def mujoco_logs() -> None:
+    import mujoco
+
+    free = mujoco.MjModel.from_xml_path(str(HERE / "arm.xml"))
+    driven = mujoco.MjModel.from_xml_path(str(HERE / "arm_motors.xml"))
+    rows = [
+        (d.time, d.qpos.copy(), d.qvel.copy(), d.qacc.copy()) for d, _ in mujoco_rows(free, 1.2, 2)
+    ]
+    t, qpos, qvel, qacc = (np.array(x) for x in zip(*rows))
+    np.savez_compressed(LOGS / "mujoco_states.npz", time=t, qpos=qpos, qvel=qvel)
+    np.savez_compressed(LOGS / "mujoco_qacc.npz", time=t, qpos=qpos, qvel=qvel, qacc=qacc)
+    np.savez_compressed(LOGS / "mujoco_without_time.npz", qpos=qpos, qvel=qvel, dt=0.004)
+    np.savez_compressed(
+        LOGS / "mujoco_episodes.npz", qpos=np.stack([qpos, qpos]), qvel=np.stack([qvel, qvel])
+    )
+    with (LOGS / "mujoco_writer.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(
+            ["sim_time", *(f"qpos_{i}" for i in range(2)), *(f"qvel_{i}" for i in range(2))]
+        )
+        writer.writerows([f"{x:.9g}" for x in (a, *b, *c)] for a, b, c in zip(t, qpos, qvel))
+
+    def policy(time: float) -> tuple[float, float]:
+        return np.sin(5 * time), 0.5 * np.cos(9 * time)
+
+    kept = [
+        (d.time, d.qpos.copy(), d.qvel.copy(), c) for d, c in mujoco_rows(driven, 1.2, 10, policy)
+    ]
+    t, qpos, qvel, ctrl = (np.array(x) for x in zip(*kept))
+    np.savez_compressed(LOGS / "mujoco_policy_50hz.npz", time=t, qpos=qpos, qvel=qvel, ctrl=ctrl)
+
+
+def drake_logs() -> None:
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+    from pydrake.systems.primitives import LogVectorOutput
+
+    def run(step: float) -> tuple[Any, Any]:
+        builder = DiagramBuilder()
+        plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=step)
+        Parser(plant).AddModels(str(HERE / "arm.urdf"))
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+        plant.mutable_gravity_field().set_gravity_vector([0, -GRAVITY, 0])
+        plant.Finalize()
+        sink = LogVectorOutput(plant.get_state_output_port(), builder, publish_period=0.005)
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+        context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        plant.SetPositions(context, START)
+        simulator.Initialize()
+        simulator.AdvanceTo(1.2)
+        log = sink.FindLog(simulator.get_context())
+        return log.sample_times(), log.data()
+
+    t, x = run(0.0)
+    np.savez(LOGS / "drake_log_vector.npz", t=t, x=x)  # x as Drake has it: (n, T)
+    table("drake_states.csv", "time,shoulder_q,elbow_q,shoulder_w,elbow_w", t, x.T)
+    savemat(LOGS / "drake.mat", {"t": t, "x": x.T})
+    t, x = run(0.001)
+    np.savez(LOGS / "drake_discrete.npz", sample_times=t, q=x[:2].T, v=x[2:].T)
+
+
+def pybullet_logs() -> None:
+    import pybullet
+
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setGravity(0, -GRAVITY, 0)
+    pybullet.setTimeStep(0.001)
+    body = pybullet.loadURDF(
+        str(HERE / "arm.urdf"), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE
+    )
+    for joint in range(2):
+        pybullet.changeDynamics(body, joint, linearDamping=0, angularDamping=0, jointDamping=0)
+        pybullet.setJointMotorControl2(body, joint, pybullet.VELOCITY_CONTROL, force=0)
+        pybullet.resetJointState(body, joint, START[joint])
+    rows = []
+    for step in range(601):
+        states = pybullet.getJointStates(body, [0, 1])
+        rows.append(
+            (step * 0.001, [s[0] for s in states], [s[1] for s in states], [s[3] for s in states])
+        )
+        pybullet.stepSimulation()
+    pybullet.disconnect(client)
+    t, q, v, tau = (np.array(x) for x in zip(*rows))
+    np.savez_compressed(
+        LOGS / "pybullet_arrays.npz", timestamps=t, joint_positions=q, joint_velocities=v
+    )
+    np.savez_compressed(LOGS / "pybullet_fps.npz", positions=q, velocities=v, fps=1000)
+    table(
+        "pybullet.csv",
+        "t,shoulder/position,elbow/position,shoulder/velocity,elbow/velocity,shoulder/torque,elbow/torque",
+        t,
+        q,
+        v,
+        tau,
+    )
+    episode = np.array([{"q": q, "v": v}], dtype=object)
+    np.savez(LOGS / "pybullet_pickled.npz", episode=episode)
+
+
+def pinocchio_log() -> None:
+    import pinocchio
+
+    model = pinocchio.buildModelFromUrdf(str(HERE / "arm.urdf"))
+    model.gravity.linear[:] = [0, -GRAVITY, 0]
+    data, h = model.createData(), 0.002
+    q, v, rows = pinocchio.neutral(model), np.zeros(2), []
+    q[:4] = np.cos(START[0]), np.sin(START[0]), np.cos(START[1]), np.sin(START[1])
+    for step in range(401):
+        angles = np.arctan2(q[1::2], q[0::2])
+        tau = np.array([0.3 * np.sin(4 * step * h), -0.1])
+        a = pinocchio.aba(model, data, q, v, tau).copy()
+        rows.append((step * h, angles, v.copy(), a, tau))
+        v = v + h * a  # semi-implicit Euler, as in Pinocchio's own examples
+        q = pinocchio.integrate(model, q, v * h)
+    t, angles, speeds, accelerations, torques = (np.array(x) for x in zip(*rows))
+    np.savez_compressed(
+        LOGS / "pinocchio.npz",
+        t=t,
+        q=np.unwrap(angles, axis=0),
+        dq=speeds,
+        ddq=accelerations,
+        tau=torques,
+    )
+
+
+def exudyn_log() -> None:
+    import exudyn
+    from exudyn.itemInterface import NodeGenericODE2, ObjectKinematicTree, SensorNode
+
+    mbs = exudyn.SystemContainer().AddSystem()
+    node = mbs.AddNode(
+        NodeGenericODE2(
+            referenceCoordinates=[0, 0], initialCoordinates=list(START), initialCoordinates_t=[0, 0],
+            numberOfODE2Coordinates=2,
+        )
+    )  # fmt: skip
+    inertia = np.diag([INERTIA, 0.001, INERTIA])
+    mbs.AddObject(
+        ObjectKinematicTree(
+            nodeNumber=node,
+            jointTypes=[exudyn.JointType.RevoluteZ] * 2,
+            linkParents=[-1, 0],
+            jointTransformations=exudyn.Matrix3DList([np.eye(3)] * 2),
+            jointOffsets=exudyn.Vector3DList([[0, 0, 0], [0, -LENGTH, 0]]),
+            linkInertiasCOM=exudyn.Matrix3DList([inertia] * 2),
+            linkCOMs=exudyn.Vector3DList([[0, -LENGTH / 2, 0]] * 2),
+            linkMasses=[MASS] * 2,
+            gravity=[0, -GRAVITY, 0],
+        )
+    )
+    files = {}
+    for what in ("Coordinates", "Coordinates_t"):
+        files[what] = LOGS / f"exudyn_{what}.txt"
+        mbs.AddSensor(
+            SensorNode(
+                nodeNumber=node,
+                fileName=str(files[what]),
+                outputVariableType=getattr(exudyn.OutputVariableType, what),
+            )
+        )
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 1200, 1.2
+    settings.solutionSettings.sensorsWritePeriod = 0.005
+    settings.solutionSettings.writeSolutionToFile = False
+    settings.timeIntegration.verboseMode = 0
+    mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.ExplicitMidpoint)
+    tables = [np.loadtxt(path, comments="#", delimiter=",") for path in files.values()]
+    for path in files.values():
+        path.unlink()
+    np.savetxt(
+        LOGS / "exudyn_sensors.txt", np.hstack([tables[0], tables[1][:, 1:]]), delimiter=",", fmt="%.9g",
+        header="Exudyn sensor output file\ntime,Coordinates0,Coordinates1,Coordinates_t0,Coordinates_t1",
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

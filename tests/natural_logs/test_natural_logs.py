@@ -1,0 +1,56 @@
+"""Logs as people have them: read as they are, after an unedited draft, or refused with a remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.trajectories import draft_mapping, explain, read_trajectory
+from tests.natural_logs.cases import AS_IS, CASES, DRAFTED, REFUSED, Case, rows
+from tests.natural_logs.generate import START
+
+NEEDS = {".mcap": "mcap_ros2", ".bag": "rosbags", "": "rosbags", ".hdf5": "h5py", ".xml": "mujoco"}
+DRIVEN = ("pinocchio.npz", "mujoco_policy_50hz.npz")
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.file)
+def test_each_is_read_as_the_table_says(case: Case, tmp_path: Path) -> None:
+    for suffix in {case.path.suffix, Path(str(case.model)).suffix} & set(NEEDS):
+        if suffix or case.path.is_dir():
+            pytest.importorskip(NEEDS[suffix], reason="an optional reader is not installed")
+    mechanism = dc.load_model(case.model).mechanism  # type: ignore[arg-type]
+    mapping = None
+    if case.outcome != AS_IS:
+        with pytest.raises(dc.InputError) as refused:
+            read_trajectory(case.path, None, mechanism)
+        assert refused.value.code == (case.code or "E-LOG")
+        mapping = tmp_path / "map.toml"
+        mapping.write_text(draft_mapping(case.path, mechanism), "utf-8")
+    notes = explain(case.path, None, mechanism)  # never fails
+    assert any(r.note.startswith("missing") for r in notes) == (case.outcome != AS_IS)
+    if case.outcome == REFUSED:
+        with pytest.raises(dc.InputError):
+            read_trajectory(case.path, mapping, mechanism)
+        return
+    run = read_trajectory(case.path, mapping, mechanism)
+    assert run.q[0] == pytest.approx(START, abs=1e-6)
+    # The motion is the model's: coordinates by their speeds, and the energy of the undriven ones.
+    # Semi-implicit Euler, PyBullet's and Drake's, errs by h² a / 2 a row; a stays below 120 rad/s².
+    h = np.diff(run.t)[:, None]
+    integral = h * (run.u[1:] + run.u[:-1]) / 2
+    assert np.diff(run.q, axis=0) == pytest.approx(integral, abs=60 * h.max() ** 2)
+    if case.file not in DRIVEN:
+        ledger = dc.balance(mechanism, run)
+        assert np.abs(ledger.delta_c["wang"]).max() < 5e-3 * ledger.energy_exchanged
+
+
+def test_the_table_lists_them() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "natural-logs.md").read_text("utf-8").splitlines()
+    assert [line for line in page if line.startswith("| `")] == rows()
+    kept = {path.name for path in (Path(__file__).parent / "logs").iterdir()}
+    assert kept == {case.file for case in CASES}
+    outcomes = [case.outcome for case in CASES]
+    assert outcomes.count(AS_IS) + outcomes.count(DRAFTED) >= 34

@@ -1,0 +1,169 @@
+"""Logs of a policy stepped again between their rows, and recorders inside environments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.codes import finding_code
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
+
+HERE = Path(__file__).parents[1] / "natural_logs"
+MODEL, LOG = HERE / "arm_motors.xml", HERE / "logs" / "mujoco_policy_50hz.npz"
+
+
+def codes(audit: dc.Audit) -> list[str]:
+    return [finding.code for finding in audit.findings]
+
+
+def arrays() -> dict[str, Any]:
+    return dict(np.load(LOG))
+
+
+def test_a_log_of_the_model_is_reproduced_to_the_last_bit() -> None:
+    found = dc.audit(str(MODEL), LOG, replay=True)
+    assert (found.verdict.kind, len(found.run)) == ("consistent", 601)
+    assert codes(found) == [finding_code("replayed")]
+    log = arrays()
+    assert np.array_equal(found.run.q[::10], log["qpos"])
+    # MuJoCo itself, without a recorder, from the first row on.
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    data = mujoco.MjData(model)
+    data.qpos[:] = log["qpos"][0]
+    for ctrl in log["ctrl"][:-1]:
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, nstep=10)
+    assert found.run.q[-1] == pytest.approx(data.qpos, abs=1e-12)
+
+
+@pytest.mark.parametrize("form", ["late", "float32", "csv"])
+def test_forms_of_logs_are_no_departures(form: str, tmp_path: Path) -> None:
+    log = arrays()
+    path = tmp_path / "log.npz"
+    if form == "late":  # a row has the controls of the steps that led to it
+        log["ctrl"] = np.vstack([np.zeros(2), log["ctrl"][:-1]])
+    if form == "float32":
+        log |= {name: log[name].astype(np.float32) for name in ("qpos", "qvel", "ctrl")}
+    if form == "csv":
+        path = tmp_path / "log.csv"
+        names = ("qpos", "qvel", "ctrl")
+        head = ",".join(["time", *(f"{name}_{k}" for name in names for k in range(2))])
+        table = np.column_stack([log["time"], *(log[name] for name in names)])
+        np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.6g")
+    else:
+        np.savez(path, **log)
+    found = dc.audit(str(MODEL), path, replay=True)
+    assert codes(found) == [finding_code("replayed")]
+
+
+def test_the_first_row_that_departs_is_named(tmp_path: Path) -> None:
+    log = arrays()
+    log["qvel"][30:, 0] += 0.2
+    np.savez(tmp_path / "log.npz", **log)
+    found = dc.audit(str(MODEL), tmp_path / "log.npz", replay=True)
+    assert found.verdict.kind == "equation-error"
+    assert codes(found)[0] == finding_code("replay-departs")
+    assert "row 30" in found.findings[0].what
+
+
+def test_another_model_is_seen(tmp_path: Path) -> None:
+    text = MODEL.read_text("utf-8").replace('gear="2"', 'gear="2.05"')
+    (tmp_path / "arm.xml").write_text(text)
+    found = dc.audit(str(tmp_path / "arm.xml"), LOG, replay=True)
+    assert (found.verdict.kind, found.exit_code) == ("equation-error", 1)
+    assert codes(found)[0] == finding_code("replay-departs")
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda log: log.pop("ctrl"), "E-LOG"),
+        (lambda log: log.update(ctrl=log["ctrl"][:, :1]), "E-LOG"),
+        (lambda log: log.update(time=log["time"] * 1.05), "E-LOG"),
+        (lambda log: log.update(time=log["time"] ** 2 + log["time"]), "E-LOG"),
+    ],
+)
+def test_logs_that_cannot_be_replayed(change: Any, code: str, tmp_path: Path) -> None:
+    log = arrays()
+    change(log)
+    np.savez(tmp_path / "log.npz", **log)
+    with pytest.raises(dc.InputError) as refused:
+        dc.audit(str(MODEL), tmp_path / "log.npz", replay=True)
+    assert refused.value.code == code
+
+
+def test_models_that_cannot_be_replayed() -> None:
+    with pytest.raises(dc.InputError):
+        dc.audit("double-pendulum", LOG, replay=True)
+    with pytest.raises(dc.InputError, match="no file"):
+        dc.audit(str(MODEL), dc.run_mujoco(str(MODEL), 0.02), replay=True)
+
+
+def test_frame_skip_is_recorded_step_by_step() -> None:
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    runs = []
+    for skip in (1, 5):
+        data = mujoco.MjData(model)
+        data.qpos[:] = 1.1, 0.6
+        recorder = dc.record_mujoco(model, data)
+        for k in range(0, 100, skip):
+            data.ctrl[:] = np.sin(k // 5), 0.1
+            mujoco.mj_step(model, data, nstep=skip)
+            recorder.sample()
+        runs.append(recorder.trajectory())
+    assert np.array_equal(runs[0].t, runs[1].t) and np.array_equal(runs[0].u, runs[1].u)
+    assert all(np.array_equal(runs[0].forces[n], runs[1].forces[n]) for n in runs[0].forces)
+
+
+def test_gymnasium_environments_are_recorded() -> None:
+    gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
+    pytest.importorskip("imageio", reason="Gymnasium's MuJoCo environments need imageio")
+    env = dc.recorders.gymnasium(gymnasium.make("InvertedDoublePendulum-v5"))
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        env.action_space.seed(seed)
+        for _ in range(10):
+            env.step(env.action_space.sample())
+    run = env.trajectory()
+    assert (len(run), len(env.episodes)) == (10 * env.unwrapped.frame_skip + 1, 1)
+    data = env.unwrapped.data
+    assert np.array_equal(run.q[-1], data.qpos)
+    with pytest.raises(dc.InputError):
+        dc.recorders.gymnasium(object())
+
+
+def test_dm_control_environments_are_recorded() -> None:
+    """By an environment of its interface: dm_control 1.0.50 does not run on MuJoCo 4."""
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    data = mujoco.MjData(model)
+
+    class Environment:
+        physics = SimpleNamespace(model=SimpleNamespace(ptr=model), data=SimpleNamespace(ptr=data))
+
+        def reset(self) -> None:
+            mujoco.mj_resetData(model, data)
+            data.qpos[:] = 1.0, 0.2
+
+        def step(self, action: Any) -> None:
+            data.ctrl[:] = action
+            mujoco.mj_step1(model, data)  # dm_control's legacy order
+            mujoco.mj_step2(model, data)
+            for _ in range(4):
+                mujoco.mj_step(model, data)
+
+    env = dc.recorders.dm_control(Environment())
+    with pytest.raises(dc.InputError):
+        env.step((0.0, 0.0))
+    env.reset()
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    for k in range(5):
+        env.step((0.1 * k, -0.2))
+    assert len(env.trajectory()) == 26
+    with pytest.raises(dc.InputError):
+        dc.recorders.dm_control(object())

@@ -1,0 +1,333 @@
+"""Pages of the site that are made when it is built, and documents that lie outside docs/.
+
+- README, NOTATION, ARCHITECTURE, … become pages; links between all documents are rewritten, so that they hold
+  on the site as they do in the repository.
+- The reference of commands is made from the command line, that of Python from the public names in
+  `deltac/__init__.pyi` and their docstrings, the keys of the JSON from the classes of results, the page
+  on citing from CITATION.cff, the tutorials from the notebooks.
+- What is built is looked through: nothing may be fetched from another host.
+"""
+
+from __future__ import annotations
+
+import ast
+import base64
+import html
+import json
+import posixpath
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+from website import gallery  # noqa: E402
+
+OUTSIDE = {
+    "README.md": "index.md",
+    "NOTATION.md": "notation.md",
+    "ARCHITECTURE.md": "architecture.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
+    "LICENSE": "license.md",
+    "CITATION.cff": "citing.md",
+}
+"""Documents outside docs/, and the pages that they become."""
+
+NOTEBOOKS = ROOT / "docs" / "notebooks"
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the pages of the Python reference into the navigation, and documents that nobody put there."""
+    for section in config.nav:
+        if "Reference" in section:
+            section["Reference"] = [
+                {"Python": [{title: page} for title, page, _ in _modules()]} if "Python" in e else e
+                for e in section["Reference"]
+            ]
+    listed = set(re.findall(r"'([\w/-]+\.md)'", repr(config.nav)))
+    new = sorted(p.name for p in (ROOT / "docs").glob("*.md") if p.name not in listed)
+    for section in config.nav:
+        if "How to" in section:
+            section["How to"] += new
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are made."""
+    made: dict[str, str | bytes] = {
+        **{page: _outside(name) for name, page in OUTSIDE.items()},
+        **{page: _api(title, names) for title, page, names in _modules()},
+        **{
+            f"tutorials/{path.stem}.md": _notebook(path)
+            for path in sorted(NOTEBOOKS.glob("*.ipynb"))
+        },
+        "commands.md": "\n".join(_commands()),
+        "json-keys.md": "\n".join(_json_keys()),
+    }
+    made.update(gallery.pages())
+    for name, text in made.items():
+        files.append(File.generated(config, name, content=text))
+    for file in [f for f in files if f.src_uri.startswith("notebooks/")]:
+        files.remove(file)
+    return files
+
+
+def _outside(name: str) -> str:
+    text = (ROOT / name).read_text("utf-8")
+    if name == "LICENSE":
+        return f"# Licence\n\n```text\n{text}```\n"
+    if name == "CITATION.cff":
+        return "\n".join(_citing(text))
+    return text
+
+
+# --- links ---------------------------------------------------------------------------------------
+
+LINK = re.compile(r"(\]\(|<img [^>]*?src=\")(?!\w+:|#|//)([^)#\s\"]+)")
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Rewrite links as the repository has them into links between pages."""
+    here = page.file.src_uri
+    source = next((name for name, made in OUTSIDE.items() if made == here), f"docs/{here}")
+    if here.startswith("tutorials/") and here != "tutorials/index.md":
+        source = source.replace("tutorials", "notebooks")
+
+    def moved(match: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join(posixpath.dirname(source), match[2]))
+        target = OUTSIDE.get(target, target.removeprefix("docs/"))
+        target = re.sub(r"^notebooks/(.*)\.ipynb$", r"tutorials/\1.md", target)
+        return match[1] + posixpath.relpath(target, posixpath.dirname(here) or ".")
+
+    parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
+    text = "".join(p if p.startswith("```") else LINK.sub(moved, p) for p in parts)
+    if "```mermaid" in text:
+        raise PluginError(f"{here}: mermaid is drawn by a script from another host; use a picture")
+    return text
+
+
+SHIM = "https://unpkg.com/iframe-worker/shim"
+
+REMOTE = re.compile(
+    r"<(?:script|img|iframe|source)[^>]*\ssrc=\"https?:[^>]*>|<link[^>]*stylesheet[^>]*https?:[^>]*>"
+)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """No page fetches anything from another host; the one script that the theme would is ours to serve."""
+    root = posixpath.relpath(".", posixpath.dirname(page.url) or ".")
+    output = output.replace(SHIM, f"{root}/assets/iframe-worker.js")
+    found = REMOTE.search(output)
+    if found:
+        raise PluginError(f"{page.file.src_uri} fetches from another host: {found[0]}")
+    return output
+
+
+# --- Python --------------------------------------------------------------------------------------
+
+TITLES = {
+    "mechanism": "Mechanisms",
+    "models": "Models",
+    "simulation": "Simulation",
+    "trajectories": "Motions and logs",
+    "recorders": "Recorders",
+    "importers": "Importers",
+    "energy": "The ledger",
+    "diagnosis": "Verdicts",
+    "repair": "Repair",
+    "procedure": "The whole procedure",
+    "analysis": "Analysis",
+    "dynamics": "Matrices",
+    "errors": "Errors",
+    "limits": "Limits",
+}
+"""What the pages are called, by the package that defines the names; others by the package itself."""
+
+NAMESPACES = ("bodies", "joints", "forces", "constraints", "events", "shapes", "laws", "solvers")
+
+
+def _public(stub: Path) -> Iterator[tuple[str, str]]:
+    """Public names of a module and where each is defined."""
+    for statement in ast.parse(stub.read_text("utf-8")).body:
+        if isinstance(statement, ast.ImportFrom) and str(statement.module).startswith("deltac"):
+            for alias in statement.names:
+                if not alias.name.startswith("_"):
+                    yield alias.asname or alias.name, f"{statement.module}.{alias.name}"
+
+
+def _modules() -> list[tuple[str, str, list[tuple[str, str]]]]:
+    """Title, page, and names with their homes, of every page of the reference."""
+    grouped: dict[str, list[tuple[str, str]]] = {}
+    for name, home in _public(ROOT / "src" / "deltac" / "__init__.pyi"):
+        package = home.split(".")[1]
+        if home.count(".") > 1:
+            grouped.setdefault(package, []).append((f"dc.{name}", home))
+    ordered = sorted(grouped, key=lambda p: list(TITLES).index(p) if p in TITLES else len(TITLES))
+    pages = [(TITLES.get(p, p.capitalize()), f"api/{p}.md", grouped[p]) for p in ordered]
+    for space in NAMESPACES:
+        found = _public(ROOT / "src" / "deltac" / f"{space}.py")
+        names = [(f"dc.{space}.{name}", home) for name, home in found]
+        pages.append((f"dc.{space}", f"api/{space}.md", names))
+    return pages
+
+
+def _api(title: str, names: list[tuple[str, str]]) -> str:
+    parts = [f"# {title}\n"]
+    for shown, home in names:
+        parts.append(
+            f"::: {home}\n    options:\n      heading: {shown}\n      toc_label: {shown}\n"
+        )
+    return "\n".join(parts)
+
+
+# --- commands ------------------------------------------------------------------------------------
+
+
+def _commands() -> Iterator[str]:
+    """The reference of commands, from the command line itself."""
+    import typer
+
+    from deltac.cli import COMMANDS, app
+
+    group = typer.main.get_command(app)
+    yield "# Commands\n"
+    yield f"{group.help}\n"
+    yield "Exit codes: 0 all is well; 1 it is not; 2 bad usage or bad input; 3 unresolved; 70 an error of"
+    yield "deltac itself; 130 interrupted. `deltac --install-completion` adds completion for the shell.\n"
+    yield "This page is made from the command line itself; `deltac COMMAND --help` says the same.\n"
+    for name, command in group.commands.items():  # type: ignore[attr-defined]
+        context = command.context_class(command, info_name=f"deltac {name}")
+        yield f"## deltac {name}\n"
+        yield f"{command.help}\n"
+        yield f"```text\n{' '.join(command.get_usage(context).split())}\n```\n"
+        yield "| | meaning | default |\n|---|---|---|"
+        for parameter in command.params:
+            yield _parameter(parameter, context)
+        if name in COMMANDS:
+            examples = "\n".join(line.strip() for line in COMMANDS[name][1].splitlines())
+            yield f"\nFor example:\n\n```sh\n{examples}\n```\n"
+
+
+def _parameter(parameter: Any, context: Any) -> str:
+    """A row of the table of a command: the record that its help shows, with the default by itself."""
+    names, told = parameter.get_help_record(context) or (parameter.name, "")
+    told = " ".join(told.split())
+    default = re.search(r"\[default: (.*?)\]", told)
+    told = re.sub(r"\s*\[(default: .*?|required)\]", "", told)
+    cells = (names, told, default[1] if default else "")
+    name, told, value = (html.escape(" ".join(c.split())).replace("|", "&#124;") for c in cells)
+    return f"| <code>{name}</code> | {told} | {f'<code>{value}</code>' if value else ''} |"
+
+
+# --- JSON ----------------------------------------------------------------------------------------
+
+
+def _json_keys() -> Iterator[str]:
+    """The keys of the JSON of every result, from its class."""
+    import deltac
+    from deltac.diagnosis.verdict import Judged
+    from deltac.results import Report
+
+    yield "# Keys of the JSON\n"
+    yield "What `--json` and `to_dict()` have of each result, under the head that [JSON](json.md) describes."
+    yield "Mappings are objects, tuples and arrays lists; what is not finite is null. The reference of Python"
+    yield "says what each is. This page is made from the classes.\n"
+    judged = dict.fromkeys(("verdict", "confidence", "meaning"), "str")
+    judged |= dict.fromkeys(("evidence", "limits"), "tuple[str, ...]")
+    for name in deltac.__all__:
+        kind = getattr(deltac, name)
+        if isinstance(kind, type) and issubclass(kind, Report):
+            keys = {"schema": "int", "deltac": "str", "report": "str", "exit_code": "int"}
+            keys |= judged if issubclass(kind, Judged) else {}
+            keys |= {key: _holds(kind, key) for key in kind.told() if key not in keys}
+            keys["findings"] = "tuple[Finding, ...]"
+            yield f"## {name}\n\n| key | holds |\n|---|---|"
+            yield "\n".join(f"| `{key}` | `{holds}` |" for key, holds in keys.items()) + "\n"
+
+
+def _holds(kind: type, name: str) -> str:
+    """The type of an attribute, property or method of a class, as its source has it."""
+    found = getattr(kind, name, None)
+    function = found.fget if isinstance(found, property) else found
+    if callable(function):
+        told = function.__annotations__.get("return", "")
+    else:
+        told = next(
+            (c.__annotations__[name] for c in kind.__mro__ if name in c.__annotations__), ""
+        )
+    return str(told).replace("|", "or")
+
+
+# --- citing --------------------------------------------------------------------------------------
+
+
+def _citing(text: str) -> Iterator[str]:
+    """How to cite deltac, and the works that it rests on."""
+    import yaml
+
+    cff = yaml.safe_load(text)
+    names = ", ".join(author["name"] for author in cff["authors"])
+    yield "# How to cite\n"
+    yield f"{cff['message']}\n"
+    yield f"> {names}. *{cff['title']}*, version {cff['version']}.\n"
+    yield "Say which version computed your numbers: `deltac --version` and the JSON of results have it.\n"
+    yield "```bibtex\n@software{deltac,\n  author  = {{" + names + "}},"
+    yield f"  title   = {{{cff['title']}}},\n  version = {{{cff['version']}}}\n}}\n```\n"
+    yield "## What it rests on\n"
+    for entry in cff["references"]:
+        authors = ", ".join(
+            f"{a.get('given-names', '')} {a.get('family-names', a.get('name', ''))}".strip()
+            for a in entry["authors"]
+        )
+        place = entry.get("journal") or entry.get("publisher", {}).get("name", "")
+        place = place or entry.get("institution", {}).get("name", "")
+        volume = f" {entry['volume']}" if "volume" in entry else ""
+        pages = f", {entry['start']}–{entry['end']}" if "start" in entry else ""
+        doi = f", doi:{entry['doi']}" if "doi" in entry else ""
+        yield f"- {authors}. *{entry['title']}*. {place}{volume} ({entry['year']}){pages}{doi}."
+
+
+# --- notebooks -----------------------------------------------------------------------------------
+
+
+def _notebook(path: Path) -> str:
+    """A notebook as a page: its text, its code, and what it printed and drew."""
+    cells = json.loads(path.read_text("utf-8"))["cells"]
+    parts = []
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        parts += (part for output in cell["outputs"] for part in _output(output))
+    where = f"notebooks/{path.name}"
+    note = f"*This page is the notebook `docs/{where}`; run it, change it.*"
+    return "\n\n".join([parts[0], note, *parts[1:]]) + "\n"
+
+
+def _output(output: dict[str, Any]) -> Iterator[str]:
+    if output["output_type"] == "stream":
+        yield f"```text\n{''.join(output['text']).rstrip()}\n```"
+        return
+    data = output.get("data", {})
+    if "image/png" in data:
+        content = "".join(data["image/png"]).replace("\n", "")
+        base64.b64decode(content, validate=True)
+        yield f'<img class="figure" alt="" src="data:image/png;base64,{content}">'
+    elif "text/html" in data:
+        yield f'<div class="result">{"".join(data["text/html"])}</div>'
+    elif "text/plain" in data:
+        yield f"```text\n{''.join(data['text/plain'])}\n```"

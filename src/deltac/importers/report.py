@@ -45,6 +45,11 @@ class ImportReport:
     strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     starts: Mapping[str, State] = field(default_factory=dict)
 
+    @property
+    def acting(self) -> tuple[Remark, ...]:
+        """Those of `ignored` that can do work: a simulation by deltac's solvers is without them."""
+        return tuple(remark for remark in self.ignored if "channel '" in remark.consequence)
+
     def summary(self) -> str:
         """All remarks, one a line, under their three headings."""
         lines = [f"Imported from {self.source}"]
@@ -65,3 +70,11 @@ class ImportReport:
             shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
             if remarks:
                 yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."
+
+
+def told(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
+    """What an import left out and assumed, as texts; empty without an import."""
+    return {
+        "ignored": tuple(map(str, report.ignored)) if report else (),
+        "assumed": tuple(map(str, report.assumed)) if report else (),
+    }

@@ -20,6 +20,7 @@ from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
+from deltac.importers.report import told
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
@@ -191,11 +192,7 @@ class Audit(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        report = self.import_report
-        return {
-            "ignored": tuple(map(str, report.ignored)) if report else (),
-            "assumed": tuple(map(str, report.assumed)) if report else (),
-        }
+        return told(self.import_report)
 
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
@@ -270,15 +267,15 @@ def audit(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    told: list[Finding] = []
+    of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
 
-        log, told = replayed(model, mechanism, log, mapping)
+        log, of_replay = replayed(model, mechanism, log, mapping)
         mapping = None
     log_read = read_log(mechanism, log, work, mapping)
     import_report = loaded.import_report
-    findings = [*told, *log_read.findings]
+    findings = [*of_replay, *log_read.findings]
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
     findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
     findings += checks.impacts_not_held(mechanism, log_read.run)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.recommend.work_precision import Trial
+from deltac.importers.report import ImportReport, told
 from deltac.results import Report, Section, Table, number, percent
 
 SAME_TIME = 1.2
@@ -21,7 +22,11 @@ LIMITS = (
 
 
 @dataclass(frozen=True, repr=False)
-class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verified")):
+class Recommendation(
+    Report,
+    omit=("import_report",),
+    also=("solver", "step", "setting_tolerance", "verified", "imported"),
+):
     """A recommended solver and its step or tolerance, with what it rests on.
 
     Attributes:
@@ -36,6 +41,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
         energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
             body that turns freely); `still`: neither, so that nothing moves.
         notes: why some solvers were left out.
+        import_report: what the model's file held that the model does not, None for other models.
     """
 
     best: Trial | None
@@ -51,8 +57,14 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
+    import_report: ImportReport | None = None
 
     turnover = RenamedAttribute("energy_exchanged")
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        return told(self.import_report)
 
     @property
     def solver(self) -> str | None:
@@ -105,6 +117,8 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
         yield from _explained(self)
         yield from (f"Note: {note}." for note in self.notes)
         yield f"Not covered: {'; '.join(self.limits)}."
+        if self.import_report is not None:
+            yield from self.import_report.sections()
 
 
 def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:

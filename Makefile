@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs site site-quick web check-web clean
+	bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -59,6 +59,9 @@ check-web: web/node_modules  ## the page's types, and that the committed bundle 
 	$(NPM) run check
 
 check: lint types layers site-quick test-casadi test  ## all of the checks, as in continuous integration
+
+wheel: $(DEV)  ## sdist and wheel into dist/, and the wheel tried in an empty environment
+	PYTHON=$(abspath $(PY)) .ci/wheel
 
 bench-explain: $(TEST)  ## how often a log's residual is explained rightly: planted faults
 	$(PY) benchmarks/explain.py $(ARGS)

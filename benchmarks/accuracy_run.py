@@ -68,7 +68,7 @@ class Rival:
     def __init__(self, problem: dc.problems.Problem) -> None:
         self.flow = build_flow(problem.mechanism, ("wang",))
         self.start = self.flow.start(problem.state, np.empty(0))
-        kernel = rate_kernel(self.flow).compile()
+        kernel = rate_kernel(self.flow).compile(single=True)
         given, out = np.empty(kernel.n_in), np.empty(kernel.n_out)
 
         def rate(t: float, x: Array) -> Array:

@@ -24,7 +24,7 @@ from deltac.kernels import evaluator_name, to_heyoka
 from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from deltac.simulation.stepping.explicit import INSTRUCTIONS_PER_CALL_OF_LONG_RUNS, FixedMethod
+from deltac.simulation.stepping.explicit import INSTRUCTIONS_PER_CALL, FixedMethod
 
 Array = NDArray[np.float64]
 DURATION, STEP = 10.0, 1e-4
@@ -87,7 +87,7 @@ def _steps(problem: dc.problems.Problem) -> Pair:
     """simulate, and the very kernel it calls."""
     steps = round(DURATION / STEP)
     stepper = _stepper(problem)
-    single, out = stepper.kernel.compile().single, np.empty(stepper.kernel.n_out)
+    single, out = stepper.kernel.compile(single=True).single, np.empty(stepper.kernel.n_out)
     x = np.concatenate([_start(problem, stepper), [0.0, 0.0, STEP]])  # the state, k, t0, h
     calls = steps // stepper.steps_per_call
 
@@ -134,7 +134,7 @@ def _casadi(problem: dc.problems.Problem) -> Pair:
     fast = _stepper(problem)
     with _evaluator("casadi"):
         slow = _stepper(problem)
-        slow.kernel.compile()
+        slow.kernel.compile(single=True)
     start = _start(problem, fast)
     ends = [compiled_steps.end(method, start, STEP, steps) for method in (fast, slow)]
     off = float(np.abs(ends[0] - ends[1]).max())
@@ -150,7 +150,7 @@ def _casadi(problem: dc.problems.Problem) -> Pair:
 
 def _stepper(problem: dc.problems.Problem) -> FixedMethod:
     flow = build_flow(problem.mechanism, TESTING)
-    return FixedMethod(flow, find_solver("ode5"), INSTRUCTIONS_PER_CALL_OF_LONG_RUNS)
+    return FixedMethod(flow, find_solver("ode5"), INSTRUCTIONS_PER_CALL)
 
 
 def _start(problem: dc.problems.Problem, stepper: FixedMethod) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,6 +15,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault(
     "DELTAC_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "kernels")
 )
+
+# A shell starts what it puts in the background with interrupts ignored; tests send themselves some.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, is_hypothesis_test, settings  # noqa: E402
@@ -37,18 +41,3 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("random_examples")
         if without and item.get_closest_marker("heyoka"):
             item.add_marker(skip)
-
-
-END_TO_END = ("cli", "test_docs.py")
-"""What runs there runs as users have it."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def one_step_per_call(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Unrolled steps take long to compile, for runs as short as these; the tests of fusing unroll."""
-    from deltac.simulation.stepping import explicit
-
-    with pytest.MonkeyPatch.context() as patch:
-        if request.path.relative_to(TESTS).parts[0] not in END_TO_END:
-            patch.setattr(explicit, "MOST_STEPS_PER_CALL", 1)
-        yield

@@ -237,20 +237,37 @@ def _parameter(parameter: Any, context: Any) -> str:
 def _json_keys() -> Iterator[str]:
     """The keys of the JSON of every result, from its class."""
     import deltac
+    from deltac.diagnosis.verdict import Judged
     from deltac.results import Report
 
     yield "# Keys of the JSON\n"
     yield "What `--json` and `to_dict()` have of each result, under the head that [JSON](json.md) describes."
-    yield "The reference of Python says what each is. This page is made from the classes.\n"
+    yield "Mappings are objects, tuples and arrays lists; what is not finite is null. The reference of Python"
+    yield "says what each is. This page is made from the classes.\n"
+    judged = dict.fromkeys(("verdict", "confidence", "meaning"), "str")
+    judged |= dict.fromkeys(("evidence", "limits"), "tuple[str, ...]")
     for name in deltac.__all__:
         kind = getattr(deltac, name)
         if isinstance(kind, type) and issubclass(kind, Report):
-            keys = ["schema", "deltac", "report", "exit_code"]
-            if hasattr(kind, "verdict") or "verdict" in kind.told():
-                keys += ["verdict", "confidence", "meaning", "evidence", "limits"]
-            keys += [key for key in kind.told() if key not in (*keys, "findings")]
-            yield f"## {name}\n"
-            yield ", ".join(f"`{key}`" for key in (*keys, "findings")) + "\n"
+            keys = {"schema": "int", "deltac": "str", "report": "str", "exit_code": "int"}
+            keys |= judged if issubclass(kind, Judged) else {}
+            keys |= {key: _holds(kind, key) for key in kind.told() if key not in keys}
+            keys["findings"] = "tuple[Finding, ...]"
+            yield f"## {name}\n\n| key | holds |\n|---|---|"
+            yield "\n".join(f"| `{key}` | `{holds}` |" for key, holds in keys.items()) + "\n"
+
+
+def _holds(kind: type, name: str) -> str:
+    """The type of an attribute, property or method of a class, as its source has it."""
+    found = getattr(kind, name, None)
+    function = found.fget if isinstance(found, property) else found
+    if callable(function):
+        told = function.__annotations__.get("return", "")
+    else:
+        told = next(
+            (c.__annotations__[name] for c in kind.__mro__ if name in c.__annotations__), ""
+        )
+    return str(told).replace("|", "or")
 
 
 # --- citing --------------------------------------------------------------------------------------

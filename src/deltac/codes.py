@@ -110,6 +110,8 @@ FINDINGS: dict[str, str] = {
     "not-finite": "the accelerations are not finite at some states",
     "wrong-expression": "an expression of the source is wrong, and an edit makes it right",
     "coordinates": "the same function is right in other coordinates",
+    "parameter-value": "the same function is right with another value of one parameter, or two exchanged",
+    "linearised": "the function is linear, or right for small coordinates alone",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""
 

@@ -444,20 +444,33 @@ class Report(Record, Shown):
         """Everything but time histories, in terms of JSON, under the head that says the schema's version."""
         return headed(type(self).__name__, self.contents())
 
-    def report(self, path: str | PurePath, *, model: Any = None, run: Any = None) -> None:
+    def report(
+        self,
+        path: str | PurePath,
+        *more: Report,
+        model: Any = None,
+        run: Any = None,
+        equations: Any = None,
+        command: str = "",
+    ) -> None:
         """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
 
         The page needs no network. It takes the place of a file of that name once it is complete.
 
         Args:
             path: where to, ending in ``.html``.
+            more: further reports of the same thing, such as the repair of equations that were checked.
             model: whose motion is shown, for results that hold none; what every verb takes.
             run: the Trajectory that is shown, likewise.
+            equations: those that were checked, to show their motion beside the model's.
+            command: how it was made, for whoever wants to repeat it.
 
         Raises:
             InputError: another ending, a folder that does not exist or cannot be written to.
         """
-        import_module("deltac.report.page").write_report(self, path, model=model, run=run)
+        import_module("deltac.report.page").write_report(
+            self, path, *more, model=model, run=run, equations=equations, command=command
+        )
 
     def show(self, *, model: Any = None, run: Any = None) -> InFrame:
         """The page of the report, in a notebook: plots to zoom into, the mechanism moving, findings, tables.

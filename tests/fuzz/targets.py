@@ -17,6 +17,8 @@ from deltac.errors import InputError
 from deltac.importers.urdf import read_urdf
 from deltac.limits import Limits, parse_json
 from deltac.mechanism.laws import as_law
+from deltac.repair.tracing.interpreter import branches
+from deltac.repair.tracing.source import Source
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
 from deltac.trajectories.formats.mapping import read_mapping
 from deltac.trajectories.formats.mat5 import variables
@@ -89,6 +91,14 @@ def _urdf(data: bytes) -> None:
     read_urdf(path)
 
 
+def _source(data: bytes) -> None:
+    """Equations of motion, read and never run."""
+    states = np.random.default_rng(1).normal(size=(4, 3))
+    source = Source("equations.py", data.decode("utf-8", "replace"), "rhs")
+    with np.errstate(all="ignore"):  # as `repair` reads
+        branches(source, np.zeros(3), states[:2], states[2:])
+
+
 def _law(data: bytes) -> None:
     as_law(data.decode("utf-8", "replace"), "law")
 
@@ -130,8 +140,10 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "sto": _file(".sto"),
     "npz": _file(".npz"),
     "mat": _mat,
+    "h5": _file(".h5"),
     "mapping": _mapping,
     "urdf": _urdf,
+    "source": _source,
     "law": _law,
     "unit": _unit,
     "limits": _limits,
@@ -162,6 +174,26 @@ STO = (
 STO += b"/jointset/a/b/speed\n0\t1\t2\n1\t2\t3\n"
 
 
+EQUATIONS = b"""import numpy as np
+from math import sin, cos
+class Arm:
+    g = 9.81
+    def __init__(self, m=1.0, l=0.7):
+        self.m, self.l = m, [l, 2*l]
+    def mass(self, q):
+        return np.array([[self.m*x**2 + 1.0 for x in self.l], [cos(q[0]), 3.0]])
+arm = Arm(l=0.4)
+def rhs(t, q, u):
+    f = np.zeros(2)
+    for i, x in enumerate(q):
+        f[i] -= arm.g*sin(x) + (0.1*u[i] if u[i] > 0 else 0)
+    while t < 0.5:
+        t += 0.2
+    return np.linalg.solve(arm.mass(q), f)
+"""
+LAMBDA = b"rhs = lambda t, q, u: [-9.81*__import__('math').sin(q[0]), -u[1]**3]"
+
+
 def corpus(name: str) -> list[bytes]:
     """What a target starts from."""
     header = {**to_metadata(RUN)}
@@ -171,7 +203,7 @@ def corpus(name: str) -> list[bytes]:
             return [json.dumps(header).encode(), json.dumps(events).encode()]
         case "event":
             return [json.dumps(EVENT.to_dict()).encode()]
-        case "csv" | "npz" | "mat":
+        case "csv" | "npz" | "mat" | "h5":
             foreign = Trajectory(t=T, q=T[:, None], u=T[:, None], coordinates=("a",), speeds=("a",))
             made = [_written(RUN, f".{name}"), _written(foreign, f".{name}")]
             if name == "mat":
@@ -185,6 +217,8 @@ def corpus(name: str) -> list[bytes]:
             return [MAPPING, b'[coordinates]\na = "b"\n']
         case "urdf":
             return [URDF]
+        case "source":
+            return [EQUATIONS, LAMBDA]
         case "law":
             return [
                 b"2.5*sin(3*t) + q.elbow**2 - where(u.a > 0, 1, max(t, 2))",

@@ -145,3 +145,58 @@ def test_without_exudyn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "exudyn", None)
     with pytest.raises(InputError, match=r'pip install "deltac\[exudyn\]"'):
         record_exudyn(None, 0, ())
+
+
+def geared(step: float, solver: str, **options: Any) -> tuple[Any, Trajectory]:
+    """The elbow geared to the shoulder by a coordinate constraint: θ₂ = −½ (θ₁ − 0.2)."""
+    from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate
+
+    mbs, node = double_pendulum()
+    mbs.SetNodeParameter(node, "initialCoordinates", [0.8, -0.4])
+    markers = [mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=k)) for k in (1, 0)]
+    gear = mbs.AddObject(CoordinateConstraint(markerNumbers=markers, factor1=-0.5))
+    mbs.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(0.5 / step)
+    settings.timeIntegration.endTime = 0.5
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.newton.relativeTolerance = 1e-10
+    settings.solutionSettings.writeSolutionToFile = False
+    options = {"constraints": {"gear": gear}, **options}
+    with record_exudyn(mbs, node, ("shoulder", "elbow"), accelerations=True, **options) as rec:
+        mbs.SolveDynamic(settings, solverType=getattr(exudyn.DynamicSolverType, solver))
+    return rec, rec.trajectory(solver, step) if rec.monitor is None else None
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("solver", ["TrapezoidalIndex2", "GeneralizedAlpha"])
+def test_forces_of_constraints(solver: str) -> None:
+    _, run = geared(1e-3, solver)
+    force = run.forces["constraint gear"]
+    assert np.abs(force).max() > 1.0
+    # The gear's force is along its gradient, and the equations hold with it but not without.
+    assert np.abs(force[:, 0] - 0.5 * force[:, 1]).max() < 1e-9 * np.abs(force).max()
+    left = np.abs(dc.residuals(MECHANISM, run)["coordinates"])[1:].max()
+    assert left < 1e-6 * np.abs(force).max()
+    ledger = dc.balance(MECHANISM, run, work="samples", testing=("wang",))
+    assert abs(ledger.work["constraint gear"][-1]) < 1e-5 * ledger.energy_exchanged
+    assert ledger.relative("wang") < 1e-4
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_monitor_takes_the_rows() -> None:
+    mbs, node = double_pendulum()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = 1000
+    settings.timeIntegration.verboseMode = 0
+    settings.solutionSettings.writeSolutionToFile = False
+    monitor = dc.Monitor(MECHANISM, tolerance=1e-3)
+    with record_exudyn(mbs, node, ("shoulder", "elbow"), accelerations=True, monitor=monitor):
+        mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
+    assert monitor.rows == 1001 and monitor.error_bar < 1e-3 * monitor.energy_exchanged
+
+
+def test_an_object_without_equations() -> None:
+    mbs, node = double_pendulum()
+    with pytest.raises(InputError, match="no algebraic equations"):
+        record_exudyn(mbs, node, ("shoulder", "elbow"), constraints={"tree": 0})

@@ -377,3 +377,26 @@ def test_friction_in_a_planar_mechanism_is_that_in_space(friction: float) -> Non
             one.energy_lost == pytest.approx(other.energy_lost, abs=1e-9) and one.energy_lost > 0.0
         )
     assert_closes(planar, flat, 1e-10)
+
+
+@pytest.mark.parametrize("friction, paradox", [(1.66, False), (1.67, True), (1000.0, True)])
+def test_painleves_rod_is_told_from_a_lasting_contact(friction: float, paradox: bool) -> None:
+    """A rod at 45° that slides on its front end: W_nn/W_ns = (1 + 3 cos²)/(3 sin cos) = 5/3."""
+    a = 0.4
+    rod = dc.body("rod", 1.0, [2 * a * a / 3, 2 * a * a / 3, 2 * a * a / 3])
+    hit = dc.events.impact(
+        "floor",
+        shapes.point("rod", (a, -a, 0.0)),
+        shapes.half_space(normal=(0.0, 1.0, 0.0)),
+        friction=friction,
+        restitution=0.0,
+    )
+    mechanism = dc.Mechanism(
+        [rod], [dc.joints.planar("base", "ground", "rod")], gravity=(0, -9.81, 0), events=[hit]
+    )
+    state = mechanism.state({"base": [0.0, a, 0.0]}, {"base": [1.0, 0.0, 0.0]})
+    with pytest.warns(UserWarning):
+        run = dc.simulate(mechanism, state, 0.3, 0.01, "ode4")
+    assert not run.provenance.completed
+    assert ("Painlevé" in run.provenance.message) == paradox
+    assert not paradox or "1.66667" in run.provenance.message

@@ -1,6 +1,6 @@
 // Drawings that need no time: points on log axes, and where the energy went. SVG in the page's own colours.
 
-import type { Cloud, Flows, LogPlot } from "./data";
+import type { Bars, Cloud, Flows, LogPlot } from "./data";
 import { el, number, power, svg } from "./dom";
 
 const W = 560, H = 330, LEFT = 62, RIGHT = 18, TOP = 14, BOTTOM = 46;
@@ -106,4 +106,19 @@ export function flows(plot: Flows): HTMLElement {
     body.append(el("div", { class: `flow ${r.group}`, role: "row" }, el("span", { role: "cell", class: "name", title: r.name }, r.name), el("span", { class: "track" }, zero, bar), el("span", { role: "cell", class: "amount" }, `${r.energy > 0 ? "+" : ""}${number(r.energy)}${error} J`)));
   });
   return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, plot.title)), body, plot.note && el("p", { class: "note" }, plot.note));
+}
+
+/** Sizes on a log axis, with what is accepted as a line across. */
+export function bars(plot: Bars): HTMLElement {
+  const sizes = plot.bars.map((b) => b[1]).filter((v) => v > 0);
+  const low = Math.floor(Math.log10(Math.min(plot.limit, ...sizes)) - 0.5), high = Math.ceil(Math.log10(Math.max(plot.limit, ...sizes)) + 0.2);
+  const at = (v: number) => Math.max(0, ((Math.log10(v) - low) / (high - low)) * 100);
+  const body = el("div", { class: "flows", role: "table", "aria-label": plot.title });
+  for (const [name, size, wrong] of plot.bars) {
+    body.append(el("div", { class: "flow", role: "row" }, el("span", { role: "cell", class: "name" }, name),
+      el("span", { class: "track" }, el("span", { class: "accepted", style: `left:${at(plot.limit)}%` }), size > 0 && el("span", { class: `bar ${wrong ? "wrong" : "right"}`, style: `left:0;width:${Math.max(0.5, at(size))}%` })),
+      el("span", { role: "cell", class: "amount" }, number(size, 2), wrong ? " fails" : "")));
+  }
+  return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, plot.title)), body,
+    el("p", { class: "note" }, `Log axis from ${power(low)} to ${power(high)}; the line marks ${number(plot.limit, 2)}, which is accepted. ${plot.note}`));
 }

@@ -2,7 +2,7 @@
 
 import "uplot/dist/uPlot.min.css";
 import "./page.css";
-import { flows, logPlot } from "./charts";
+import { bars, flows, logPlot } from "./charts";
 import { Clock } from "./clock";
 import { read, type Page, type Part } from "./data";
 import { el, icon, save } from "./dom";
@@ -34,6 +34,7 @@ function draw(part: Part): HTMLElement {
       return plot.element;
     }
     case "points": return logPlot(part);
+    case "bars": return bars(part);
     case "flows": return flows(part);
     case "table": return grid(part);
     case "words": return words(part);
@@ -126,9 +127,8 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("keydown", (event) => {
   const inside = event.target as HTMLElement;
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|TEXTAREA|BUTTON|SUMMARY)$/.test(inside.tagName)) {
-    return;
-  }
+  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(inside.tagName)) return;
+  if (/^(BUTTON|SUMMARY|A)$/.test(inside.tagName) && /^( |Enter)$/.test(event.key)) return;
   if (inside.closest?.(".scroll, pre") && event.key.startsWith("Arrow")) return;
   if (player?.key(event)) event.preventDefault();
 });

@@ -65,11 +65,7 @@ export class Player {
         tip.style.transform = `translate(${event.offsetX + 12}px, ${event.offsetY + 14}px)`;
       });
       this.canvas.addEventListener("pointerleave", () => { tip.hidden = true; });
-      let sized = false;
-      new ResizeObserver(() => {
-        stage.resize();
-        if (!sized && this.canvas.clientWidth) { sized = true; stage.home(); }
-      }).observe(this.canvas);
+      new ResizeObserver(() => stage.resize()).observe(this.canvas);
     }
     clock.onMove(() => this.told());
     this.told();

@@ -30,6 +30,7 @@ export class Stage {
   private cell = 1;
   private waiting = false;
   private last = new THREE.Vector3();
+  private touched = false;
   follow: boolean;
 
   constructor(private readonly data: Data, private readonly clock: Clock, readonly canvas: HTMLCanvasElement) {
@@ -46,6 +47,7 @@ export class Stage {
     this.camera.up.copy(this.up);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.ask());
+    this.controls.addEventListener("start", () => { this.touched = true; });
     this.controls.enableDamping = false;
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0xb7c0cc, 1.6), this.sun, this.sun.target, this.ground);
     this.lights();
@@ -166,10 +168,11 @@ export class Stage {
   private arrow(force: Arrow): THREE.Group {
     const group = new THREE.Group();
     const s = 0.013 * this.data.size;
-    const material = new THREE.MeshBasicMaterial();
+    const material = new THREE.MeshBasicMaterial({ depthTest: false, transparent: true, opacity: 0.85 }); // seen through bodies
     this.lit.push({ material: material as unknown as THREE.MeshStandardMaterial, light: `var:${KINDS[force.kind]}`, dark: `var:${KINDS[force.kind]}` });
     const shaft = new THREE.Mesh(new THREE.CylinderGeometry(0.55 * s, 0.55 * s, 1, 10).translate(0, 0.5, 0).rotateX(Math.PI / 2), material);
     const head = new THREE.Mesh(new THREE.ConeGeometry(1.6 * s, 4 * s, 16).translate(0, 2 * s, 0).rotateX(Math.PI / 2), material);
+    shaft.renderOrder = head.renderOrder = 5;
     group.add(shaft, head);
     group.name = force.name;
     this.runs[0]!.root.add(group);
@@ -233,6 +236,7 @@ export class Stage {
   }
 
   home(): void {
+    this.touched = false;
     const aspect = this.camera.aspect || 1;
     const slope = Math.tan((this.camera.fov * Math.PI) / 360);
     const [w, h, d] = this.follow ? [0.7 * this.data.size, 0.7 * this.data.size, 0] : this.data.half;
@@ -252,6 +256,7 @@ export class Stage {
     this.renderer.setSize(w, h, false);
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
+    if (!this.touched) this.home();
     this.ask();
   }
 

@@ -1,7 +1,7 @@
 // Tables, words, source code, findings.
 
 import type { Code, Grid, Links, Told, Words } from "./data";
-import { el } from "./dom";
+import { el, svg } from "./dom";
 
 export function grid(table: Grid): HTMLElement {
   const head = el("tr");
@@ -31,8 +31,8 @@ export function grid(table: Grid): HTMLElement {
     head.append(cell);
   });
   const content = el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": table.title || "table" }, el("table", {}, el("thead", {}, head), body));
-  if (table.folded) return el("details", { class: "panel" }, el("summary", {}, table.title), content);
-  return el("div", { class: "panel" }, table.title && el("h3", {}, table.title), content);
+  if (table.folded) return el("details", { class: "panel wide" }, el("summary", {}, table.title), content);
+  return el("div", { class: "panel wide" }, table.title && el("h3", {}, table.title), content);
 }
 
 function compared(a: string, b: string): number {
@@ -45,25 +45,50 @@ export function words(part: Words): HTMLElement {
   const list = part.paragraphs.length > 1 && part.title
     ? el("ul", {}, ...part.paragraphs.map((p) => el("li", {}, p)))
     : el("div", {}, ...part.paragraphs.map((p) => el("p", {}, p)));
+  if (part.folded) return el("details", { class: "panel words wide" }, el("summary", {}, part.title), list);
   return el("div", { class: "panel words" }, part.title && el("h3", {}, part.title), list);
 }
 
 export function code(part: Code): HTMLElement {
   const wrong = new Set(part.wrong);
-  const lines = part.text.replace(/\n$/, "").split("\n").map((line, k) => {
+  const all = part.text.replace(/\n$/, "").split("\n");
+  const lines = all.map((line, k) => {
     const n = part.first + k;
     const kind = part.diff
       ? line.startsWith("+") && !line.startsWith("+++") ? "added" : line.startsWith("-") && !line.startsWith("---") ? "removed" : line.startsWith("@@") || line.startsWith("---") || line.startsWith("+++") ? "place" : ""
       : wrong.has(n) ? "wrong" : "";
-    return el("span", { class: `line ${kind}` }, !part.diff && el("i", {}, String(n)), line || " ");
+    return el("span", { class: `line ${kind}` }, !part.diff && el("i", {}, String(n)), ...(kind === "removed" || kind === "added" ? marked(all, k) : [line || " "]));
   });
-  return el("figure", { class: "panel" }, part.title && el("figcaption", {}, el("span", { class: "title" }, part.title)),
+  return el("figure", { class: "panel wide" }, part.title && el("figcaption", {}, el("span", { class: "title" }, part.title)),
     el("pre", { class: part.diff ? "code diff" : "code", tabindex: 0 }, ...lines), part.note && el("p", { class: "note" }, part.note));
 }
 
+/** A changed line with what differs from its counterpart marked. */
+function marked(all: string[], k: number): (Node | string)[] {
+  const line = all[k]!, sign = line[0]!, opposite = sign === "-" ? "+" : "-";
+  let first = k;
+  while (all[first - 1]?.[0] === sign) first -= 1;
+  let last = k;
+  while (all[last + 1]?.[0] === sign) last += 1;
+  let other: string | undefined;
+  if (sign === "-") other = all[last + 1 + (k - first)];
+  else {
+    let begin = first;
+    while (all[begin - 1]?.[0] === opposite) begin -= 1;
+    if (begin + (k - first) < first) other = all[begin + (k - first)];
+  }
+  if (other?.[0] !== opposite) return [line];
+  let a = 1;
+  while (a < line.length && a < other.length && line[a] === other[a]) a += 1;
+  let b = 0;
+  while (b < line.length - a && b < other.length - a && line[line.length - 1 - b] === other[other.length - 1 - b]) b += 1;
+  return [line.slice(0, a), el("b", {}, line.slice(a, line.length - b)), line.slice(line.length - b)];
+}
+
 export function links(part: Links): HTMLElement {
-  return el("div", { class: "panel" }, part.title && el("h3", {}, part.title),
-    el("div", { class: "cards" }, ...part.entries.map(([href, title, note]) => el("a", { class: "card", href }, el("b", {}, title), el("span", {}, note)))));
+  return el("div", { class: "panel wide" }, part.title && el("h3", {}, part.title),
+    el("div", { class: "cards" }, ...part.entries.map(([href, title, note, path, trail]) => el("a", { class: "card", href },
+      svg("svg", { viewBox: "0 0 230 130", "aria-hidden": "true" }, svg("path", { d: trail, class: "trail" }), svg("path", { d: path })) as unknown as HTMLElement, el("b", {}, title), el("span", {}, note)))));
 }
 
 const WEIGHTS = { cause: "Cause", doubt: "Doubt", note: "Note" };
@@ -76,7 +101,7 @@ export function finding(told: Told, go: (t: number | null, element: string) => v
   ];
   return el("article", { class: `finding ${f.weight}` },
     el("header", {}, el("span", { class: "weight" }, WEIGHTS[f.weight]), el("code", {}, f.code), ...where),
-    el("p", { class: "what" }, `${f.what}.`),
+    el("p", { class: "what" }, `${f.what.charAt(0).toUpperCase()}${f.what.slice(1)}.`),
     f.evidence && el("p", { class: "evidence" }, f.evidence),
     f.remedy && el("p", { class: "remedy" }, el("b", {}, "What to do: "), `${f.remedy}.`));
 }

@@ -19,6 +19,8 @@ export class Plot {
     this.place = el("div", { class: "canvas" });
     this.now = el("div", { class: "now", "aria-hidden": "true" });
     const legend = el("div", { class: "legend", role: "group", "aria-label": "curves" });
+    const hidden = plot.lines.filter((line) => !line.shown).length;
+    if (hidden > 4) legend.classList.add("short");
     const columns: ArrayLike<number | null>[] = [plot.t];
     let n = 1;
     plot.lines.forEach((line, k) => {
@@ -39,19 +41,27 @@ export class Plot {
         n += 2;
       }
       this.drawn.push(entry);
+      if (!line.shown) button.classList.add("extra");
       legend.append(button);
     });
+    if (hidden > 4) legend.append(el("button", { type: "button", class: "key more", click: () => legend.classList.remove("short") }, `${hidden} more`));
     this.data = columns as uPlot.AlignedData;
     const tools = el("div", { class: "tools" },
       el("button", { type: "button", class: "tool", title: "Show all of the time", "aria-label": "show all of the time", click: () => clock.whole() }, icon("zoom")),
       el("button", { type: "button", class: "tool", title: "Download these curves as CSV", "aria-label": `download ${plot.title} as CSV`, click: () => this.csv() }, icon("down"), "CSV"));
-    const cut = plot.whole ? "" : `Each of ${(plot.t.length / 2).toLocaleString("en")} stretches of ${plot.rows.toLocaleString("en")} rows is drawn from its smallest to its largest value: no peak is lost.`;
-    const note = [plot.note, cut].filter(Boolean).join(" ");
+    const cut = plot.whole ? "" : `${plot.rows.toLocaleString("en")} rows, drawn from the smallest to the largest value of each of ${(plot.t.length / 2).toLocaleString("en")} stretches: no peak is lost.`;
+    const note = [plot.note, plot.tall ? cut : ""].filter(Boolean).join(" ");
     this.element = el("figure", { class: "panel", role: "group", "aria-label": plot.title },
-      el("figcaption", {}, el("span", { class: "title" }, plot.title), tools),
+      el("figcaption", {}, el("span", { class: "title", title: cut || undefined }, plot.title), tools),
       this.place, legend, note && el("p", { class: "note" }, note));
     clock.onMove(() => this.move());
-    clock.onZoom(() => this.u?.setScale("x", { min: clock.window[0], max: clock.window[1] }));
+    clock.onZoom(() => this.u?.setScale("x", { min: this.window[0], max: this.window[1] }));
+  }
+
+  /** What it shows of the time: of a page whose runs last differently, all of its own. */
+  private get window(): [number, number] {
+    const { t } = this.plot, { start, end, window } = this.clock;
+    return window[0] === start && window[1] === end && t.length > 1 ? [t[0]!, t[t.length - 1]!] : window;
   }
 
   private colourOf(line: Line, k: number): string {
@@ -85,7 +95,7 @@ export class Plot {
       height: this.height(),
       legend: { show: false },
       scales: {
-        x: { time: false, min: this.clock.window[0], max: this.clock.window[1] },
+        x: { time: false, min: this.window[0], max: this.window[1] },
         y: { distr: plot.log ? 3 : 1, range: (u) => this.range(u) },
       },
       axes: [
@@ -177,9 +187,9 @@ export class Plot {
     ctx.save();
     ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
     ctx.setLineDash([6 * devicePixelRatio, 4 * devicePixelRatio]);
-    this.plot.guides.forEach(({ name, value }, k) => {
+    this.plot.guides.forEach(({ name, value }) => {
       const y = Math.round(u.valToPos(value, "y", true)) + 0.5;
-      ctx.strokeStyle = ctx.fillStyle = colour(k ? "soft" : "good");
+      ctx.strokeStyle = ctx.fillStyle = colour(name === "accepted" ? "good" : "soft");
       ctx.lineWidth = devicePixelRatio;
       ctx.beginPath();
       ctx.moveTo(bbox.left, y);
@@ -210,7 +220,7 @@ export class Plot {
     event.preventDefault();
     const at = this.u.posToVal(event.offsetX, "x");
     const factor = Math.exp((event.deltaY || event.deltaX) * 0.002);
-    const [a, b] = this.clock.window;
+    const [a, b] = this.window;
     this.clock.zoom(at - (at - a) * factor, at + (b - at) * factor);
   }
 

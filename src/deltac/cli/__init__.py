@@ -29,6 +29,7 @@ from deltac.cli import (
     states,
     study,
     sweep,
+    view,
 )
 from deltac.cli.output import COMMAND
 from deltac.errors import InputError
@@ -88,9 +89,13 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Make mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
     ),
+    "view": (
+        "Show a motion in the browser: the mechanism, its energies.",
+        "deltac view triple-pendulum\n  deltac view arm.xml run.parquet --out arm.html",
+    ),
     "problems": (
         "List the problem library, or run one of its problems.",
-        "deltac problems\n  deltac problems n-four-bar --set n=3",
+        "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
     ),
     "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
     "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
@@ -98,6 +103,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """What the list of commands says of each, and the examples in its help."""
 
 PAGES = {
+    "view": "report",
     "problems": "guide",
     "describe": "guide",
     "reproduce": "thesis",
@@ -120,7 +126,7 @@ app = typer.Typer(
 )
 for module in (
     *(examine, audit, study, sweep, compare, recommend, check, mutate),
-    *(describe, states, problems, reproduce, cache),
+    *(describe, view, states, problems, reproduce, cache),
 ):
     command = module.__name__.rpartition(".")[2]
     short, examples = COMMANDS[command]

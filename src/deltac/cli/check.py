@@ -25,7 +25,7 @@ def command(
         typer.Argument(
             metavar="FILE.py:FUNCTION",
             help="A function of (t, q, u) that returns u̇, one of (t, y) that returns ẏ, dc.Equations; "
-            "LIBRARY.so:FUNCTION; or a table of `deltac states`, filled in.",
+            "LIBRARY.so:FUNCTION; UNIT.fmu (model exchange); or a table of `deltac states`, filled in.",
         ),
     ],
     coordinates: Annotated[
@@ -68,8 +68,8 @@ def command(
 
     if equations.lower().endswith(".csv"):
         _check_table(model, equations, coordinates, tolerance, form.unless(as_json), figure, page)
-    rhs = load_equations(equations)
     chosen = None if coordinates is None else load_map(coordinates)
+    rhs = load_equations(equations, _names(model, chosen) if equations.endswith(".fmu") else ())
     # First, because it reads the function without running it: one that never ends is named, not awaited.
     repaired = refused = None
     if repair or write:
@@ -98,8 +98,27 @@ def command(
         write_text(repaired.fixes[0].diff, write)
     more = [report for report in (repaired, refused) if report is not None]
     deliver(
-        found, form.unless(as_json), *more, name=equations, figure=figure, page=page, model=model
+        found,
+        form.unless(as_json),
+        *more,
+        name=equations,
+        figure=figure,
+        page=page,
+        model=model,
+        equations=rhs,
     )
+
+
+def _names(model: str, coordinates: Any) -> tuple[str, ...]:
+    """The coordinates that equations of a model are written in."""
+    from deltac.models import chosen_map, load_model
+
+    loaded = load_model(model)
+    chosen = chosen_map(loaded, coordinates)
+    if chosen is not None and chosen.coordinates:
+        return chosen.coordinates
+    free = loaded.mechanism.free.q
+    return tuple(loaded.mechanism.coordinates[int(k)].name for k in free)
 
 
 def _check_table(
@@ -134,6 +153,11 @@ def _repair(
         raise
     except InputError as error:
         return None, NoRepair(str(error))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # A defect of the search must not take the check's answer with it.
+        return None, NoRepair(
+            f"the search failed, please report it: {type(error).__name__}: {error}"
+        )
 
 
 @contextmanager

@@ -136,22 +136,21 @@ def deliver(
     page: Path | None = None,
     model: Any = None,
     run: Any = None,
+    equations: Any = None,
     **contents: Any,
 ) -> NoReturn:
     """Print a report, then further ones, and end the command with its exit code.
 
     `name` is what was judged, for forms that tell of several things; `figure` is where its picture goes,
-    `page` its page, with `model` and `run` for reports that hold none. In JSON, `contents` and the further
-    reports (by the names of their classes) follow its own.
+    `page` its page, with `model`, `run` and `equations` for reports that hold none. In JSON, `contents` and
+    the further reports (by the names of their classes) follow its own.
     """
     if figure is not None:
         from deltac.report import write_figure
 
         write_figure(report.plot(), figure)
     if page is not None:
-        from deltac.report.page import write_report
-
-        write_report(report, page, *more, model=model, run=run, command=COMMAND.get())
+        report.report(page, *more, model=model, run=run, equations=equations, command=COMMAND.get())
     if form is Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
         written = {"figure": figure, "page": page}

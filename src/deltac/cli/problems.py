@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, print_json, print_sections
+from deltac.cli.output import Json, print_json, print_sections, progress_bar
 from deltac.results import Table, number
 
 if TYPE_CHECKING:
@@ -20,6 +21,12 @@ def command(
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Choose a variant, as in --set n=40."),
     ] = None,
+    gallery: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write a page of every problem in motion, and index.html."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the problem library; or run the problem NAME and compare it with its references.
@@ -28,6 +35,9 @@ def command(
     """
     from deltac import problems
 
+    if gallery is not None:
+        _gallery(gallery)
+        return
     if name is None:
         _list([problems.load(known) for known in problems.names()], as_json)
         return
@@ -37,6 +47,16 @@ def command(
     compared = compare(problem)
     (_print_json if as_json else _print)(problem, compared)
     raise typer.Exit(0 if all(row.agrees for row in compared) else 1)
+
+
+def _gallery(folder: Path) -> None:
+    from deltac.report.page.motion import write_gallery
+
+    with progress_bar("writing the gallery") as progress:
+        failed = list(write_gallery(folder, progress))
+    for reason in failed:
+        print(f"left out: {reason}")
+    print(f"gallery: {folder / 'index.html'}")
 
 
 def _options(given: list[str]) -> dict[str, Any]:

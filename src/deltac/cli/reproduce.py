@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Json, deliver, print_sections, progress_bar
+from deltac.cli.output import COMMAND, Form, Json, PageFile, deliver, print_sections, progress_bar
 from deltac.results import plain
 
 RUNS = 0.85
@@ -29,6 +29,7 @@ def command(
     thesis_axes: Annotated[
         bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
     ] = False,
+    page: PageFile = None,
     as_json: Json = False,
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
@@ -50,6 +51,8 @@ def command(
             lambda done: progress(RUNS + (1 - RUNS) * done),
             thesis_axes=thesis_axes,
         )
+    if page is not None:
+        reproduction.report(page, command=COMMAND.get())
     if as_json:
         deliver(
             reproduction,
@@ -60,5 +63,7 @@ def command(
     print_sections(reproduction.sections())
     if written.figures:
         print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
+    if page is not None:
+        print(f"report: {page}")
     print(f"results: {written.results} ({len(reproduction.results)} numbers)")
     raise typer.Exit(reproduction.exit_code)

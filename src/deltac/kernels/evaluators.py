@@ -44,13 +44,15 @@ def evaluator_name() -> str:
     return forced or ("heyoka" if installed else "casadi")
 
 
-def compile_function(function: Any, inline: bool = False) -> Evaluator:
+def compile_function(function: Any, inline: bool = False, batches: bool = True) -> Evaluator:
     """Compile a CasADi function with two dense columns in, (x, p), and one out.
 
     Args:
         function: the `casadi.Function`, of `SX` expressions.
         inline: write sines and cosines out in the machine code, which compiles more slowly and makes
             batches faster; for what runs millions of times (heyoka only).
+        batches: for many states a call, in SIMD code, which takes three to four times as long to compile
+            as code for one state (heyoka only).
 
     Raises:
         InputError: as `evaluator_name`; an operation that heyoka does not have.
@@ -58,7 +60,7 @@ def compile_function(function: Any, inline: bool = False) -> Evaluator:
     if evaluator_name() == "heyoka":
         from deltac.kernels.heyoka_evaluator import HeyokaEvaluator
 
-        return HeyokaEvaluator(function, inline)
+        return HeyokaEvaluator(function, inline, batches)
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
     return CasadiEvaluator(function)

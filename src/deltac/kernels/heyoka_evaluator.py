@@ -20,9 +20,9 @@ class HeyokaEvaluator:
     columns left over at the end (`width` is the size of a vector) it puts through scalar code.
     """
 
-    def __init__(self, function: Any, inline: bool = False) -> None:
-        """Compile a function of dense columns (x, p)."""
-        self.width = simd_width()
+    def __init__(self, function: Any, inline: bool = False, batches: bool = True) -> None:
+        """Compile a function of dense columns (x, p); scalar code alone unless it is for batches."""
+        self.width = simd_width() if batches else 1
         source = (prepare_heyoka(), self.width, inline, function.serialize())
         self._compiled: Any = compiled(
             repr(source), lambda: waiting(lambda: self._made(function, inline))

@@ -32,7 +32,8 @@ class Kernel:
 
     The results of a batch depend, to the last bit, on its columns alone: not on how the batch is
     cut, nor on the number of threads. Those of `single` are reproducible too, but are not bit by
-    bit those of a batch (scalar and vector code differ in rounding).
+    bit those of a batch (scalar and vector code differ in rounding). Each of the two is compiled when
+    it is first wanted.
 
     Attributes:
         input_slices, output_slices: where each name lies in x and y.
@@ -107,13 +108,17 @@ class Kernel:
         return int(self.function.n_instructions())
 
     @cached_property
-    def _evaluator(self) -> Evaluator:
+    def _for_one(self) -> Evaluator:
+        return compile_function(self.function, self._inline, batches=False)
+
+    @cached_property
+    def _for_batches(self) -> Evaluator:
         return compile_function(self.function, self._inline)
 
-    def compile(self) -> Kernel:
-        """Compile now, rather than at the first call; returns the kernel."""
+    def compile(self, *, single: bool = False) -> Kernel:
+        """Compile now, for batches or for `single` states, not at the first call; returns the kernel."""
         if self.n_out:
-            _ = self._evaluator
+            _ = self._for_one if single else self._for_batches
         return self
 
     def single(self, x: Array, out: Array, parameters: Array | None = None) -> Array:
@@ -134,7 +139,7 @@ class Kernel:
         if parameters is None and self.n_parameters:
             raise InputError(f"{self.name}: parameters expected, an array ({self.n_parameters},)")
         if self.n_out:
-            self._evaluator.single(x, out, parameters)
+            self._for_one.single(x, out, parameters)
         return out
 
     def flat(
@@ -168,7 +173,7 @@ class Kernel:
             )
         if out.size == 0:
             return out
-        evaluator = self._evaluator
+        evaluator = self._for_batches
         left_over = batch % evaluator.width
         if left_over < batch:
             evaluator.batch(x, out, p)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import TracebackType
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.recorders.builder import TrajectoryBuilder, simulator
+from deltac.mechanism.channels import ChannelName
+from deltac.recorders.builder import simulator
+from deltac.recorders.monitor import Monitor
+from deltac.recorders.recorder import INSTANT, Recorder
 from deltac.trajectories import Provenance, Trajectory
 
 System: TypeAlias = Any
@@ -24,6 +27,8 @@ def record_exudyn(
     *,
     forces: Mapping[str, Force] | None = None,
     accelerations: bool = False,
+    constraints: Mapping[str, int] | None = None,
+    monitor: Monitor | None = None,
 ) -> ExudynRecorder:
     """Record the coordinates of an Exudyn node through the system's post-step function.
 
@@ -42,14 +47,28 @@ def record_exudyn(
             They are with the implicit solvers (generalized-α, trapezoidal); the explicit Runge–Kutta
             ones have none yet in the first row, velocity Verlet has those of another instant. Without,
             the accelerations are derived from the speeds.
+        constraints: name -> number of an Exudyn object with algebraic equations (a joint, a coordinate
+            constraint): its forces −C_qᵀλ on the tree become the channel ``constraint <name>``. Of implicit
+            solvers; the explicit ones have no multipliers. C_q is found by Exudyn when `trajectory` is
+            called, row by row.
+        monitor: what is fed with the rows, in place of keeping them; without forces of constraints.
 
     Raises:
-        InputError: Exudyn is missing, or the node does not have a coordinate for each joint.
+        InputError: Exudyn is missing, the node does not have a coordinate for each joint, or an object has no
+            algebraic equations.
     """
-    return ExudynRecorder(mbs, node, tuple(joints), dict(forces or {}), accelerations)
+    return ExudynRecorder(
+        mbs,
+        node,
+        tuple(joints),
+        dict(forces or {}),
+        accelerations,
+        dict(constraints or {}),
+        monitor,
+    )
 
 
-class ExudynRecorder:
+class ExudynRecorder(Recorder):
     """Rows of a running Exudyn simulation; made by `record_exudyn`."""
 
     def __init__(
@@ -59,6 +78,8 @@ class ExudynRecorder:
         joints: tuple[str, ...],
         forces: Mapping[str, Force],
         accelerations: bool,
+        constraints: Mapping[str, int],
+        monitor: Monitor | None,
     ) -> None:
         self._exudyn = simulator("exudyn", "exudyn")
         self._mbs, self._node = mbs, node
@@ -69,7 +90,19 @@ class ExudynRecorder:
                 f"node {node} of the Exudyn system has {count} coordinates, for {len(joints)} joints: "
                 f"{', '.join(joints)}"
             )
-        self._builder = TrajectoryBuilder(joints, joints)
+        self._columns = list(mbs.systemData.GetNodeLTGODE2(node))
+        self._rows_of = {
+            ChannelName("constraint", name): list(mbs.systemData.GetObjectLTGAE(number))
+            for name, number in constraints.items()
+        }
+        for name, rows in self._rows_of.items():
+            if not rows:
+                raise InputError(
+                    f"{name}: object {constraints[name.element]} of the Exudyn system has no algebraic "
+                    "equations"
+                )
+        self._multipliers: list[tuple[Array, Array]] = []
+        super().__init__(joints, joints, monitor)
 
     def __enter__(self) -> ExudynRecorder:
         def after_step(mbs: System, t: float) -> bool:
@@ -79,12 +112,7 @@ class ExudynRecorder:
         self._mbs.SetPostStepUserFunction(after_step)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Take the post-step function away; the trajectory stays available."""
         self._mbs.SetPostStepUserFunction(0)
 
@@ -93,7 +121,12 @@ class ExudynRecorder:
         q, u = self._output("CoordinatesTotal"), self._output("Coordinates_t")
         udot = self._output("Coordinates_tt") if self._accelerations else None
         forces = {channel: force(t, q, u) for channel, force in self._forces.items()}
-        self._builder.add(t, q, u, udot, forces)
+        self._instant(t, q, u, udot, {n: np.asarray(f, dtype=float) for n, f in forces.items()})
+        if self._rows_of:
+            data = self._mbs.systemData
+            self._multipliers.append(
+                (np.array(data.GetODE2Coordinates()), np.array(data.GetAECoordinates()))
+            )
 
     def trajectory(
         self, solver: str | None = None, step: float | None = None, model: str | None = None
@@ -101,9 +134,32 @@ class ExudynRecorder:
         """The samples so far, with what the caller says of the solver and its step."""
         version = getattr(self._exudyn, "__version__", "")
         provenance = Provenance(
-            simulator=f"Exudyn {version}".strip(), solver=solver, step=step, model=model
+            simulator=f"Exudyn {version}".strip(),
+            solver=solver,
+            step=step,
+            model=model,
+            stage=INSTANT,
         )
-        return self._builder.trajectory(provenance)
+        run = self._trajectory(provenance)
+        return replace(run, forces={**run.forces, **self._constraint_forces()})
+
+    def _constraint_forces(self) -> dict[ChannelName, Array]:
+        """−C_qᵀλ of each constraint on the node's coordinates (T, n)."""
+        if not self._rows_of:
+            return {}
+        data = self._mbs.systemData
+        present = np.array(data.GetODE2Coordinates())
+        found: dict[ChannelName, list[Array]] = {name: [] for name in self._rows_of}
+        try:
+            for q, multipliers in self._multipliers:
+                data.SetODE2Coordinates(q)
+                # Its fourth result is the block of C_qᵀ, coordinates by equations.
+                C = self._mbs.ComputeLinearizedSystem(returnConstraintJacobian=True)[3]
+                for name, rows in self._rows_of.items():
+                    found[name].append(-C[np.ix_(self._columns, rows)] @ multipliers[rows])
+        finally:
+            data.SetODE2Coordinates(present)
+        return {name: np.array(forces) for name, forces in found.items()}
 
     def _output(self, name: str) -> Array:
         kind = getattr(self._exudyn.OutputVariableType, name)

@@ -275,9 +275,9 @@ class Monitor:
         self._sums = self._y[kernels.step.output_slices["sums"]]
         self._at = {name: place.start for name, place in kernels.step.output_slices.items()}
         self._all_free = n == len(mechanism.speeds)
-        kernels.step.compile()
+        kernels.step.compile(single=True)
         if kernels.skipped is not None:
-            kernels.skipped.compile()
+            kernels.skipped.compile(single=True)
         return kernels
 
     def _extend(self, forces: Iterable[str], held: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltac.diagnosis.check.terms import explain_residual
+from deltac.diagnosis.check.matching import explain_residual
 from deltac.diagnosis.residuals.states import told
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
@@ -66,6 +66,7 @@ class Repair(Report, also=("right",)):
     terms            without fixes: what the residual of an equation consists of, if that could be told
     undefined        which expression is not a number, and in which state; empty if all are numbers
     contradicted     edits that are right as the source was read, but not as Python runs it
+    unread           why the function could not be read, where edits were tried by running it instead
     """
 
     file: str
@@ -81,6 +82,7 @@ class Repair(Report, also=("right",)):
     terms: tuple[str, ...] = ()
     undefined: str = ""
     contradicted: tuple[str, ...] = ()
+    unread: str = ""
 
     @property
     def right(self) -> bool:
@@ -121,6 +123,11 @@ class Repair(Report, also=("right",)):
         if self.right:
             yield f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
             return
+        if self.unread:
+            yield (
+                f"It cannot be read ({self.unread}). So single edits of its text were tried by running them; "
+                "missing terms and pairs of edits were not."
+            )
         where = ", ".join(self.equations)
         wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
         yield f"{name} is wrong: {self.undefined or wrong}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -13,22 +14,32 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.residuals.function import Caller
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
+from deltac.repair.edits.by_running import found_by_running
 from deltac.repair.edits.candidates import Candidate, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
 from deltac.repair.tracing.interpreter import Endless, branches
 from deltac.repair.tracing.library import flatten
-from deltac.repair.tracing.program import Program, Reading, named_parameters, read
+from deltac.repair.tracing.program import (
+    Program,
+    Reading,
+    formed,
+    named_parameters,
+    read,
+    reading,
+)
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, innermost, read_source
 from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
 from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
+from deltac.simulation.state_form import PLAIN
 
 Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
 
@@ -57,6 +68,12 @@ DIGITS = 6
 """A number of more digits than these is none that anybody writes."""
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+
+AS_RUN, AS_RUN_TO = 4, 1e-5
+"""States at which what was read is compared with what runs, and how close they are: single precision."""
+
+RUN_AT = 12
+"""States at which functions are run that cannot be read."""
 
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
@@ -116,7 +133,8 @@ def repair_loaded(
     The text is read; live values stand in only for what the text does not say.
     """
     found = load_model(model)
-    plain = function.rhs if isinstance(function, Equations) else function
+    equations = function if isinstance(function, Equations) else Equations(function)
+    plain = equations.rhs
     if coordinates is None and isinstance(function, Equations):
         chosen = function.coordinates
     else:
@@ -127,14 +145,77 @@ def repair_loaded(
         source = read_source(text)
         if python is not None:
             source = replace(source, outside=dict(python.__globals__))
+        _as_run(source, plain, target)
         return repair_source(source, target, time_limit)
     except Refused as refused:
-        if isinstance(refused, Endless) or python is None:
+        if isinstance(refused, Endless):
             raise
-        try:
-            return repair_source(read_source(plain), target, time_limit)
-        except InputError:
-            raise refused from None
+        if python is not None:
+            with contextlib.suppress(InputError):
+                source = read_source(plain)
+                _as_run(source, plain, target)
+                return repair_source(source, target, time_limit)
+        ran = _by_running(read_source(text), equations, target, time_limit, str(refused))
+        if ran is None:
+            raise
+        return ran
+
+
+def _as_run(source: Source, function: Callable[..., Any], target: Target) -> None:
+    """Raise Refused if a function, as it was read, gives something else than when it is called."""
+    source = formed(source, target)
+    samples = target.samples()
+    some = samples.at(np.arange(min(AS_RUN, len(samples.t))))
+    states = target.test().states.take(np.arange(len(some.t)))
+    kane = target.test().kane
+    called = Caller(function, source.qualified, kane, False, form=source.form or PLAIN)
+    rates, accelerations = called.whole(states)
+    read_so = reading(source, some).run()
+    right = np.concatenate([accelerations, rates])[: len(read_so)]
+    size = np.abs(right).max(initial=1e-300)
+    if not np.allclose(
+        read_so[: len(right)], right, rtol=0.0, atol=AS_RUN_TO * size, equal_nan=True
+    ):
+        raise Refused(f"{source.name}: {source.qualified} gives something else than its text says")
+
+
+def _by_running(
+    source: Source, equations: Equations, target: Target, time_limit: float, why: str
+) -> Repair | None:
+    """Repair a function that cannot be read (`why`) by running edits of it; None if it does not run."""
+    start = time.monotonic()
+    deadline = start + time_limit
+    test = target.test()
+    caller = Caller(equations.rhs, source.qualified, test.kane)
+    caller.find_form(test, equations, len(target.mechanism.motors))
+    source = replace(source, form=caller.form)
+    samples = target.samples()
+    samples = samples.at(np.arange(min(RUN_AT, len(samples.t))))
+    one = sandbox.task(source)
+    answer = "" if one is None else next(sandbox.stream([one], samples, time_limit))
+    if isinstance(answer, str) or not samples.fits(answer):
+        return None
+    wrong = samples.wrong(answer)
+    found = [] if wrong < RIGHT else found_by_running(source, samples, deadline)
+    fixes = [
+        replace(_fix(source, members), ran=True)
+        for members in _groups(source, found, list(range(len(found))))
+    ]
+    off = ~(np.abs(samples.residual(answer)).max(axis=1) < RIGHT)
+    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    return Repair(
+        file=source.name,
+        function=source.qualified,
+        residual=wrong,
+        equations=tuple(name for name, wrong in zip(names, off) if wrong),
+        fixes=tuple(fixes),
+        certain=False,
+        varied=(),
+        suspects=(),
+        complete=time.monotonic() <= deadline,
+        seconds=time.monotonic() - start,
+        unread=why.partition(". The function is read")[0],
+    )
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -279,22 +360,23 @@ def _fixes(
     source: Source, target: Target, groups: Sequence[Found]
 ) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
     """One fix for each group, with what else could be written there; and edits that Python contradicts."""
-    fixes = []
-    for members in groups:
-        edits, changed = members[0]
-        fixes.append(
-            Fix(
-                file=source.name,
-                lines=tuple(getattr(source.nodes[e.place], "lineno", 0) for e in edits),
-                words=tuple(e.words for e in edits),
-                kinds=tuple(e.kind for e in edits),
-                cost=round(sum(e.cost for e in edits), 3),
-                diff=unified_diff(source, changed),
-                text=changed.text,
-                others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
-            )
-        )
+    fixes = [_fix(source, members) for members in groups]
     return _tried(source, target, fixes, [members[0][1] for members in groups])
+
+
+def _fix(source: Source, members: Found) -> Fix:
+    """The first of some edits that come to the same, with the others beside it."""
+    edits, changed = members[0]
+    return Fix(
+        file=source.name,
+        lines=tuple(getattr(source.nodes[e.place], "lineno", 0) for e in edits),
+        words=tuple(e.words for e in edits),
+        kinds=tuple(e.kind for e in edits),
+        cost=round(sum(e.cost for e in edits), 3),
+        diff=unified_diff(source, changed),
+        text=changed.text,
+        others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
+    )
 
 
 def _tried(

@@ -11,7 +11,9 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+import threading
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,25 +78,46 @@ def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | s
 
     They run in a process of their own; `limit` is the time (s) for all of them.
     """
+    return list(stream(tasks, samples, limit))
+
+
+def stream(
+    tasks: Sequence[Task], samples: Samples, limit: float
+) -> Generator[Array | str, None, None]:
+    """`run`, one answer after the other, as soon as it is there; the process ends with the iterator."""
     states = {"t": samples.t.tolist(), "q": samples.q.T.tolist(), "u": samples.u.T.tolist()}
     order = json.dumps({"tasks": [vars(one) for one in tasks], "limit": limit, **states})
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
+    with tempfile.TemporaryFile("w+") as given, tempfile.TemporaryFile("w+") as said:
+        given.write(order)
+        given.seek(0)
+        process = subprocess.Popen(
             [sys.executable, "-I", str(WORKER)],
-            input=order,
-            capture_output=True,
+            stdin=given,
+            stdout=subprocess.PIPE,
+            stderr=said,
             text=True,
-            timeout=limit + 5.0,
             env=environment,
-            check=False,
         )
-    except subprocess.TimeoutExpired:
-        return [f"did not end within {limit:g} s"] * len(tasks)
-    answers: list[Array | str] = []
-    for line in done.stdout.splitlines():
-        answer: Any = json.loads(line)
-        answers.append(answer if isinstance(answer, str) else np.array(answer, dtype=float).T)
-    while len(answers) < len(tasks):
-        answers.append(f"ended with status {done.returncode}: {done.stderr.strip()[-200:]}")
-    return answers
+        late = threading.Timer(limit + 5.0, process.kill)
+        late.start()
+        answered = 0
+        try:
+            assert process.stdout is not None
+            for line in process.stdout:
+                answer: Any = json.loads(line)
+                answered += 1
+                yield answer if isinstance(answer, str) else np.array(answer, dtype=float).T
+            process.wait()
+            if answered < len(tasks):
+                said.seek(0)
+                why = f"ended with status {process.returncode}: {said.read().strip()[-200:]}"
+                if not late.is_alive():
+                    why = f"did not end within {limit:g} s"
+                yield from [why] * (len(tasks) - answered)
+        finally:
+            late.cancel()
+            process.kill()
+            process.wait()
+            assert process.stdout is not None
+            process.stdout.close()

@@ -52,7 +52,6 @@ from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.explicit import (
     INSTRUCTIONS_PER_CALL,
-    INSTRUCTIONS_PER_CALL_OF_LONG_RUNS,
     LONG_RUN,
     FixedMethod,
     FixedSteps,
@@ -314,7 +313,9 @@ def _compiled(
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
-            method = FixedMethod(moving, solver, _room(steps, watching=watching))
+            # Steps with events are looked at one by one.
+            long = steps >= LONG_RUN and not watching
+            method = FixedMethod(moving, solver, INSTRUCTIONS_PER_CALL if long else 0)
         elif solver.family == "implicit":
             method = ImplicitMethod(moving, solver)
         observe = observer(flow)
@@ -323,13 +324,6 @@ def _compiled(
         )
 
     return _KEPT.get(key, make)
-
-
-def _room(steps: int, *, watching: bool) -> int:
-    """Instructions that steps fused into one call may have; with events they are looked at one by one."""
-    if watching:
-        return 0
-    return INSTRUCTIONS_PER_CALL_OF_LONG_RUNS if steps >= LONG_RUN else INSTRUCTIONS_PER_CALL
 
 
 def _stepper(

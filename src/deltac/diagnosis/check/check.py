@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
+from deltac.diagnosis.check.whole import whole_causes
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -180,6 +181,9 @@ MOST_ROWS = 256
 CLEAR = 50.0
 """A residual this many times above the roughness of the function is no rounding."""
 
+RATES = "rates as speeds"
+"""A map without its own speeds: Euler's rates in place of body rates, for instance."""
+
 BLIND = 1e-3
 """A power below this share of the residual is none."""
 
@@ -273,6 +277,14 @@ def check_equations(
         seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong:
         findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
+        if not any(f.kind == "coordinates" for f in findings):
+            causes = whole_causes(caller, test, told=_told(found))
+            findings += causes
+            if causes:  # what sums up to it would mislead
+                found = tuple(
+                    b if _simple(b) else replace(b, terms=(), solved=(), monomials=())
+                    for b in found
+                )
     evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     if not caller.form.plain:
@@ -358,6 +370,17 @@ def check_states(
         vectorised=False,
         rates=rates,
     )
+
+
+def _told(found: tuple[Blame, ...]) -> bool:
+    """Whether one term says it all of every equation, its factor being plain or a formula."""
+    each = [entry.solved or entry.terms for entry in found]
+    return all(len(one) == 1 and (one[0].plain or one[0].formula or one[0].ratio) for one in each)
+
+
+def _simple(entry: Blame) -> bool:
+    """Whether an error is one term, or terms that are missing, of the wrong sign, twice or by half."""
+    return len(entry.terms) == 1 or (bool(entry.terms) and all(m.plain for m in entry.terms))
 
 
 def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
@@ -567,6 +590,8 @@ def _other_coordinates(
     others: list[tuple[str, CoordinateMap | None]] = []
     if chosen is not None:
         others.append(("joint", None))
+        if chosen.q and chosen.u and len(chosen.coordinates) == len(chosen.speeds):
+            others.append((RATES, CoordinateMap(chosen.coordinates, q=chosen.q)))
     for name in ("absolute",):
         try:
             others.append((name, chosen_map(model, name)))
@@ -589,12 +614,17 @@ def _other_coordinates(
         # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
         kept = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
         if kept and float(relative.max(initial=0.0)) < TOLERANCE:
+            names = ", ".join(states.coordinates)
             return (
                 Finding(
                     "coordinates",
-                    f"the same function is right in {name} coordinates ({', '.join(states.coordinates)})",
+                    "the same function is right if its speeds are the rates of its coordinates"
+                    if name is RATES
+                    else f"the same function is right in {name} coordinates ({names})",
                     f"relative residual {float(relative.max(initial=0.0)):.1g} there",
-                    f"Check it with coordinates={name!r}",
+                    "Leave u= out of the map, or turn them into the map's speeds"
+                    if name is RATES
+                    else f"Check it with coordinates={name!r}",
                     "cause",
                 ),
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
-from deltac.diagnosis.check.terms import Match, explain_residual
+from deltac.diagnosis.check.matching import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along

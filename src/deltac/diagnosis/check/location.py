@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.terms import Match, explain_residual
+from deltac.diagnosis.check.matching import (
+    Match,
+    explain_acceleration,
+    explain_by,
+    explain_plainly,
+    explain_residual,
+    explain_row,
+)
+from deltac.diagnosis.check.terms import FEW, plain_parts
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
+from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
@@ -19,6 +29,9 @@ from deltac.results import Record
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
+
+MOST_MONOMIALS = 4
+"""Products of rates that are told of."""
 
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Factors of all speeds; five, so that polynomials up to the fourth degree are told apart."""
@@ -36,6 +49,9 @@ class Blame(Record):
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
         terms: what it consists of, if that could be told.
+        solved: what the error of u̇ consists of, where only some accelerations are wrong and the equations
+            seem to be solved for them by hand: terms of the model as M⁻¹ brings them into this acceleration.
+        monomials: where the terms could not be told: by product of rates, what is there and what should be.
     """
 
     speed: str
@@ -48,6 +64,8 @@ class Blame(Record):
     degrees: tuple[int, ...] | None = None
     depends_on: tuple[str, ...] | None = None
     terms: tuple[Match, ...] = ()
+    solved: tuple[Match, ...] = ()
+    monomials: tuple[Monomial, ...] = ()
 
     def __str__(self) -> str:
         said = [
@@ -60,9 +78,37 @@ class Blame(Record):
         if self.depends_on is not None and len(self.depends_on) <= 4:
             what = ", ".join(self.depends_on)
             said.append(f"a function of {what} alone" if what else "a constant")
-        if self.terms:
+        if self.solved:
+            said.append(
+                f"in u̇.{self.speed} as it is solved for: {' and '.join(map(str, self.solved))}"
+            )
+        elif self.terms:
             said.append(" and ".join(map(str, self.terms)))
+        said += map(str, self.monomials)
         return "; ".join(said)
+
+
+@dataclass(frozen=True)
+class Monomial(Record):
+    """What is proportional to a product of rates in M u̇ of one equation, and in the model's.
+
+    `rates` such as "u.a·u.b", "" for what is there at rest; `found`, `right` as sums of plain functions of
+    the coordinates, "" where they are no such sum, "0" where there is nothing.
+    """
+
+    rates: str
+    found: str
+    right: str
+
+    def __str__(self) -> str:
+        where = f"with {self.rates}" if self.rates else "at rest"
+        if self.right == "0":
+            return f"{where}: superfluous" + (f", {self.found}" if self.found else "")
+        if self.found == "0":
+            return f"{where}: missing" + (f", {self.right}" if self.right else "")
+        if self.found and self.right:
+            return f"{where}: yours is {self.found}, the model's {self.right}"
+        return f"{where}: wrong"
 
 
 def _share(relative: float) -> str:
@@ -109,10 +155,114 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
                 acceleration_unit=rates[k],
                 degrees=degrees[k],
                 depends_on=variables,
-                terms=() if tied else _terms(caller, test, k, variables),
+            )
+        )
+    return tuple(made) if tied else _explained(caller, test, made, limit)
+
+
+def _explained(
+    caller: Caller, test: EquationTest, blamed: list[Blame], limit: Array
+) -> tuple[Blame, ...]:
+    """The same with what each error consists of.
+
+    The model's own terms in the rows of M u̇ = f first; where some rows have no such sum, the errors of the
+    accelerations; else plain functions, else products of rates.
+    """
+    udot = caller(test.states)
+    if not np.isfinite(udot).all():
+        return tuple(blamed)
+    residual = test.residual(udot)
+    rows = {b.speed: b.number - 1 for b in blamed}
+    own = {k: explain_row(test, residual[k], udot, k) for k in rows.values()}
+    if not all(own.values()):
+        error = udot - test.acceleration
+        size = np.abs(test.acceleration).max(axis=1)
+        wrong = [int(k) for k in np.flatnonzero(np.abs(error).max(axis=1) > limit.max() * size)]
+        solved = {k: explain_acceleration(test, error[k], k) for k in wrong}
+        if wrong and all(solved.values()):
+            kept = [b for b in blamed if rows[b.speed] in wrong]
+            return tuple(replace(b, solved=solved[rows[b.speed]]) for b in kept)
+    made = []
+    for b in blamed:
+        k = rows[b.speed]
+        terms = own[k] or explain_plainly(test, residual[k], udot, b.depends_on)
+        made.append(
+            replace(
+                b,
+                terms=terms,
+                monomials=() if terms else _monomials(caller, test, k, float(limit.max())),
             )
         )
     return tuple(made)
+
+
+def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tuple[Monomial, ...]:
+    """One equation's M u̇ by products of rates, where the equations' and the model's differ.
+
+    Both are polynomials of the second degree in the rates (else nothing is said): found by polarisation, from
+    values at rest, along single speeds and along pairs of them.
+    """
+    n = len(test.speeds)
+    if n > FEW:
+        return ()
+    unit = np.eye(n)
+    pairs = list(combinations(range(n), 2))
+    rays = [np.zeros(n), *unit, *(-unit), *(unit[i] + unit[j] for i, j in pairs)]
+    states = test.states
+    batch = len(states)
+    repeated = States(
+        np.tile(states.t, len(rays) + 1),
+        np.tile(states.q, len(rays) + 1),
+        np.concatenate([np.repeat(np.array(rays).T, batch, axis=1), states.u], axis=1),
+        states.coordinates,
+        states.speeds,
+    )
+    there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
+    udot = caller(repeated)
+    if not np.isfinite(udot).all():
+        return ()
+    found: list[Monomial] = []
+    split: list[dict[str, Array]] = []
+    for given in (udot, there.acceleration):
+        values = times(there.M, given)[row].reshape(-1, batch)
+        rest, plus, minus = values[0], values[1 : n + 1], values[n + 1 : 2 * n + 1]
+        both, whole = values[2 * n + 1 : -1], values[-1]
+        parts = {"": rest}
+        u = states.u
+        total = rest.copy()
+        for i, name in enumerate(test.speeds):
+            parts[f"u.{name}"] = 0.5 * (plus[i] - minus[i])
+            parts[f"u.{name}²"] = 0.5 * (plus[i] + minus[i]) - rest
+            total += parts[f"u.{name}"] * u[i] + parts[f"u.{name}²"] * u[i] ** 2
+        for k, (i, j) in enumerate(pairs):
+            mixed = both[k] - plus[i] - plus[j] + rest
+            parts[f"u.{test.speeds[i]}·u.{test.speeds[j]}"] = mixed
+            total += mixed * u[i] * u[j]
+        if not np.allclose(total, whole, atol=1e-6 * np.abs(whole).max(initial=1e-300)):
+            return ()
+        split.append(parts)
+    mine, model = split
+    size = max(np.abs(x).max() for parts in split for x in parts.values()) or 1.0
+    still = replace(states, u=np.zeros_like(states.u))
+    for rates, right in model.items():
+        if np.abs(mine[rates] - right).max() <= 10 * limit * size:
+            continue
+        told = [
+            "0" if np.abs(x).max() <= 10 * limit * size else _as_sum(test, still, x)
+            for x in (mine[rates], right)
+        ]
+        found.append(Monomial(rates, *told))
+    told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in found)
+    return tuple(found) if len(found) <= MOST_MONOMIALS and told_all else ()
+
+
+def _as_sum(test: EquationTest, states: States, values: Array) -> str:
+    """A function of the coordinates as a sum of plain ones; "" if it is none."""
+    some = range(min(len(states.q), 3))
+    zero = np.zeros_like(test.bias)
+    parts = [p for p in plain_parts(states, zero, some) if p.of is not None]
+    parts = [p for p in parts if not any(name.startswith("u.") for name in p.of or ())]
+    return " + ".join(f"{c:.6g}·{p.name}" for p, c in explain_by(values, parts))
 
 
 def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
@@ -135,16 +285,6 @@ def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]
         for k in map(int, np.argsort(-relative))
         if relative[k] > limit[k]
     )
-
-
-def _terms(
-    caller: Caller, test: EquationTest, row: int, depends: tuple[str, ...] | None
-) -> tuple[Match, ...]:
-    """What the residual of one equation consists of: the model's own terms, else plain functions."""
-    udot = caller(test.states)
-    if not np.isfinite(udot).all():
-        return ()
-    return explain_residual(test, test.residual(udot)[row], udot, row, depends)
 
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import Any
 
@@ -22,13 +22,15 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.laws import symbol_of
-from deltac.results import Record
 
 MOST_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them."""
 
 MOST_INSTRUCTIONS, MOST_NODES = 300, 500
 """Of a term before it is simplified: SymPy takes a second for the latter."""
+
+MOST_SUMMANDS = 24
+"""Summands into which a term is divided."""
 
 LONGEST = 100
 """Characters of a term that is still worth reading."""
@@ -42,40 +44,81 @@ Key = tuple[str, str, tuple[int, ...] | None]
 
 def written(kane: Kane, key: Key, row: int) -> str:
     """A term of the equation of one own speed, with its sign in F_r + F*_r; "" if it is too long."""
-    if len(kane.speed_names) > MOST_SPEEDS or key[0] == "inertia by body":
+    found = _in_symbols(kane, key, row)
+    if found is None:
         return ""
+    import sympy
+
+    text = _as_text(sympy.factor(found))
+    return text if len(text) <= LONGEST else ""
+
+
+def summands(kane: Kane, key: Key, row: int) -> list[tuple[str, Any]]:
+    """The summands of a term as people write them, with functions of (t, q, u) that give their values.
+
+    Products of parameters, functions of the coordinates and rates, at the mechanism's parameters. Empty for
+    a term that is one product, or too long.
+    """
+    found = _in_symbols(kane, key, row)
+    if found is None:
+        return []
+    import sympy
+
+    parts = sympy.Add.make_args(sympy.expand(found))
+    if not 1 < len(parts) <= MOST_SUMMANDS:
+        return []
+    names, values = _names(kane), kane.mechanism.parameters
+    numbers = {symbol_of(name): value for name, value in values.items()}
+    given = [[symbol_of(name) for name in group] for group in names[:3]]
+    flat = [symbol for group in given for symbol in group]
+    return [(_as_text(part), sympy.lambdify(flat, part.subs(numbers), "numpy")) for part in parts]
+
+
+def _names(kane: Kane) -> tuple[list[str], ...]:
+    """What a term depends on: time, coordinates, speeds, parameters."""
+    return (
+        ["t"],
+        list(kane.coordinate_names),
+        [f"u.{name}" for name in kane.speed_names],
+        list(kane.mechanism.parameters),
+    )
+
+
+def _in_symbols(kane: Kane, key: Key, row: int) -> Any:
+    """A term in SymPy's symbols, sines collected; None where it is too long to be read."""
+    if len(kane.speed_names) > MOST_SPEEDS or key[0] == "inertia by body":
+        return None
     mechanism = kane.mechanism
     system = trace(mechanism, vary=tuple(mechanism.parameters))
     term, own_q, own_u = _term(system, kane, key, row)
     function = ca.Function("term", [system.t, own_q, own_u, system.p], [ca.densify(ca.cse(term))])
     if function.n_instructions() > MOST_INSTRUCTIONS:
-        return ""
-    names = [
-        ["t"],
-        list(kane.coordinate_names),
-        [f"u.{name}" for name in kane.speed_names],
-        list(mechanism.parameters),
-    ]
+        return None
     try:
-        found = to_sympy(function, [[symbol_of(name) for name in group] for group in names])[0][0]
-        text = _tidy(found)
+        names = [[symbol_of(name) for name in group] for group in _names(kane)]
+        return _tidy(to_sympy(function, names)[0][0])
     except (InputError, ValueError, TypeError, ArithmeticError):  # what SymPy cannot write
-        return ""
-    return text if len(text) <= LONGEST else ""
+        return None
 
 
-def _tidy(expression: Any) -> str:
-    """Sums of products of sines collected, numbers as people write them."""
+def _tidy(expression: Any) -> Any:
+    """Sums of products of sines collected; None for what is long."""
     import sympy
 
     if _larger(expression, MOST_NODES):
-        return ""
+        return None
     expanded = sympy.expand(sympy.nsimplify(sympy.sympify(expression), rational=True))
     if _larger(expanded, MOST_NODES):
-        return ""
-    found = sympy.factor(sympy.fu(expanded))
-    odd = [r for r in found.atoms(sympy.Rational) if r.q > PLAIN]
-    rounded = found.xreplace({r: sympy.Float(f"{float(r):.6g}") for r in odd})
+        return None
+    return sympy.fu(expanded)
+
+
+def _as_text(expression: Any) -> str:
+    """An expression with numbers as people write them."""
+    import sympy
+
+    odd = [r for r in expression.atoms(sympy.Rational) if r.q > PLAIN]
+    rounded = expression.xreplace({r: sympy.Float(f"{float(r):.6g}") for r in odd})
     return str(sympy.sstr(rounded, full_prec=False))
 
 
@@ -146,18 +189,11 @@ def _proportional(term: SX, u: SX, rates: tuple[int, ...] | None) -> SX:
 FEW = 8
 """Speeds up to which terms are divided by bodies and pairs of rates."""
 
+SUMMED = ("channel", "gyroscopic", "inertia")
+"""Kinds of terms that are divided into summands."""
+
 PRESENT = 1e-9
 """A part smaller than this share of its equation's terms is rounding."""
-
-EXACT = 1e-7
-"""Relative error of a fit that is no coincidence."""
-
-MOST_TERMS = 3
-
-MOST_VARIABLES = 4
-"""Coordinates in a dictionary of plain functions."""
-
-FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,48 +201,16 @@ class Part:
     """A candidate: what it is called and its values at the states (B,).
 
     A term of the model's own equation (with its sign in F_r + F*_r) has a `key`; a plain function has none.
+    `symbols` is the term as people write it, where it is one summand of what has the name; `row` the
+    equation that it is of; `of` the variables of a plain function, None where an acceleration is in it.
     """
 
     name: str
     values: Array
     key: Key | None = None
-
-
-@dataclass(frozen=True)
-class Match(Record, also=("words",)):
-    """`coefficient` times a part: one summand of a residual.
-
-    For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
-    for a wrong sign, 0 for a missing term. None for a plain function of the state. `symbols`: the model's
-    term as people write it, where it is short.
-    """
-
-    part: str
-    coefficient: float
-    factor: float | None
     symbols: str = ""
-
-    @property
-    def words(self) -> str:
-        """The summand in words."""
-        return str(self)
-
-    def __str__(self) -> str:
-        if self.factor is None:
-            return f"{self.coefficient:.6g}·{self.part}"
-        part = f"{self.part}, {self.symbols}," if self.symbols else self.part
-        for factor, words in FACTORS.items():
-            if abs(self.factor - factor) < 1e-5:
-                return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
-        return f"{part} enters with the factor {_factor(self.factor)}"
-
-
-def _factor(factor: float) -> str:
-    """A factor; one that six digits do not tell from 1 by what it differs: "1 + 1.0e-07"."""
-    more = factor - 1.0
-    if abs(more) >= 1e-4:
-        return f"{factor:.6g}"
-    return f"1 {'-' if more < 0.0 else '+'} {abs(more):.1e}"
+    row: int = 0
+    of: frozenset[str] | None = None
 
 
 def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
@@ -215,9 +219,10 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     scale = float(test.typical(udot)[row])
     found: list[Part] = []
 
-    def add(name: str, values: Array, key: Key) -> None:
+    def add(name: str, values: Array, key: Key, symbols: str = "") -> None:
+        values = np.broadcast_to(np.asarray(values, dtype=float), test.states.t.shape)
         if np.abs(values).max() > PRESENT * scale and np.isfinite(values).all():
-            found.append(Part(name, values, key))
+            found.append(Part(name, values, key, symbols, row))
 
     for channel, force in test.forces.items():
         add(_called(channel), force[row], ("channel", channel, None))
@@ -227,14 +232,23 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     for name, values, key in by_rates:
         add(name, values, key)
     for j, name in enumerate(names):
-        add(_inertia_term(name), inertia[j], ("inertia", name, None))
+        add(inertia_term(name), inertia[j], ("inertia", name, None))
     if len(names) <= FEW:
         for name, values, key in _by_bodies(test, udot, row):
             add(name, values, key)
+    for part in [p for p in found if p.key is not None and p.key[0] in SUMMED and p.key[2] is None]:
+        assert part.key is not None
+        for text, function in summands(test.kane, part.key, row):
+            values = function(test.states.t, *test.states.q, *test.states.u)
+            if part.key[0] == "inertia":
+                text = f"{text}*u̇.{part.key[1]}"
+                values = values * udot[names.index(part.key[1])]
+            add(part.name, values, part.key, text)
     return found
 
 
-def _inertia_term(speed: str) -> str:
+def inertia_term(speed: str) -> str:
+    """What the inertia term of an acceleration is called."""
     return f"the inertia term of {speed}'s acceleration"
 
 
@@ -307,7 +321,7 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
         M = Yt @ matrices(flat, n, n) @ point.Y
         for j, name in enumerate(test.speeds):
             yield (
-                f"{_inertia_term(name)} by body {body!r}",
+                f"{inertia_term(name)} by body {body!r}",
                 -M[:, row, j] * udot[j],
                 ("inertia by body", body, None),
             )
@@ -316,106 +330,37 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
 def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list[Part]:
     """Products of sines and cosines of some coordinates, rates and accelerations."""
     q, names = states.q, states.coordinates
-    shapes: list[tuple[str, Array]] = [("", np.ones(len(states)))]
+    shapes: list[tuple[str, Array, set[str]]] = [("", np.ones(len(states)), set())]
     for k in coordinates:
+        of = {f"q.{names[k]}"}
         for name, f in (("sin", np.sin), ("cos", np.cos)):
-            shapes.append((f"{name}({names[k]})", f(q[k])))
-            shapes.append((f"{name}(2·{names[k]})", f(2 * q[k])))
-        shapes += [(names[k], q[k]), (f"{names[k]}²", q[k] ** 2), (f"{names[k]}³", q[k] ** 3)]
+            shapes.append((f"{name}({names[k]})", f(q[k]), of))
+            shapes.append((f"{name}(2·{names[k]})", f(2 * q[k]), of))
+        shapes += [
+            (names[k], q[k], of),
+            (f"{names[k]}²", q[k] ** 2, of),
+            (f"{names[k]}³", q[k] ** 3, of),
+        ]
     for i, j in combinations(coordinates, 2):
+        of = {f"q.{names[i]}", f"q.{names[j]}"}
         for sign, shift in (("-", q[j] - q[i]), ("+", q[j] + q[i])):
-            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(shift)))
-            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(shift)))
-        shapes.append((f"({names[j]} - {names[i]})", q[j] - q[i]))
-    rates: list[tuple[str, Array]] = [("", np.ones(len(states)))]
+            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(shift), of))
+            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(shift), of))
+        shapes.append((f"({names[j]} - {names[i]})", q[j] - q[i], of))
+    rates: list[tuple[str, Array, set[str] | None]] = [("", np.ones(len(states)), set())]
     for i, speed in enumerate(states.speeds):
-        rates.append((f"u.{speed}", states.u[i]))
-        rates.append((f"u̇.{speed}", udot[i]))
+        rates.append((f"u.{speed}", states.u[i], {f"u.{speed}"}))
+        rates.append((f"u̇.{speed}", udot[i], None))
         for j in range(i, len(states.speeds)):
             other = states.speeds[j]
             name = f"u.{speed}²" if i == j else f"u.{speed}·u.{other}"
-            rates.append((name, states.u[i] * states.u[j]))
-    return [Part("·".join(filter(None, (a, b))) or "1", x * y) for a, x in shapes for b, y in rates]
-
-
-def explain_residual(
-    test: EquationTest,
-    residual: Array,
-    udot: Array,
-    row: int,
-    depends: tuple[str, ...] | None = None,
-) -> tuple[Match, ...]:
-    """What the residual (B,) of one equation consists of: the model's own terms, else plain functions.
-
-    `depends` names what it changes with, if that is known. Empty if it is no such sum.
-    """
-    found = explain_row(test, residual, udot, row)
-    if found:
-        return found
-    names = test.states.coordinates
-    some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
-    if len(some) > MOST_VARIABLES:
-        return ()
-    return explain_by(residual, plain_parts(test.states, udot, some))
-
-
-def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
-    """The model's own terms that the residual (B,) of one equation consists of; empty if it is no such sum.
-
-    That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
-    """
-    parts = own_parts(test, udot, row)
-    found = explain_by(residual, parts)
-    own = _inertia_term(test.speeds[row])
-    if any(m.part == own and abs(m.coefficient - 1.0) < 1e-5 for m in found):
-        return ()
-    keys = {part.name: part.key for part in parts if part.key is not None}
-    return tuple(replace(m, symbols=written(test.kane, keys[m.part], row)) for m in found)
-
-
-def explain_by(residual: Array, parts: Sequence[Part], exact: float = EXACT) -> tuple[Match, ...]:
-    """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
-
-    Orthogonal matching pursuit, with at most `MOST_TERMS` parts. Among parts of the same shape the one
-    with the plainest factor is named.
-    """
-    size = float(np.linalg.norm(residual))
-    usable = [p for p in parts if float(np.linalg.norm(p.values)) > 0.0]
-    if not usable or size == 0.0:
-        return ()
-    columns = np.array([p.values for p in usable])
-    columns = columns / np.linalg.norm(columns, axis=1)[:, None]
-    chosen: list[int] = []
-    left = residual
-    for _ in range(min(MOST_TERMS, len(residual) // 4)):
-        fit = np.abs(columns @ left) / np.linalg.norm(left)
-        fit[chosen] = -1.0
-        best = int(np.argmax(fit))
-        twins = [int(k) for k in np.flatnonzero(fit > fit[best] - 1e-12)]
-        chosen.append(min(twins, key=lambda k: not _plain(left, usable[k])))
-        coefficients, left = _fitted(residual, usable, chosen)
-        if float(np.linalg.norm(left)) <= exact * size:
-            needed = [
-                k
-                for k, c in zip(chosen, coefficients)
-                if abs(c) * np.linalg.norm(usable[k].values) > 10 * exact * size
-            ]
-            coefficients, _ = _fitted(residual, usable, needed)
-            return tuple(
-                Match(usable[k].name, float(c), None if usable[k].key is None else 1.0 - float(c))
-                for k, c in zip(needed, coefficients)
-            )
-    return ()
-
-
-def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
-    """Coefficients of the chosen parts by least squares, and what they leave of the residual."""
-    A = np.array([parts[k].values for k in chosen]).T
-    coefficients: Array = np.asarray(np.linalg.lstsq(A, residual, rcond=None)[0])
-    return coefficients, residual - A @ coefficients
-
-
-def _plain(left: Array, part: Part) -> bool:
-    """Whether it is a term of the model that enters with the factor −1, 0, 2 or ½."""
-    factor = 1.0 - float(part.values @ left) / float(part.values @ part.values)
-    return part.key is not None and any(abs(factor - plain) < 1e-5 for plain in FACTORS)
+            rates.append((name, states.u[i] * states.u[j], {f"u.{speed}", f"u.{other}"}))
+    return [
+        Part(
+            "·".join(filter(None, (a, b))) or "1",
+            x * y,
+            of=None if of_rates is None else frozenset(of | of_rates),
+        )
+        for a, x, of in shapes
+        for b, y, of_rates in rates
+    ]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import ctypes
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
@@ -21,13 +22,16 @@ LIBRARIES = (".so", ".dll", ".dylib")
 """How the names of shared libraries end."""
 
 
-def load_equations(text: str) -> Equations | Callable[..., Any]:
+def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Callable[..., Any]:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
     The name may have dots: `CartPole.rates` is a method of an object that is made without arguments. A
     function without parameters is asked for the equations. ``LIBRARY.so:NAME`` is a function of a shared
-    library, see `docs/other-languages.md`. Raises InputError for anything else.
+    library, ``UNIT.fmu`` an FMU for model exchange (its coordinates ordered by these names, where it has
+    them), see `docs/other-languages.md`. Raises InputError for anything else.
     """
+    if text.lower().endswith(".fmu"):
+        return load_fmu(text, coordinates)
     file, _, symbol = text.rpartition(":")
     if file.endswith(LIBRARIES):
         return _of_library(Path(file), symbol)

@@ -151,7 +151,8 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
             for k in np.ndindex(value.shape):
                 add(f"{name}[{', '.join(map(str, k))}]", value[k])
             for counter, k in scope.items():
-                if type(k) is int and value.ndim == 1 and 0 <= k < len(value):
+                inside = type(k) is int and value.ndim == 1 and 0 <= k < len(value)
+                if inside and isinstance(value[k], Slot):
                     found.setdefault(f"{name}[{counter}]", value[k])
         elif isinstance(value, list) and all(isinstance(x, Slot) for x in value):
             for counter, k in scope.items():

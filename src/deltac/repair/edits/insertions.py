@@ -213,7 +213,7 @@ def insertions(
             if candidate is not None:
                 yield candidate
     if term:
-        many = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, False))
+        many = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, True))
         for p in products(requirement.required - requirement.value, group, *many):
             text = total(source, node, p.text, subtract=p.number < 0)
             said = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
@@ -511,6 +511,8 @@ def _product(
             single = place < atoms.names
             bound = _binding(text)
             cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1 if bound else 0.3)
+            if power < 0 and atoms is state_atoms:
+                cost += 0.35  # nobody forgets to divide by a speed
             side = above if power > 0 else below
             tight = (
                 bound > 2

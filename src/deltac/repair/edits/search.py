@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError
+from deltac.repair.edits.by_running import text_edits
 from deltac.repair.edits.candidates import Candidate, apply, short
 from deltac.repair.edits.insertions import Vocabulary, additions, insertions, scalings, vector_terms
 from deltac.repair.edits.required import Requirement, Requirements
@@ -26,6 +27,9 @@ from deltac.repair.tracing.tape import Change
 
 STRUCTURAL_TIME = 12.0
 """Time of the processor for edits of structure (s)."""
+
+ENUMERATION_TIME = 6.0
+"""Time of the processor for edits of the text alone (s), where all else found nothing."""
 
 READ_AGAIN = 1500
 """Edits of structure for which the text is read again, at most."""
@@ -84,6 +88,11 @@ class Search:
             found += self.structural()
         if not found:
             found += self.tried([*others, *self.requirements.undecided], additions)
+        if not found:
+            source = self.program.source
+            read = {id(source.statement(place)) for place in self.program.trace.instances}
+            read_in = [n for n in source.nodes if isinstance(n, ast.stmt) and id(n) in read]
+            found += self.read_again(list(text_edits(source, read_in)), ENUMERATION_TIME)
         return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
 
     def scaled(self, places: Iterable[int]) -> list[Candidate]:
@@ -98,15 +107,20 @@ class Search:
         return found
 
     def structural(self) -> list[Candidate]:
-        """Edits that the tape cannot show, those of the likeliest statements first."""
+        """Edits that the tape cannot show."""
+        return self.read_again(list(structural(self.program)))
+
+    def read_again(
+        self, edits: list[Candidate], seconds: float = STRUCTURAL_TIME
+    ) -> list[Candidate]:
+        """Those edits that are right when the text is read with them; the likeliest statements first."""
         source = self.program.source
         likely = {source.statement(r.place).lineno for r in self.requirements.found.values()}
         candidates = sorted(
-            structural(self.program),
-            key=lambda c: (source.statement(c.place).lineno not in likely, c.cost),
+            edits, key=lambda c: (source.statement(c.place).lineno not in likely, c.cost)
         )
         found: list[Candidate] = []
-        end = time.process_time() + STRUCTURAL_TIME
+        end = time.process_time() + seconds
         for candidate in candidates[:READ_AGAIN]:
             late = time.process_time() > end or time.monotonic() > self.deadline
             if late or len(found) >= ENOUGH:

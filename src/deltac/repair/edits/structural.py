@@ -208,6 +208,10 @@ def _subscripts(program: Program, place: int, node: ast.Subscript) -> Iterator[C
         for text in (f"sum({own}[{k}:])", f"sum({own}[: {k} + 1])", f"sum({own}[{k} + 1 :])"):
             words = f"{program.source.segment(node)} should be {text}"
             yield Candidate(place, text, words, "term", 1.4, None)
+    own = program.source.segment(node)
+    for text in _other_slices(program, node):
+        if text != own:
+            yield Candidate(place, text, f"{own} should be {text}", "index", 1.05, None)
     for spot, kind in _index_parts(node.slice):
         for new in _other_indices(program, place, spot, kind):
             changed = copy.deepcopy(node)
@@ -215,6 +219,22 @@ def _subscripts(program: Program, place: int, node: ast.Subscript) -> Iterator[C
             found = _rewritten(program, place, node, changed, "index", _index_cost(spot, new))
             if found is not None:
                 yield found
+
+
+def _other_slices(program: Program, node: ast.Subscript) -> list[str]:
+    """Other slices of the same array that this source takes."""
+    source = program.source
+    if not isinstance(node.slice, ast.Slice | ast.Tuple):
+        return []
+    base = source.segment(node.value)
+    found = [
+        source.segment(other)
+        for other in source.nodes
+        if isinstance(other, ast.Subscript)
+        and isinstance(other.slice, ast.Slice | ast.Tuple)
+        and source.segment(other.value) == base
+    ]
+    return list(dict.fromkeys(found))
 
 
 def _index_parts(node: ast.expr) -> Iterator[tuple[ast.expr, str]]:
@@ -341,13 +361,13 @@ def _products(program: Program, place: int, node: ast.BinOp) -> Iterator[Candida
 
 def _parentheses(program: Program, place: int, node: ast.BinOp) -> Iterator[Candidate]:
     """The same with parentheses elsewhere: (a + b) c for a + b c, a / (b c) for a / b c, (a b)² for a b²."""
-    for other in _regrouped(node):
+    for other in regrouped(node):
         found = _rewritten(program, place, node, other, "order", 1.25)
         if found is not None:
             yield found
 
 
-def _regrouped(node: ast.BinOp) -> Iterator[ast.expr]:
+def regrouped(node: ast.BinOp) -> Iterator[ast.expr]:
     """Other trees over the same operands and operators in the same order."""
     left, right = node.left, node.right
     if isinstance(left, ast.BinOp):

@@ -13,6 +13,7 @@ import builtins
 import contextlib
 import inspect
 import operator
+import sysconfig
 import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -56,6 +57,9 @@ FAILURES = (
     AttributeError,
 )
 """What reading may come to for code that is not understood."""
+
+STANDARD = Path(sysconfig.get_path("stdlib"))
+"""Python's own modules, which are not read."""
 
 DEPTH = 60
 """Calls within calls."""
@@ -229,6 +233,7 @@ class _Reader:
         self.node: ast.AST = source.module
         self.module = self.main
         self.depth = 0
+        self.automatic = 0
         self.state_arguments: set[int] = set()
 
     # --- the outside ------------------------------------------------------------------------------
@@ -508,6 +513,8 @@ class _Reader:
         """A function of a running session as its text, with the values that its names hold there."""
         code = function.__code__
         file = Path(code.co_filename)
+        if file.is_relative_to(STANDARD) and "site-packages" not in file.parts:
+            return Foreign(f"{function.__module__}.{function.__qualname__}")
         if file == self.main.path or (self.main.path is None and file.name == self.main.name):
             module = self.main
         elif file in self.modules:
@@ -544,8 +551,11 @@ class _Reader:
 
     def named_constant(self, value: float, name: str) -> Slot:
         """A constant that has no text: known, and varied, by its name."""
-        key = ("live", name)
+        key: tuple[Any, ...] = ("live", name)
         known = self.lives.get(key)
+        if isinstance(known, Slot) and known.exact() != value:  # another constant of this name
+            key = ("live", name, value)
+            known = self.lives.get(key)
         if isinstance(known, Slot):
             return known
         node, self.tape.node = self.tape.node, None
@@ -739,6 +749,9 @@ class _Reader:
             ]
         if last == "filter":
             return [x for x in library.items(arguments[1]) if self.call(arguments[0], [x], {})]
+        if function.name == "enum.auto":
+            self.automatic += 1
+            return self.automatic
         if last == "isinstance":
             return self.isinstance(*arguments)
         if last in ("hasattr", "getattr"):
@@ -753,7 +766,10 @@ class _Reader:
             self.set_attribute(arguments[0], arguments[1], arguments[2], self.node)
             return None
         if last == "vars":
-            return getattr(arguments[0], "attributes", {})
+            held = arguments[0]
+            if isinstance(held, Live):
+                return self.live(vars(held.owner), held.name)
+            return getattr(held, "attributes", {})
         if last == "callable":
             return isinstance(arguments[0], Function | Bound | Class)
         if last == "fori_loop":
@@ -803,6 +819,10 @@ class _Reader:
                 value.scope = scope
         decorators = [ast.unparse(d) for d in s.decorator_list]
         above = [b.name.rpartition(".")[2] for b in bases if isinstance(b, Foreign)]
+        if {"Enum", "StrEnum", "Flag"} & set(above):
+            for name, value in made.names.items():
+                if not isinstance(value, Function) and not name.startswith("_"):
+                    made.names[name] = Object(made, {"name": name, "value": value})
         if any(
             "dataclass" in d or d.startswith(("attr", "define", "frozen", "struct", "chex"))
             for d in decorators
@@ -983,9 +1003,67 @@ class _Reader:
             case ast.Raise():
                 self.refuse(s, f"raises: {ast.unparse(s)[:80]}")
             case ast.Match():
-                self.refuse(s, "a match statement")
+                subject = self.expression(s.subject, scope)
+                for case in s.cases:
+                    if self.matches(case.pattern, subject, scope) and (
+                        case.guard is None or self.truth(case.guard, scope)
+                    ):
+                        self.block(case.body, scope)
+                        break
             case _:
                 self.refuse(s, f"a {kind(s)}")
+
+    def matches(self, pattern: ast.pattern, subject: Any, scope: Scope) -> bool:
+        """Whether a pattern of a match statement fits; the names in it are bound."""
+        match pattern:
+            case ast.MatchValue(value=value):
+                meant = self.expression(value, scope, noted=False)
+                same = library.compared(np.equal, subject, meant)
+                return bool(same) if not isinstance(same, np.ndarray) else bool(same.all())
+            case ast.MatchSingleton(value=value):
+                return subject is value
+            case ast.MatchOr(patterns=patterns):
+                return any(self.matches(p, subject, scope) for p in patterns)
+            case ast.MatchAs(pattern=inner, name=name):
+                if inner is not None and not self.matches(inner, subject, scope):
+                    return False
+                if name is not None:
+                    scope.bind(name, subject)
+                return True
+            case ast.MatchSequence(patterns=patterns):
+                return self.match_sequence(patterns, subject, scope)
+            case ast.MatchClass(cls=cls, patterns=[], kwd_attrs=names, kwd_patterns=patterns):
+                if not self.isinstance(subject, self.expression(cls, scope, noted=False)):
+                    return False
+                return all(
+                    self.matches(p, self.attribute(subject, n, cls), scope)
+                    for n, p in zip(names, patterns)
+                )
+            case ast.MatchMapping(keys=keys, patterns=patterns, rest=None):
+                wanted = [library.plain(self.expression(k, scope, noted=False)) for k in keys]
+                return isinstance(subject, dict) and all(
+                    k in subject and self.matches(p, subject[k], scope)
+                    for k, p in zip(wanted, patterns)
+                )
+        self.refuse(self.node, "a pattern of a match statement")
+
+    def match_sequence(self, patterns: list[ast.pattern], subject: Any, scope: Scope) -> bool:
+        """Whether the patterns fit the entries of a sequence, one of them perhaps with a star."""
+        if not isinstance(subject, list | tuple | Object):
+            return False
+        values = list(subject)
+        stars = [k for k, p in enumerate(patterns) if isinstance(p, ast.MatchStar)]
+        extra = len(values) - len(patterns) + 1
+        if extra < 0 or (not stars and extra != 1):
+            return False
+        if stars:
+            k = stars[0]
+            star = patterns[k]
+            if isinstance(star, ast.MatchStar) and star.name is not None:
+                scope.bind(star.name, values[k : k + extra])
+            patterns = [*patterns[:k], *patterns[k + 1 :]]
+            values = [*values[:k], *values[k + extra :]]
+        return all(self.matches(p, v, scope) for p, v in zip(patterns, values))
 
     def assigned(self, e: ast.expr, scope: Scope) -> Any:
         """A value that is given a name: an array by its name alone, or a part of one, stays that array."""

@@ -30,7 +30,7 @@ from deltac.repair.tracing.tape import (
     Tape,
     identity,
 )
-from deltac.repair.tracing.values import objects
+from deltac.repair.tracing.values import Object, objects
 
 Call = Callable[[Tape, list[Any], dict[str, Any]], Any]
 
@@ -83,7 +83,16 @@ class Plain:
     def __call__(self, tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
         """Call it; lists of numbers count as arrays."""
         named = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
-        return self.function(*(arrayed(a) for a in arguments), **named)
+        return self.function(*(_sequence(a) for a in arguments), **named)
+
+
+def _sequence(value: Any) -> Any:
+    """An array; arrays of different shapes, which np.concatenate and its like join, as a list of them."""
+    if isinstance(value, list | tuple):
+        parts = [arrayed(part) for part in value]
+        if len({np.shape(part) for part in parts if isinstance(part, np.ndarray)}) > 1:
+            return parts
+    return arrayed(value)
 
 
 ARRAYS = (
@@ -676,7 +685,7 @@ def flatten(value: Any) -> Iterator[Any]:
     if isinstance(value, np.ndarray):
         for part in value.flat:
             yield from flatten(part) if isinstance(part, np.ndarray | list | tuple) else (part,)
-    elif isinstance(value, list | tuple):
+    elif isinstance(value, list | tuple | Object):  # of objects, named tuples
         for part in value:
             yield from flatten(part)
     elif value is None:

@@ -91,8 +91,13 @@ def bound(statement: ast.stmt) -> set[str]:
             return {statement.name}
         case ast.Import() | ast.ImportFrom():
             return {(a.asname or a.name.partition(".")[0]) for a in statement.names} - {"*"}
-        case ast.Expr(value=ast.Call(func=ast.Attribute(value=ast.Name(id=name)))):
-            return {name}
+        case ast.Expr(
+            value=ast.Call(func=ast.Attribute() as called)
+        ):  # M.append(x), jax.config.update(…)
+            owner: ast.expr = called
+            while isinstance(owner, ast.Attribute):
+                owner = owner.value
+            return {owner.id} if isinstance(owner, ast.Name) else set()
         case ast.Expr() | ast.Pass():
             return set()
         case ast.If() if _main(statement.test):

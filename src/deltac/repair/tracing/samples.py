@@ -81,6 +81,15 @@ class Samples:
             return np.asarray(off)
         return np.concatenate([off, (udot[n:] - self.rates) / self.rate_size])
 
+    def fits(self, found: Array) -> bool:
+        """Whether an array is accelerations, perhaps with q̇ below, at these states."""
+        n, batch = self.acceleration.shape
+        return found.shape in ((n, batch), (n + len(self.rates), batch))
+
+    def wrong_rows(self, udot: Array) -> NDArray[np.bool_]:
+        """The equations, then coordinates, that are not right."""
+        return np.asarray(~(np.abs(self.residual(udot)).max(axis=1) < RIGHT))
+
     def wrong(self, udot: Array) -> float:
         """The largest residual; infinite where the accelerations, or rates, are not finite."""
         with np.errstate(invalid="ignore"):

@@ -124,7 +124,8 @@ class Tape:
         literal = [self.exact[k] for k in slots]
         if all(value is not None for value in literal):
             try:
-                exact = operation(*literal)
+                with np.errstate(all="ignore"):
+                    exact = operation(*literal)
                 exact = exact.item() if isinstance(exact, np.generic) else exact
             except (ArithmeticError, ValueError, TypeError):
                 exact = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
@@ -12,13 +13,21 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit.audit import Audit
+from deltac.diagnosis.check.check import EquationCheck
+from deltac.diagnosis.recommend.result import Recommendation, setting_of
+from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.diagnosis.study.convergence import order_text
-from deltac.diagnosis.study.runs import StudyRun
+from deltac.diagnosis.study.runs import StudyRun, before_blow_up
 from deltac.diagnosis.study.study import Study
 from deltac.diagnosis.verdict import MEANINGS, Judged
 from deltac.energy import Ledger
+from deltac.errors import DeltacError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import Model
+from deltac.procedure import TITLES, Examination
+from deltac.repair.outcome import Fix, Repair
 from deltac.report.page.parts import (
+    Bars,
     Chapter,
     Cloud,
     Code,
@@ -37,6 +46,8 @@ from deltac.report.page.parts import (
 )
 from deltac.report.page.scene import Scene, scene
 from deltac.results import Finding, Report, Section, Table, Verbatim, number, percent
+from deltac.simulation.equations import Equations
+from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
 
 EPS = float(np.finfo(np.float64).eps)
@@ -46,6 +57,12 @@ MOST_LINES = 8
 
 TONES: dict[int, Tone] = {0: "good", 1: "bad", 3: "doubt"}
 """By exit code."""
+
+UNDECIDED = {
+    "unresolved": "The log does not decide whether the balance holds, the step is too coarse, or the "
+    "model is another one."
+}
+"""The meaning of a kind where the others do not stand beside it."""
 
 WORDS = {
     "consistent": "Consistent",
@@ -59,12 +76,19 @@ WORDS = {
 class Beside:
     """What a page is made from besides the report: a model and a run of it, where the report has none.
 
-    `more`: further reports of the same thing.
+    `model` is whose motion is shown, with its start where it says one; `equations` are those by hand that a
+    check tested; `more`: further reports of the same thing.
     """
 
-    mechanism: Mechanism | None = None
+    model: Model | None = None
     run: Trajectory | None = None
+    equations: Equations | None = None
     more: tuple[Report, ...] = ()
+
+    @property
+    def mechanism(self) -> Mechanism | None:
+        """The mechanism of the model."""
+        return None if self.model is None else self.model.mechanism
 
 
 @singledispatch
@@ -78,8 +102,8 @@ def page_of(report: Report, beside: Beside) -> Page:
         word=_sentence(report.summary()),
         sentence="",
         chapters=tuple(chapters),
-        scene=_scene(beside.mechanism, [("run", beside.run)]),
-        made=_made(beside.run),
+        scene=moving(beside.mechanism, [("run", beside.run)]),
+        made=made(beside.run),
         data=report.to_dict(),
     )
 
@@ -91,20 +115,15 @@ def _(report: Audit, beside: Beside) -> Page:
     bar = float(ledger.error_bar[report.function].max())
     left = float(np.abs(report.energy_error).max())
     chapters = [
-        Chapter("The evidence", (_error_plot(report),)),
+        Chapter("The evidence", (_error_plot(report), _rests_on(report))),
         _findings(report.findings, ledger, run, report.energy_error),
         Chapter(
             "Where the energy went",
-            (_flows(ledger, report.function, report.energy_error), *_energy(ledger)),
+            (_flows(ledger, report.function, report.energy_error), *energy_plots(ledger)),
         ),
-        *_coordinates(run, mechanism),
-        Chapter(
-            "In numbers",
-            (
-                Words("What the verdict rests on", tuple(f"{e}." for e in v.evidence)),
-                *_tables(report.sections()),
-            ),
-        ),
+        *motion_plots(run, mechanism),
+        Chapter("In numbers", tuple(_tables(report.sections()))),
+        *(c for other in beside.more for c in _told(other, "What would explain it")),
     ]
     if report.import_report is not None:
         words = tuple(report.import_report.sections())
@@ -126,9 +145,9 @@ def _(report: Audit, beside: Beside) -> Page:
             ("samples", f"{len(run):,} over {number(run.duration, 's')}"),
         ),
         chapters=tuple(chapters),
-        scene=_scene(mechanism, [("log", run)]),
+        scene=moving(mechanism, [("log", run)]),
         limits=v.limits,
-        made=_made(run, mechanism),
+        made=made(run, mechanism),
         data=report.to_dict(),
     )
 
@@ -160,30 +179,21 @@ def _(report: Study, beside: Beside) -> Page:
             ("confidence", report.verdict.confidence),
         ),
         chapters=(
-            Chapter("The evidence", (_errors(report, usable), _orders(report))),
+            Chapter("The evidence", (_errors(report, usable), _orders(report), _rests_on(report))),
             _findings(report.findings, finest.ledger, finest.run),
             Chapter(
                 "Where the energy went",
                 (
                     _flows(finest.ledger, report.function),
-                    *_energy(finest.ledger),
+                    *energy_plots(finest.ledger),
                 ),
             ),
-            *_coordinates(finest.run, report.mechanism, usable),
-            Chapter(
-                "In numbers",
-                (
-                    Words(
-                        "What the verdict rests on",
-                        tuple(f"{e}." for e in report.verdict.evidence),
-                    ),
-                    *_tables(report.sections()),
-                ),
-            ),
+            *motion_plots(finest.run, report.mechanism, usable),
+            Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
-        scene=_scene(report.mechanism, runs),
+        scene=moving(report.mechanism, runs),
         limits=report.verdict.limits,
-        made=_made(finest.run, report.mechanism),
+        made=made(finest.run, report.mechanism),
         data=report.to_dict(),
     )
 
@@ -201,12 +211,287 @@ def _(report: Ledger, beside: Beside) -> Page:
         sentence=_sentence(report.summary()),
         chapters=(
             Chapter("The testing functions", tuple(plots)),
-            Chapter("Where the energy went", (*flows, *_energy(report))),
+            Chapter("Where the energy went", (*flows, *energy_plots(report))),
             *_motion(beside),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
-        scene=_scene(beside.mechanism, [("run", beside.run)]),
-        made=_made(beside.run, beside.mechanism),
+        scene=moving(beside.mechanism, [("run", beside.run)]),
+        made=made(beside.run, beside.mechanism),
+        data=report.to_dict(),
+    )
+
+
+@page_of.register
+def _(report: EquationCheck, beside: Beside) -> Page:
+    repairs = [other for other in beside.more if isinstance(other, Repair)]
+    fixed = [fix for repair in repairs for fix in repair.fixes]
+    evidence: list[Part] = [_rests_on(report), _residuals(report)]
+    where = [_sentence(f"{found}.") for found in report.blame[:MOST_LINES]]
+    if report.example is not None:
+        where.append(f"{report.example}.")
+    chapters = [Chapter("The evidence", (*_two(report, beside), *evidence))]
+    if fixed:
+        found = fixed[0]
+        said = [part for repair in repairs for part in repair.sections() if isinstance(part, str)]
+        told = Words("The edit that makes it right", tuple(map(_sentence, said)))
+        diff = Code(f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True)
+        chapters.append(Chapter("What is wrong, and the correction", (told, diff)))
+    if where:
+        chapters.append(Chapter("Where the equations fail", (Words("", tuple(where)),)))
+    chapters.append(_findings(report.findings, None, None))
+    chapters.append(Chapter("In numbers", tuple(_tables(report.sections()))))
+    if not fixed:
+        chapters += [c for other in beside.more for c in _told(other, _REPAIRED)]
+    sign = ">" if report.worst > report.tolerance else "≤"
+    return Page(
+        title=f"{report.name}, against {report.mechanism}",
+        asked="Are these equations of motion the model's, and if not, where do they differ?",
+        **_checked(report, fixed),
+        numbers=(
+            ("largest residual", number(report.worst, digits=2)),
+            ("accepted", f"{sign} {number(report.tolerance, digits=2)} of an equation's terms"),
+            ("equations that fail", f"{len(report.blame)} of {len(report.relative_residual)}"),
+            ("states", str(report.count)),
+            ("confidence", report.verdict.confidence),
+        ),
+        chapters=tuple(chapters),
+        scene=_right_and_wrong(report, beside),
+        limits=report.verdict.limits,
+        made=(("model", report.mechanism), ("equations", report.name)),
+        data=report.to_dict(),
+    )
+
+
+def _checked(report: EquationCheck, fixed: Sequence[Fix]) -> dict[str, Any]:
+    """The verdict; of equations that are wrong, which, and what is to be changed."""
+    told = {**_verdict(report), "word": _CHECKED[report.verdict.kind]}
+    if report.blame:
+        which = ", ".join(report.test.speeds[found.number - 1] for found in report.blame)
+        said = f"They fail for {which}."
+        if fixed:
+            lines = ", ".join(map(str, fixed[0].lines))
+            said = f"Line {lines}: {'; '.join(fixed[0].words)}."
+        told["sentence"] = said
+    return told
+
+
+_REPAIRED = "The search for the mistake"
+_CHECKED = {
+    **WORDS,
+    "consistent": "The equations are right",
+    "equation-error": "The equations are wrong",
+}
+
+
+def _residuals(report: EquationCheck) -> Bars:
+    rows = report.relative_residual.items()
+    return Bars(
+        "Residual of each equation, as a share of its terms",
+        tuple(
+            (f"equation {k} ({speed})", value, k in {found.number for found in report.blame})
+            for k, (speed, value) in enumerate(rows, 1)
+        ),
+        report.tolerance,
+    )
+
+
+ROWS = 20_000
+"""Steps of a motion that is simulated for a page only, at most."""
+
+
+def _motion_of(model: Model, equations: Equations | None = None) -> Trajectory | None:
+    """The motion that a problem has, by the model's equations or others; None where there is none."""
+    problem = model.problem
+    if problem is None:
+        return None
+    duration = min(problem.duration, ROWS * problem.step)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a motion that breaks off is shown up to there
+            run = simulate(
+                model.mechanism, problem.state, duration, problem.step, equations=equations
+            )
+        return before_blow_up(run)
+    except DeltacError:
+        return None
+
+
+def _pair(report: EquationCheck, beside: Beside) -> tuple[Trajectory, Trajectory] | None:
+    """The motions by the model's equations and by those tested, where there is a start."""
+    if beside.model is None or beside.equations is None:
+        return None
+    right = _motion_of(beside.model)
+    wrong = _motion_of(beside.model, beside.equations)
+    return None if right is None or wrong is None else (right, wrong)
+
+
+def _right_and_wrong(report: EquationCheck, beside: Beside) -> Scene | None:
+    both = _pair(report, beside)
+    if both is None or beside.mechanism is None:
+        return None
+    names = ("the model", report.name)
+    return moving(beside.mechanism, tuple(zip(names, both)), side_by_side=True)
+
+
+def _two(report: EquationCheck, beside: Beside) -> Iterator[TimePlot]:
+    """The coordinates of both motions."""
+    both = _pair(report, beside)
+    if both is None or beside.mechanism is None:
+        return
+    right, wrong = both
+    names = beside.mechanism.coordinates.names
+    ranked = np.argsort(-np.ptp(right.q, axis=0), kind="stable")[:3]
+    yield TimePlot(
+        "The motion by the model, and by these equations (dashed)",
+        right.t,
+        tuple(
+            line
+            for n, k in enumerate(ranked)
+            for line in (
+                Line(f"{names[k]}, model", right.q[:, k], colour=n),
+                Line(
+                    f"{names[k]}, these equations",
+                    _resampled(wrong.t, wrong.q[:, k], right.t),
+                    colour=n,
+                    dashed=True,
+                ),
+            )
+        ),
+        ", ".join(dict.fromkeys(beside.mechanism.coordinates[int(k)].unit for k in ranked)),
+        tall=True,
+    )
+
+
+@page_of.register
+def _(report: Recommendation, beside: Beside) -> Page:
+    best = report.best
+    word = report.summary() if best is None else f"Use {best.solver}, {setting_of(best)}"
+    words = [part for part in report.sections() if isinstance(part, str)][:-1]  # less the limits
+    notes = [part for part in words if part.startswith("Note: ")]
+    numbers: list[tuple[str, str]] = []
+    if best is not None:
+        numbers = [
+            ("|ΔC| of the energy exchanged", percent(best.energy)),
+            *(
+                []
+                if not np.isfinite(best.motion)
+                else [("error of the motion", percent(best.motion))]
+            ),
+            ("asked for", percent(report.tolerance)),
+            ("time of a run", number(1e3 * best.seconds, "ms", 3)),
+            ("evaluations", f"{best.evaluations:,}" if best.evaluations else "not counted"),
+        ]
+    run = beside.run
+    if run is None and best is not None and beside.model is not None:
+        run = _recommended(beside.model, best, report.duration)
+    return Page(
+        title="Solver and step" if beside.mechanism is None else beside.mechanism.name,
+        asked=f"Which solver, with which step, keeps a tolerance of {report.tolerance:g} at the least cost?",
+        tone=TONES.get(report.exit_code, "bad"),
+        word=_sentence(word),
+        sentence=_RECOMMENDED[report.exit_code] if best is not None else "",
+        numbers=tuple(numbers),
+        chapters=(
+            Chapter(
+                "The evidence",
+                (_front(report, "energy", "|ΔC|, share of the energy exchanged"),),
+            ),
+            Chapter(
+                "Why this one",
+                (
+                    Words("", tuple(w.removeprefix("- ") for w in words if w not in notes)),
+                    *([Words("What was left out", tuple(notes), folded=True)] if notes else []),
+                ),
+            ),
+            Chapter(
+                "The error of the motion",
+                (_front(report, "motion", "error of q and u, share of their ranges"),)
+                if any(np.isfinite(t.motion) and t.motion > 0.0 for t in report.trials)
+                else (),
+            ),
+            *(() if run is None else motion_plots(run, beside.mechanism)),
+            Chapter("In numbers", tuple(_tables(report.sections()))),
+        ),
+        scene=moving(beside.mechanism, [("as recommended", run)]),
+        limits=report.limits,
+        made=made(run, beside.mechanism),
+        data=report.to_dict(),
+    )
+
+
+_RECOMMENDED = {
+    0: "The cheapest setting tried that keeps the tolerance; a finer run confirms it.",
+    1: "The best that was tried; it is not confirmed.",
+    3: "",
+}
+
+
+def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | None:
+    """The motion by the setting that is recommended, if a solver of ours made it."""
+    if best.knob != "step" or ":" in best.solver or not model.starts:
+        return None
+    lasting = min(duration, ROWS * best.setting)
+    try:
+        return simulate(model.mechanism, model.start(), lasting, best.setting, best.solver)
+    except DeltacError:
+        return None
+
+
+def _front(report: Recommendation, what: str, says: str) -> LogPlot:
+    """Work and precision: what every trial leaves over the time that it took."""
+    clouds = []
+    for solver in dict.fromkeys(trial.solver for trial in report.trials):
+        own = [
+            t
+            for t in sorted(report.trials, key=lambda t: t.seconds)
+            if t.solver == solver
+            and np.isfinite(t.seconds)
+            and np.isfinite(getattr(t, what))
+            and getattr(t, what) > 0.0
+        ]
+        if own:
+            chosen = report.best
+            clouds.append(
+                Cloud(
+                    solver,
+                    tuple(t.seconds for t in own),
+                    tuple(getattr(t, what) for t in own),
+                    tuple(f"{solver}, {setting_of(t)}" for t in own),
+                    mark=own.index(chosen) if chosen in own else None,
+                )
+            )
+    asked = report.tolerance if what == "energy" else report.motion_tolerance
+    guides = (Guide("asked for", asked),) if np.isfinite(asked) else ()
+    note = "Down and to the left is better. The ring marks the recommended setting."
+    return LogPlot("Work and precision", "time of a run (s)", says, tuple(clouds), guides, note)
+
+
+@page_of.register
+def _(report: Examination, beside: Beside) -> Page:
+    pages = {name: page_of(part, beside) for name, part in report.results.items()}
+    chapters = [
+        Chapter(
+            f"{_sentence(TITLES[name])} {page.word}.",
+            (Words("", (page.sentence,)), *page.chapters[0].parts)
+            if page.sentence
+            else page.chapters[0].parts,
+            tuple(told for chapter in page.chapters for told in chapter.findings),
+        )
+        for name, page in pages.items()
+    ]
+    shown = [page for page in pages.values() if page.scene is not None]
+    about = (f"{report.classification.summary()}.", *(f"Not done: {s}." for s in report.skipped))
+    return Page(
+        title=report.model,
+        asked="Can its simulation be trusted, with which solver and step, and where are mistakes?",
+        tone=TONES[report.exit_code],
+        word={0: "Can be trusted", 1: "Something is wrong", 3: "Cannot be told"}[report.exit_code],
+        sentence=_sentence(report.summary()),
+        numbers=tuple((TITLES[name], page.word) for name, page in pages.items()),
+        chapters=(Chapter("What it is", (Words("", about),)), *chapters),
+        scene=shown[-1].scene if shown else moving(beside.mechanism, [("run", beside.run)]),
+        limits=tuple(dict.fromkeys(limit for page in pages.values() for limit in page.limits)),
+        made=shown[-1].made if shown else (),
         data=report.to_dict(),
     )
 
@@ -222,8 +507,13 @@ def _verdict(report: Judged) -> dict[str, Any]:
     return {
         "tone": tone,
         "word": WORDS[v.kind],
-        "sentence": v.meaning or MEANINGS[v.kind],
+        "sentence": v.meaning or UNDECIDED.get(v.kind) or MEANINGS[v.kind],
     }
+
+
+def _rests_on(report: Judged) -> Words:
+    evidence = tuple(_sentence(f"{e}.") for e in report.verdict.evidence)
+    return Words("What the verdict rests on", evidence)
 
 
 _INSTANT = re.compile(
@@ -334,12 +624,13 @@ def _all_functions(ledger: Ledger) -> TimePlot:
     )
 
 
-def _energy(ledger: Ledger) -> Iterator[TimePlot]:
+def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
     """Kinetic and potential energies, then the work of every channel that is not in V."""
     K = ledger.kinetic
     V = ledger.potential_energy
-    sources = [Line(f"V {name}", v - v[0], colour=None) for name, v in ledger.potential.items()]
+    sources = sorted(ledger.potential.items(), key=lambda item: -float(np.ptp(item[1])))
     several = len(sources) > 1
+    visible = 0.02 * max(float(np.ptp(K)), *(float(np.ptp(v)) for _, v in sources), 0.0)
     yield TimePlot(
         "Energies, from their values at the start",
         ledger.t,
@@ -347,16 +638,19 @@ def _energy(ledger: Ledger) -> Iterator[TimePlot]:
             Line("K", K - K[0], colour="ink"),
             *((Line("V", V - V[0], colour=1),) if several else ()),
             *(
-                Line(s.name, s.y, shown=k < MOST_LINES and several or not several)
-                for k, s in enumerate(sources)
+                Line(f"V {name}", v - v[0], shown=k < MOST_LINES and float(np.ptp(v)) >= visible)
+                for k, (name, v) in enumerate(sources)
             ),
             Line("K + V", K + V - K[0] - V[0], dashed=True, colour="grey"),
         ),
         "J",
     )
     flowing = {n: w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
-    ranked = sorted(flowing.items(), key=lambda item: -float(np.ptp(item[1])))
-    if any(np.ptp(work) > 0.0 for _, work in ranked):
+    ranked = sorted(
+        ((n, w) for n, w in flowing.items() if np.ptp(w) > 0.0),
+        key=lambda item: -float(np.ptp(item[1])),
+    )
+    if ranked:
         yield TimePlot(
             "Work of every channel, from the start",
             ledger.t,
@@ -380,19 +674,16 @@ def _flows(ledger: Ledger, function: str, energy_error: Array | None = None) -> 
     """Works into and out of the system over the whole run, what it stored, and what is left."""
     flows = [
         Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()))
-        for name, w in sorted(ledger.work.items(), key=lambda i: -abs(float(i[1][-1] - i[1][0])))
+        for name, w in ledger.work.items()
         if name not in ledger.potential
     ]
-    shown, rest = flows[:12], flows[12:]
-    if rest:
-        more = f"{len(rest)} smaller channels"
-        shown.append(Flow(more, sum(f.energy for f in rest), sum(f.error for f in rest)))
     K = ledger.kinetic
     stored = [Flow("ΔK", float(K[-1] - K[0]), group="store")]
     stored += [
         Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store")
         for name, v in ledger.potential.items()
     ]
+    shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
     error = ledger.delta_c[function] if energy_error is None else energy_error
     bar = float(ledger.error_bar[function].max())
     left = Flow("ΔC, what is left", float(error[-1]), bar, "left")
@@ -401,6 +692,16 @@ def _flows(ledger: Ledger, function: str, energy_error: Array | None = None) -> 
         (*shown, *stored, left),
         "Works that flowed in, what is stored of it, and what the balance cannot place.",
     )
+
+
+def _largest(flows: Sequence[Flow], most: int, what: str) -> list[Flow]:
+    """The largest of some flows, the others as one."""
+    ranked = sorted(flows, key=lambda flow: -abs(flow.energy))
+    shown, rest = ranked[:most], ranked[most:]
+    if len(rest) < 2:
+        return ranked
+    total, error = sum(f.energy for f in rest), sum(f.error for f in rest)
+    return [*shown, Flow(f"{len(rest)} smaller {what}", total, error, rest[0].group)]
 
 
 def _of(entry: StudyRun, unit: str) -> str:
@@ -481,7 +782,7 @@ def _orders(report: Study) -> LogPlot:
     )
 
 
-def _coordinates(
+def motion_plots(
     run: Trajectory, mechanism: Mechanism | None, others: Sequence[StudyRun] = ()
 ) -> Iterator[Chapter]:
     """The coordinates by unit, then the speeds."""
@@ -506,32 +807,39 @@ def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimeP
         units.setdefault(entry.unit, []).append(k)
     for unit, places in units.items():
         said = "quaternions" if unit == "1" else unit
-        yield TimePlot(
-            f"{what} ({said})",
-            t,
-            tuple(
-                Line(entries[k].name, values[:, k], shown=n < MOST_LINES)
-                for n, k in enumerate(places)
-            ),
-            "" if unit == "1" else unit,
-        )
+        columns = [(entries[k].name, values[:, k]) for k in places]
+        yield by_name(f"{what} ({said})", t, columns, "" if unit == "1" else unit)
+
+
+def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
+    """Columns with their names; those that move most are shown at first."""
+    ranges = [float(np.ptp(values)) for _, values in columns]
+    least = sorted(ranges, reverse=True)[:MOST_LINES][-1]
+    left = MOST_LINES
+    lines = []
+    for (name, values), size in zip(columns, ranges):
+        shown = size >= least and left > 0
+        left -= shown
+        lines.append(Line(name, values, shown=shown))
+    return TimePlot(title, t, tuple(lines), unit)
 
 
 def _motion(beside: Beside) -> Iterator[Chapter]:
     if beside.run is not None:
-        yield from _coordinates(beside.run, beside.mechanism)
+        yield from motion_plots(beside.run, beside.mechanism)
 
 
 # --- scene, words, provenance --------------------------------------------------------------------
 
 
-def _scene(
+def moving(
     mechanism: Mechanism | None,
     runs: Sequence[tuple[str, Trajectory | None]],
     side_by_side: bool = False,
 ) -> Scene | None:
-    moving = [(name, run) for name, run in runs if run is not None and len(run) > 1]
-    return None if mechanism is None else scene(mechanism, moving, side_by_side)
+    """The scene of those runs that are there; None without a mechanism."""
+    known = [(name, run) for name, run in runs if run is not None and len(run) > 1]
+    return None if mechanism is None else scene(mechanism, known, side_by_side)
 
 
 def _tables(sections: Iterable[Section]) -> Iterator[Part]:
@@ -540,7 +848,7 @@ def _tables(sections: Iterable[Section]) -> Iterator[Part]:
         yield Grid.of("Totals" if k == 0 else "", table)
 
 
-def _told(report: Report) -> Iterator[Chapter]:
+def _told(report: Report, heading: str = "The report") -> Iterator[Chapter]:
     """The report's own text, in order."""
     parts: list[Part] = []
     words: list[str] = []
@@ -557,7 +865,7 @@ def _told(report: Report) -> Iterator[Chapter]:
             parts.append(Code("", section.text, diff=section.text.startswith(("---", "@@"))))
     if words:
         parts.append(Words("", tuple(words)))
-    yield Chapter("The report", tuple(parts))
+    yield Chapter(heading, tuple(parts))
 
 
 def _first_line(report: Report) -> str:
@@ -569,9 +877,7 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _made(
-    run: Trajectory | None, mechanism: Mechanism | None = None
-) -> tuple[tuple[str, str], ...]:
+def made(run: Trajectory | None, mechanism: Mechanism | None = None) -> tuple[tuple[str, str], ...]:
     """Where a motion comes from."""
     told: list[tuple[str, str]] = []
     if mechanism is not None:

@@ -198,6 +198,17 @@ class LogPlot(Panel):
 
 
 @dataclass(frozen=True)
+class Bars(Panel):
+    """Sizes on a log axis, a bar each: (name, size, whether it is too large); `limit` is what is accepted."""
+
+    title: str
+    bars: tuple[tuple[str, float, bool], ...]
+    limit: float
+    note: str = ""
+    kind = "bars"
+
+
+@dataclass(frozen=True)
 class Flow:
     """Energy (J) that went one way over the whole run; `error` how far it may be off.
 
@@ -243,6 +254,7 @@ class Words(Panel):
 
     title: str
     paragraphs: tuple[str, ...]
+    folded: bool = False
     kind = "words"
 
 
@@ -261,14 +273,17 @@ class Code(Panel):
 
 @dataclass(frozen=True)
 class Link(Panel):
-    """Pictures that lead to other pages."""
+    """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130).
+
+    The sketch is of bodies, and of the paths of their ends.
+    """
 
     title: str
-    entries: tuple[tuple[str, str, str], ...]
+    entries: tuple[tuple[str, str, str, str, str], ...]
     kind = "links"
 
 
-Part: TypeAlias = "TimePlot | LogPlot | Flows | Grid | Words | Code | Link"
+Part: TypeAlias = "TimePlot | LogPlot | Bars | Flows | Grid | Words | Code | Link"
 
 
 @dataclass(frozen=True)

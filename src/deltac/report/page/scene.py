@@ -232,18 +232,22 @@ def _reach(mechanism: Mechanism, poses: Array) -> Array:
     for joint in mechanism.joints:
         if joint.parent == GROUND and joint.kind != "free":
             points.append(np.array([[mechanism.number(x) for x in joint.position]]))
+    for tie in _ties(mechanism):
+        points += [np.array([point]) for body, point in tie.points if body == 0]
     return np.concatenate(points)
 
 
 def _corners(mechanism: Mechanism, body: Body) -> Array:
     """Points of a body: its frame, its mass centre, where its joints are, the ends of its looks."""
     own = [np.zeros(3), _numbers(mechanism, body.mass_centre)]
-    own += [_numbers(mechanism, j.position) for j in mechanism.children[body.name]]
+    own += _attached(mechanism, body)
     for visual in mechanism.visuals:
         if visual.body == body.name and visual.kind != "plane":
             own.append(np.array(visual.position, dtype=float))
     if not body.massless and not any(v.body == body.name for v in mechanism.visuals):
         half, axes = _box(mechanism, body)
+        if _of_plane_data(half, own):
+            half = 0.0 * half
         for sign in (-1.0, 1.0):
             own += [own[1] + sign * h * axis for h, axis in zip(half, axes.T)]
     return np.array(own)
@@ -403,28 +407,48 @@ def _inertial(
     """What a body's inertia is that of, and thin rods from its joint to its mass centre and other joints."""
     thin = 0.011 * size
     centre = _numbers(mechanism, body.mass_centre)
-    ends = [_numbers(mechanism, j.position) for j in mechanism.children[body.name]]
-    reached = [*ends]
+    half, axes = np.zeros(3), np.eye(3)
+    reached = _attached(mechanism, body)
     if not body.massless and solid:
         half, axes = _box(mechanism, body)
-        least = 1e-3 * size
-        if half.max() <= least:
+        reached.append(centre)
+        if half.max() <= 1e-3 * size or _of_plane_data(half, [here, *reached]):
+            half = np.zeros(3)
             yield Form("sphere", (2.6 * thin,), _list(centre), (0.0, 0.0, 0.0, 1.0))
         elif half[1] <= 0.05 * half[2]:  # a rod
-            yield Form(
-                "capsule",
-                (1.7 * thin, 2.0 * float(half[2])),
-                _list(centre),
-                _quaternion(_frame(axes[:, 2])),
-            )
+            turn = _quaternion(_frame(axes[:, 2]))
+            yield Form("capsule", (1.7 * thin, 2.0 * float(half[2])), _list(centre), turn)
         else:
             yield _round_or_box(half, axes, centre, thin)
-        reached.append(centre)
+    allowed = 1.02 * half + 0.02 * half.max()
     for end in reached:
-        if np.linalg.norm(end - here) > 0.02 * size and not _inside(
-            mechanism, body, solid, here, end
-        ):
+        inside = all(np.all(np.abs(axes.T @ (p - centre)) <= allowed) for p in (here, end))
+        if np.linalg.norm(end - here) > 0.02 * size and not inside:
             yield _stick(here, end, thin)
+
+
+def _attached(mechanism: Mechanism, body: Body) -> list[Array]:
+    """Where a body is joined to others: by joints, constraints, springs and tendons."""
+    ends: tuple[tuple[str, Sequence[Any]], ...]
+    points: list[Sequence[Any]] = [j.position for j in mechanism.children[body.name]]
+    for part in (*mechanism.constraints, *mechanism.elements):
+        if isinstance(part, Distance | Loop | SpringDamper):
+            ends = ((part.body1, part.point1), (part.body2, part.point2))
+        elif isinstance(part, PointOn):
+            ends = ((part.body, part.point),)
+        else:
+            continue
+        points += [p for name, p in ends if name == body.name and _constant(mechanism, p)]
+    return [_numbers(mechanism, point) for point in points]
+
+
+def _of_plane_data(half: Array, points: Sequence[Array]) -> bool:
+    """Whether a ball of this inertia would hide the body's own points: so do data of a plane mechanism.
+
+    They know one moment of inertia, which is often put in for all three.
+    """
+    spread = max(float(np.linalg.norm(a - b)) for a in points for b in points)
+    return bool(half[2] - half[0] < 1e-6 * half[2] and spread > 0.0 and half[2] > 0.3 * spread)
 
 
 def _round_or_box(half: Array, axes: Array, centre: Array, thin: float) -> Form:
@@ -454,16 +478,6 @@ def _box(mechanism: Mechanism, body: Body) -> tuple[Array, Array]:
     half = np.sqrt(np.maximum(squares, 0.0))
     order = np.argsort(half, kind="stable")
     return half[order], axes[:, order]
-
-
-def _inside(mechanism: Mechanism, body: Body, solid: bool, first: Array, second: Array) -> bool:
-    """Whether both points lie within the body's own box, so that no stick is needed between them."""
-    if not solid or body.massless:
-        return False
-    half, axes = _box(mechanism, body)
-    centre = _numbers(mechanism, body.mass_centre)
-    allowed = half * 1.02 + 0.02 * half.max()
-    return all(bool(np.all(np.abs(axes.T @ (p - centre)) <= allowed)) for p in (first, second))
 
 
 def _stick(start: Array, end: Array, radius: float) -> Form:

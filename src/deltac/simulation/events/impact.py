@@ -172,28 +172,7 @@ class Collider:
         """The state after an impact of the points that touch, and the impulses by channel."""
         system, bound = self.flow.system, self.flow.bound
         free = system.free_u
-        M, G_all, u_all, *rest = (np.array(value) for value in self._at(t, x, p))
-        u_all = u_all.ravel()
-        inertia = Inertia(M[np.ix_(free, free)], G_all[:, free])
-        numbers = [rest[6 * k : 6 * k + 6] for k in touching]
-        frames = [
-            _directions(n.ravel(), push, normal.ravel()) for normal, _, n, push, _, _ in numbers
-        ]
-        contacts = []
-        for rows, (_, drift, _, _, e, mu) in zip(frames, numbers):
-            # What prescribed joints give the contact belongs to its drift.
-            drifts = rows @ u_all - rows[:, free] @ u_all[free]
-            drifts[0] += float(drift.item())
-            contacts.append(
-                Contact(
-                    rows[0, free],
-                    float(drifts[0]),
-                    rows[1:, free],
-                    drifts[1:],
-                    float(e.item()),
-                    float(mu.item()) if len(rows) > 1 else 0.0,
-                )
-            )
+        M, G_all, u_all, inertia, frames, contacts = self._meeting(touching, t, x, p)
         found = resolve(inertia, contacts, u_all[free])
         impulses: dict[ChannelName, Array] = {}
         total = np.zeros(len(u_all))
@@ -225,6 +204,50 @@ class Collider:
         after[u_part] += change[free]
         after[self._integrals] += self._fed_by(t, x, p, u_all, change, total, driving, tied)
         return after, impulses
+
+    def _meeting(
+        self, touching: Sequence[int], t: float, x: Array, p: Array
+    ) -> tuple[Array, Array, Array, Inertia, list[Array], list[Contact]]:
+        """M, G, u of all joints; what resists impulses; directions and contacts of points that touch."""
+        free = self.flow.system.free_u
+        M, G_all, u_all, *rest = (np.array(value) for value in self._at(t, x, p))
+        u_all = u_all.ravel()
+        inertia = Inertia(M[np.ix_(free, free)], G_all[:, free])
+        numbers = [rest[6 * k : 6 * k + 6] for k in touching]
+        frames = [
+            _directions(n.ravel(), push, normal.ravel()) for normal, _, n, push, _, _ in numbers
+        ]
+        contacts = []
+        for rows, (_, drift, _, _, e, mu) in zip(frames, numbers):
+            # What prescribed joints give the contact belongs to its drift.
+            drifts = rows @ u_all - rows[:, free] @ u_all[free]
+            drifts[0] += float(drift.item())
+            contacts.append(
+                Contact(
+                    rows[0, free],
+                    float(drifts[0]),
+                    rows[1:, free],
+                    drifts[1:],
+                    float(e.item()),
+                    float(mu.item()) if len(rows) > 1 else 0.0,
+                )
+            )
+        return M, G_all, u_all, inertia, frames, contacts
+
+    def paradox(self, k: int, t: float, x: Array, p: Array) -> float | None:
+        """The friction from which the sliding contact k has no lasting motion (Painlevé 1895), if it is met.
+
+        A normal force N of a contact that slips along s gives its normal the acceleration
+        (W_nn − μ W_ns) N. Where that is not positive, no N ≥ 0 keeps the bodies apart, or more than one does.
+        """
+        _, _, u_all, inertia, _, [contact] = self._meeting([k], t, x, p)
+        slip = contact.tangents @ u_all[self.flow.system.free_u] + contact.tangent_drift
+        if not contact.friction or not slip.any():
+            return None
+        along = (slip / np.linalg.norm(slip)) @ contact.tangents
+        response = inertia.response(contact.normal)
+        normal, skew = float(contact.normal @ response), float(along @ response)
+        return normal / skew if normal <= contact.friction * skew else None
 
     @property
     def _integrals(self) -> slice:

@@ -301,10 +301,16 @@ class EventRun:
             resting = abs(sight.rate[k]) <= slow
             self._slack[k] = TOUCHING + max(0.0, -float(sight.g[k])) if resting else 0.0
             if resting and sight.bend[k] < -none:
+                limit = self.collider.paradox(k, t, x, self.p)
+                what = (
+                    "is in lasting contact, pressed on and not parting; impacts are of an instant."
+                    if limit is None
+                    else "slides, pressed on, where rigid bodies with Coulomb's friction have no motion or "
+                    f"more than one (Painlevé's paradox, here from a friction of {limit:.6g} on)."
+                )
                 self.message = (
-                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is in lasting contact, pressed on "
-                    "and not parting; impacts are of an instant. Let a terminal event end the run there, or "
-                    "use a compliant contact"
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} {what} Let a terminal event end "
+                    "the run there, or use a compliant contact"
                 )
 
     def _check_switch(self, t: float, x: Array, which: list[int]) -> None:

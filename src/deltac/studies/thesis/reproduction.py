@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from importlib import import_module
+from pathlib import PurePath
+from typing import Any, TypeAlias
 
 from deltac.errors import InputError, UnknownName
 from deltac.results import Record, Report, Section, Table, number
@@ -119,6 +121,11 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
         yield Table(("experiment", "the thesis reports", "we measure", "agrees?"), tuple(rows))
         yield from (f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
         yield from (f"{figure}: we chose {what}." for figure, what in self.assumed().items())
+
+    def report(self, path: str | PurePath, *more: Report, **keywords: Any) -> None:
+        """The ten figures as live panels beside the statements; see `Report.report`."""
+        import_module("deltac.studies.thesis.page")  # which says how
+        super().report(path, *more, **keywords)
 
     def of(self, experiment: Experiment) -> dict[str, Outcome]:
         """What came out of an experiment's runs, by their labels."""

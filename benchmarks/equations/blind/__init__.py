@@ -1,0 +1,49 @@
+"""Further programs, written after the search for edits: styles that it met for the first time.
+
+They were chosen to be unlike those of `wild`: ports from Julia, toolboxes' recursions, classes of vectors and
+quaternions with operators, lambdas, `match`, recursion, complex numbers, live SymPy, CasADi, autodiff.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from equations.wild import Case as WildCase
+
+HERE = Path(__file__).resolve().parent
+
+
+class Case(WildCase):
+    """A program of this folder."""
+
+    @property
+    def target(self) -> str:
+        """What `deltac check` is given."""
+        return f"{HERE / self.name}.py:{self.function}"
+
+    def load(self):  # type: ignore[no-untyped-def]
+        """The mechanism and the coordinates of the program."""
+        from equations.blind import models
+
+        return getattr(models, self.model)()
+
+
+CASES = (
+    Case("atwood_inplace", "rhs", "atwood", "filled in place, Julia's order"),
+    Case("rtb_links", "forward", "three_links", "recursive Newton-Euler, classes"),
+    Case("vec2d_world", "accelerations", "particles", "vectors with operators"),
+    Case("control_lambdas", "f", "crane", "lambdas"),
+    Case("lambdify_live", "rhs", "elastic", "live SymPy"),
+    Case("numba_gauss", "chain", "chain", "Numba, own elimination"),
+    Case("casadi_function", "rhs", "crane", "CasADi function"),
+    Case("argparse_config", "deriv", "elastic", "argparse, nested dictionaries"),
+    Case("match_walrus", "two_rods", "rods", "match, :=, enum"),
+    Case("recursive_links", "f", "chain", "recursion"),
+    Case("lagrangian_jax", "rhs", "rods", "autodiff of a Lagrangian"),
+    Case("pan_tilt_chain", "dynamics", "pan_tilt", "products of rotations"),
+    Case("kkt_bead", "bead_on_wire", "bead", "KKT by np.block"),
+    Case("quaternion_class", "body", "heavy_body", "quaternions with operators"),
+    Case("complex_foucault", "foucault", "turntable", "complex numbers"),
+    Case("stage_hypot", "table", "stage", "keywords, partial, odd layout"),
+    Case("state_tuple", "ode", "elastic", "named tuples returned"),
+)

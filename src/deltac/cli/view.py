@@ -1,0 +1,68 @@
+"""`deltac view`: the page of a motion, without a verdict."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deltac.cli.output import COMMAND, StartState, progress_bar
+
+
+def command(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL|LOG",
+            help="A problem's name, an .xml or .urdf file, FILE.py:FUNCTION; or a log alone.",
+        ),
+    ],
+    log: Annotated[
+        Path | None, typer.Argument(metavar="[LOG]", help="A log of the model's motion.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE.html", help="Where to. [default: NAME.html here]"),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="How long it is simulated, s. [default: the problem's]")
+    ] = None,
+    step: Annotated[
+        float | None, typer.Option(help="Step, s. [default: the problem's, else 0.001]")
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="Solver. [default: the problem's, else ode5]")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
+    ] = None,
+    state: StartState = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = True,
+) -> None:
+    """Show a motion: of a log, or simulated from the model's start. Nothing is judged.
+
+    A log alone is shown by its curves; with its model the mechanism moves and its energies are told.
+    """
+    from deltac.report.files import check_page
+    from deltac.report.page import write_page
+    from deltac.report.page.motion import log_page, motion_page, viewed
+
+    name = Path(log or what).name.rpartition(":")[2]
+    path = check_page(out or Path(f"{Path(name).stem or 'motion'}.html"))
+    with progress_bar(f"showing {name}"):
+        if log is None and _is_log(what):
+            page = log_page(Path(what), mapping)
+        else:
+            page = motion_page(*viewed(what, log, state, duration, step, solver, mapping))
+        write_page(page, path, COMMAND.get())
+    print(f"page: {path}")
+    if show:
+        webbrowser.open(path.resolve().as_uri())
+
+
+def _is_log(text: str) -> bool:
+    from deltac.trajectories.formats.files import FORMATS
+
+    return Path(text).suffix.lower() in FORMATS

@@ -1,0 +1,425 @@
+"""What a residual consists of: the model's own terms with wrong factors, else plain functions of the state.
+
+A sum of few candidates with constant coefficients must give the residual to seven digits; then it is no
+coincidence. Coefficients that are formulas in the model's parameters say what the mistake is: 1/g, g is
+missing; l2/l1, one length in place of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.check.numbers import formula
+from deltac.diagnosis.check.terms import Part, inertia_term, own_parts, plain_parts, written
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.results import Record
+
+EXACT = 1e-7
+"""Relative error of a fit that is no coincidence."""
+
+MOST_TERMS = 3
+
+MOST_VARIABLES = 4
+"""Coordinates in a dictionary of plain functions."""
+
+FAIR = 1.0
+"""An explanation that costs no more than this is not doubted: plain factors of one part or two."""
+
+MOST_ALIKE = 7
+"""Summands of one shape of which all combinations are tried."""
+
+RATIO_OF = 4
+"""Coordinates, and speeds, of which a factor may be a function."""
+
+PAIRED = 120
+"""Candidates of which all pairs are tried."""
+
+CLOSE = 1e-5
+"""What a pair may leave of the residual by the normal equations, which lose half of the digits."""
+
+FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
+
+
+@dataclass(frozen=True)
+class Match(Record, also=("words",)):
+    """`coefficient` times a part: one summand of a residual.
+
+    For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1
+    for a wrong sign, 0 for a missing term. None for a plain function of the state. `symbols`: the model's
+    term as people write it, where it is short; `formula`: the factor in the model's parameters; `ratio`:
+    where the factor depends on the state, what it is a multiple of ("1/cos(b)": a cosine is missing), and
+    `factor` that multiple.
+    """
+
+    part: str
+    coefficient: float
+    factor: float | None
+    symbols: str = ""
+    formula: str = ""
+    ratio: str = ""
+
+    @property
+    def plain(self) -> bool:
+        """Whether a term of the model is missing, or enters with the wrong sign, twice or by half."""
+        return self.factor is not None and not self.ratio and _is_plain(self.factor)
+
+    @property
+    def words(self) -> str:
+        """The summand in words."""
+        return str(self)
+
+    def __str__(self) -> str:
+        if self.factor is None:
+            return f"{self.coefficient:.6g}·{self.part}"
+        part = f"{self.part}, {self.symbols}," if self.symbols else self.part
+        if self.ratio:
+            number = self.formula or f"{self.factor:.6g}"
+            told = self.ratio if number == "1" else f"{number}·{self.ratio}"
+            return f"{part} enters with the factor {told}"
+        for factor, words in FACTORS.items():
+            if abs(self.factor - factor) < 1e-5:
+                return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
+        told = _factor(self.factor)
+        return f"{part} enters with the factor {told if not self.formula else f'{self.formula} = {told}'}"
+
+
+def _factor(factor: float) -> str:
+    """A factor; one that six digits do not tell from 1 by what it differs: "1 + 1.0e-07"."""
+    more = factor - 1.0
+    if abs(more) >= 1e-4:
+        return f"{factor:.6g}"
+    return f"1 {'-' if more < 0.0 else '+'} {abs(more):.1e}"
+
+
+def explain_residual(
+    test: EquationTest,
+    residual: Array,
+    udot: Array,
+    row: int,
+    depends: tuple[str, ...] | None = None,
+) -> tuple[Match, ...]:
+    """What the residual (B,) of one equation consists of: the model's own terms, else plain functions.
+
+    `depends` names what it changes with, if that is known. Empty if it is no such sum.
+    """
+    found = explain_row(test, residual, udot, row)
+    return found or explain_plainly(test, residual, udot, depends)
+
+
+def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
+    """The model's own terms that the residual (B,) of one equation consists of; empty if it is no such sum.
+
+    That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
+    """
+    own = inertia_term(test.speeds[row])
+    return _told(test, residual, own_parts(test, udot, row), own)
+
+
+def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
+    """The terms of the model that the error (B,) of one acceleration consists of, as u̇ = M⁻¹(f) has them.
+
+    Equations that were solved for the accelerations by hand have every force in every acceleration; a
+    mistake in one of them is no term of any row of M u̇ = f.
+    """
+    found = _told(test, -error, acceleration_parts(test, k), "")
+    return found or _denominator(test, error, k)
+
+
+def _denominator(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
+    """What det M, by which an acceleration is divided, is off by; empty if it is no plain sum."""
+    right = test.acceleration[k]
+    with np.errstate(all="ignore"):
+        off = np.linalg.det(test.M) * (right / (right + error) - 1.0)
+    if not np.isfinite(off).all() or len(test.states.coordinates) > MOST_VARIABLES:
+        return ()
+    every = range(len(test.states.coordinates))
+    parts = plain_parts(test.states, np.zeros_like(test.bias), every)
+    still = [p for p in parts if p.of is not None and not any(n.startswith("u.") for n in p.of)]
+    found = explain_by(off, still)
+    if len(found) > 2:
+        return ()
+    return tuple(
+        Match(f"{p.name} in what it is divided by (det M is right)", c, None) for p, c in found
+    )
+
+
+def acceleration_parts(test: EquationTest, k: int) -> list[Part]:
+    """The terms of all equations but inertia as M⁻¹ brings them into one acceleration."""
+    inverse: Array = np.asarray(np.linalg.inv(test.M), dtype=float)
+    right = test.acceleration
+    parts = [Part(WHOLE, right[k], ("whole", "", None), row=k)]
+    for row, speed in enumerate(test.speeds):
+        share = inverse[:, k, row]
+        where = f"equation {row + 1} ({speed})"
+        drive = share * (sum(f[row] for f in test.forces.values()) - test.bias[row])
+        parts.append(Part(f"what drives {where}", drive, ("force", "", None), row=row))
+        parts += [
+            replace(p, name=f"{p.name} of {where}", values=share * p.values)
+            for p in own_parts(test, right, row)
+            if p.key is not None and "inertia" not in p.key[0]
+        ]
+    return [p for p in parts if np.abs(p.values).max() > 1e-9 * np.abs(right[k]).max()]
+
+
+WHOLE = "the acceleration as a whole"
+
+
+def _told(
+    test: EquationTest, residual: Array, parts: Sequence[Part], own: str
+) -> tuple[Match, ...]:
+    """The fewest parts that a residual consists of, each with its formula and its term written out."""
+    parameters = test.kane.mechanism.parameters
+
+    def cost(part: Part, coefficient: float) -> float:
+        if _is_plain(1.0 - coefficient):
+            return 0.1 * (coefficient < 0.9)  # twice, or by half
+        found = formula(1.0 - coefficient, parameters, _written(test, part))
+        return 3.0 if found is None else 0.5 + found.cost
+
+    found = explain_by(residual, parts, cost=cost)
+    price = sum(cost(p, c) for p, c in found) + (len(found) - 1)
+    if not found or price > FAIR:
+        alike = _alike(residual, parts)
+        if alike and len(alike) - 1 < price:
+            found, price = alike, len(alike) - 1
+    if not found or price > FAIR:
+        varied = _with_ratio(test, residual, parts)
+        if varied is not None and (not found or varied[1] < price):
+            match, _, part = varied
+            return (replace(match, symbols=_written(test, part)),)
+    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < 1e-5 for p, c in found):
+        return ()
+    made = []
+    for part, c in found:
+        term = _written(test, part)
+        known = None if _is_plain(1.0 - c) else formula(1.0 - c, parameters, term)
+        made.append(Match(part.name, c, 1.0 - c, term, "" if known is None else known.text))
+    return tuple(made)
+
+
+def _written(test: EquationTest, part: Part) -> str:
+    if part.symbols or part.key is None or part.key[0] in ("whole", "force"):
+        return part.symbols
+    return written(test.kane, part.key, part.row)
+
+
+def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], ...]:
+    """Summands of one shape that together are the residual, each missing or with the wrong sign; or none.
+
+    m1 g l sin(a) and m2 g l sin(a) are told apart by their sizes alone.
+    """
+    size = float(np.linalg.norm(residual))
+    shaped = [
+        (p, float(p.values @ residual) / size**2)
+        for p in parts
+        if p.symbols and _parallel(p.values, residual, size)
+    ]
+    if not 1 < len(shaped) <= MOST_ALIKE:
+        return ()
+    best: tuple[tuple[Part, float], ...] = ()
+    least = np.inf
+    for factors in product((0.0, 1.0, 2.0), repeat=len(shaped)):
+        total = sum(c * x for c, (_, x) in zip(factors, shaped))
+        if abs(total - 1.0) > EXACT:
+            continue
+        chosen = tuple((p, c) for c, (p, _) in zip(factors, shaped) if c)
+        odd = len(chosen) + 0.1 * sum(c == 2.0 for _, c in chosen)
+        if odd < least:
+            best, least = chosen, odd
+    return best
+
+
+def _parallel(values: Array, residual: Array, size: float) -> bool:
+    left = residual - values * (float(values @ residual) / float(values @ values))
+    return float(np.linalg.norm(left)) <= EXACT * size
+
+
+def _with_ratio(
+    test: EquationTest, residual: Array, parts: Sequence[Part]
+) -> tuple[Match, float, Part] | None:
+    """One part that enters with a plain function of the state as its factor; what that costs; the part."""
+    texts, F, prices = ratios(test)
+    size = float(np.linalg.norm(residual))
+    best: tuple[Match, float, Part] | None = None
+    for part in parts:
+        if part.key is None:
+            continue
+        stands = part.values - residual
+        Z = F * part.values
+        with np.errstate(all="ignore"):
+            c = (Z @ stands) / np.einsum("sb,sb->s", Z, Z)
+            left = np.linalg.norm(stands - c[:, None] * Z, axis=1)
+        fits = np.flatnonzero((left <= EXACT * size) & (np.abs(c) > 1e-6))
+        term = _written(test, part) if len(fits) else ""
+        for k in fits:
+            number = float(c[k])
+            known = formula(number, test.kane.mechanism.parameters, term or "1")
+            price = float(prices[k]) + (
+                0.0 if abs(abs(number) - 1.0) < 1e-5 else 2.0 if known is None else 0.5 + known.cost
+            )
+            if best is None or price < best[1]:
+                text = "" if known is None else known.text
+                best = Match(part.name, number, number, "", text, texts[k]), price, part
+    return best
+
+
+def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
+    """Plain functions of the state that are forgotten, put in, or stand for others: texts, values, costs."""
+    states = test.states
+    one = np.ones(len(states))
+    q, names = states.q[:RATIO_OF], states.coordinates[:RATIO_OF]
+    shapes: list[tuple[str, Array]] = []
+    for x, name in zip(q, names):
+        shapes += [(f"sin({name})", np.sin(x)), (f"cos({name})", np.cos(x)), (name, x)]
+    for i, j in combinations(range(len(q)), 2):
+        for sign, x in (("-", q[j] - q[i]), ("+", q[j] + q[i])):
+            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(x)))
+            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(x)))
+    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:RATIO_OF]
+    sums = [
+        (f"(u.{a} {sign} u.{b})", x + y if sign == "+" else x - y)
+        for (a, x), (b, y) in combinations(list(zip(states.speeds, states.u))[:RATIO_OF], 2)
+        for sign in "+-"
+    ]
+    texts: list[str] = []
+    rows: list[Array] = []
+    prices: list[float] = []
+
+    def add(text: str, values: Array, price: float) -> None:
+        if np.isfinite(values).all():
+            texts.append(text)
+            rows.append(values)
+            prices.append(price)
+
+    with np.errstate(all="ignore"):
+        for some in (shapes, [*u, *sums]):
+            for text, x in some:
+                add(text, x, 1.2)
+                add(f"1/{text}", one / x, 1.2)
+                add(f"{text}²", x**2, 1.4)
+                add(f"1/{text}²", one / x**2, 1.4)
+            for (a, x), (b, y) in permutations(some, 2):
+                add(f"{a}/{b}", x / y, 1.4)
+                if some is not shapes:
+                    add(f"({a}/{b})²", (x / y) ** 2, 1.5)
+    values = np.array(rows) if rows else np.empty((0, len(states)))
+    return texts, values, np.array(prices)
+
+
+def explain_plainly(
+    test: EquationTest, residual: Array, udot: Array, depends: tuple[str, ...] | None
+) -> tuple[Match, ...]:
+    """The plain functions of what it depends on that a residual (B,) consists of; empty if it is no sum."""
+    names = test.states.coordinates
+    some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
+    if len(some) > MOST_VARIABLES:
+        return ()
+    parts = plain_parts(test.states, udot, some)
+    if depends is not None:
+        parts = [p for p in parts if p.of is None or p.of <= set(depends)]
+    return tuple(Match(part.name, c, None) for part, c in explain_by(residual, parts))
+
+
+def explain_by(
+    residual: Array,
+    parts: Sequence[Part],
+    exact: float = EXACT,
+    cost: Callable[[Part, float], float] | None = None,
+) -> tuple[tuple[Part, float], ...]:
+    """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
+
+    One, two of all pairs, then by orthogonal matching pursuit three. Among those that fit alike, the ones
+    whose coefficients `cost` least.
+    """
+    size = float(np.linalg.norm(residual))
+    usable = [p for p in parts if float(np.linalg.norm(p.values)) > 0.0]
+    if not usable or size == 0.0:
+        return ()
+    columns = np.array([p.values for p in usable])
+    columns = columns / np.linalg.norm(columns, axis=1)[:, None]
+    along = columns @ (residual / size)
+    singles = [(int(k),) for k in np.flatnonzero(1.0 - along**2 < CLOSE)]
+    best = _cheapest(residual, usable, singles, exact, cost)
+    if best or len(residual) < 8:
+        return best
+    if len(usable) <= PAIRED and cost is not None:
+        best = _cheapest(residual, usable, _pairs(columns, along), exact, cost)
+        if best:
+            return best
+    chosen: list[int] = []
+    left = residual
+    for _ in range(min(MOST_TERMS, len(residual) // 4)):
+        fit = np.abs(columns @ left) / np.linalg.norm(left)
+        fit[chosen] = -1.0
+        chosen.append(int(np.argmax(fit)))
+        coefficients, left = _fitted(residual, usable, chosen)
+        if float(np.linalg.norm(left)) <= exact * size:
+            needed = [
+                k
+                for k, c in zip(chosen, coefficients)
+                if abs(c) * np.linalg.norm(usable[k].values) > 10 * exact * size
+            ]
+            return _cheapest(residual, usable, [tuple(needed)], exact, cost)
+    return ()
+
+
+def _pairs(columns: Array, along: Array) -> list[tuple[int, ...]]:
+    """Pairs of unit columns (A, B) that together may give what has the components `along` (A,)."""
+    i, j = np.triu_indices(len(columns), 1)
+    cosine = (columns @ columns.T)[i, j]
+    with np.errstate(all="ignore"):
+        held = (along[i] ** 2 - 2 * along[i] * along[j] * cosine + along[j] ** 2) / (1 - cosine**2)
+    fits = np.flatnonzero((np.abs(1.0 - held) < CLOSE) & (np.abs(cosine) < 1.0 - 1e-9))
+    return [(int(i[k]), int(j[k])) for k in fits]
+
+
+def _cheapest(
+    residual: Array,
+    parts: Sequence[Part],
+    choices: Sequence[tuple[int, ...]],
+    exact: float,
+    cost: Callable[[Part, float], float] | None,
+) -> tuple[tuple[Part, float], ...]:
+    """Of the choices of parts that give the residual, the one whose coefficients cost least."""
+    best: tuple[tuple[Part, float], ...] = ()
+    least = np.inf
+    for chosen in choices:
+        coefficients, left = _fitted(residual, parts, chosen)
+        if float(np.linalg.norm(left)) > exact * float(np.linalg.norm(residual)):
+            continue
+        found = tuple((parts[k], float(c)) for k, c in zip(chosen, coefficients))
+        total = 0.0 if cost is None else sum(cost(p, c) for p, c in found) + _overlapping(found)
+        if total < least:
+            best, least = found, total
+    return best
+
+
+def _overlapping(found: tuple[tuple[Part, float], ...]) -> float:
+    """A whole and a part of it share what both are made of: told apart they would mislead."""
+    levels: dict[tuple[int, str], set[str]] = {}
+    for part, _ in found:
+        if part.key is not None:
+            kind, _, rates = part.key
+            family = (
+                "gravity" if kind == "weight" or "gravity" in part.name else kind.partition(" ")[0]
+            )
+            level = "summand" if part.symbols else "rates" if rates is not None else kind
+            levels.setdefault((part.row, family), set()).add(level)
+    return float(sum(len(known) - 1 for known in levels.values()))
+
+
+def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients of the chosen parts by least squares, and what they leave of the residual."""
+    A = np.array([parts[k].values for k in chosen]).T
+    coefficients: Array = np.asarray(np.linalg.lstsq(A, residual, rcond=None)[0])
+    return coefficients, residual - A @ coefficients
+
+
+def _is_plain(factor: float) -> bool:
+    """Whether a factor is −1, 0, 2 or ½."""
+    return any(abs(factor - known) < 1e-5 for known in FACTORS)

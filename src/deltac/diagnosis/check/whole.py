@@ -1,0 +1,306 @@
+"""Causes that concern a function as a whole: other coordinates, one parameter, a linearised version.
+
+Each is a hypothesis that is tested: the function is called at the states as it would see them, or the model
+is given other parameters, and all accelerations must agree.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.function import Caller
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.verdict import Finding
+from deltac.dynamics.equations_of_motion import quaternions
+from deltac.errors import InputError
+
+STATES = 12
+"""States at which a hypothesis is tested."""
+
+AGREES = 1e-7
+"""Relative difference of accelerations that agree."""
+
+SECONDS = 2.0
+"""Time of the processor for hypotheses of one kind (s)."""
+
+FEW = 4
+"""Coordinates of which all orders are tried."""
+
+SMALL = (1e-2, 1e-3)
+"""Angles are made this small to see how an error goes to zero."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Coordinates A q + c, speeds B u and accelerations B u̇ that a function may mean, in words."""
+
+    words: str
+    remedy: str
+    A: Array
+    c: Array
+    B: Array
+
+
+def whole_causes(caller: Caller, test: EquationTest, *, told: bool) -> tuple[Finding, ...]:
+    """What explains all errors of a function at once.
+
+    Where the terms that are wrong are `told`, one to an equation, only other coordinates are tried.
+    """
+    found = _coordinates(caller, test)
+    if found or told:
+        return found
+    return _parameters(caller, test) or _linear(caller, test)
+
+
+# --- coordinates ------------------------------------------------------------------------------------
+
+
+def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
+    if not _simple(test):
+        return ()
+    some = _some(test.states)
+    right = test.acceleration[:, : len(some)]
+    end = time.process_time() + SECONDS
+    for frame in _frames(test):
+        if time.process_time() > end:
+            break
+        seen = replace(some, q=frame.A @ some.q + frame.c[:, None], u=frame.B @ some.u)
+        if _agree(_called(caller, seen), frame.B @ right):
+            return (
+                Finding(
+                    "coordinates",
+                    f"the same function is right {frame.words}",
+                    f"all accelerations agree then, at {len(some)} states",
+                    frame.remedy,
+                    "cause",
+                ),
+            )
+    return ()
+
+
+def _frames(test: EquationTest) -> Iterator[Frame]:
+    """Coordinates and speeds that a function may mean, the likeliest first."""
+    names = test.states.coordinates
+    n = len(names)
+    one, zero = np.eye(n), np.zeros(n)
+    check = "Measure it as the model does, or check with a dc.CoordinateMap that says so"
+    groups: list[tuple[str, list[int]]] = [(f"{name} is", [k]) for k, name in enumerate(names)]
+    if n > 1:
+        groups.append(("all coordinates are", list(range(n))))
+    for said, members in groups:
+        chosen = np.isin(np.arange(n), members)
+        flipped = np.diag(np.where(chosen, -1.0, 1.0))
+        yield Frame(f"if {said} counted the other way", check, flipped, zero, flipped)
+        for angle, text in ((np.pi, "π"), (np.pi / 2, "π/2"), (-np.pi / 2, "−π/2")):
+            shift = np.where(chosen, angle, 0.0)
+            words = f"if {said} measured from elsewhere, {text} more"
+            yield Frame(words, check, one, shift, one)
+            yield Frame(f"{words}, and the other way", check, flipped, shift, flipped)
+    if n > 1:
+        total = np.tril(np.ones((n, n)))
+        back = np.asarray(np.linalg.inv(total))
+        words = "if its angles are absolute, each the sum of the joints' angles up to it"
+        remedy = "Check it with coordinates='absolute', or use relative angles"
+        yield Frame(words, remedy, total, zero, total)
+        words = "if its angles are relative, each less the one before"
+        yield Frame(
+            words, "Check it with coordinates='joint', or use absolute angles", back, zero, back
+        )
+    orders = permutations(range(n)) if n <= FEW else _exchanges(n)
+    for order in orders:
+        if order != tuple(range(n)):
+            P = one[list(order)]
+            listed = ", ".join(names[k] for k in order)
+            yield Frame(f"if its coordinates are in the order {listed}", "Order them", P, zero, P)
+    degrees = np.degrees(1.0)
+    for said, members in groups:
+        chosen = np.isin(np.arange(n), members)
+        D = np.diag(np.where(chosen, degrees, 1.0))
+        remedy = "Convert them with np.radians"
+        yield Frame(f"if {said} in degrees, with rates in degrees", remedy, D, zero, D)
+        yield Frame(f"if {said} in degrees", remedy, D, zero, one)
+
+
+def _exchanges(n: int) -> Iterator[tuple[int, ...]]:
+    for i, j in combinations(range(n), 2):
+        order = list(range(n))
+        order[i], order[j] = j, i
+        yield tuple(order)
+
+
+# --- parameters -------------------------------------------------------------------------------------
+
+
+def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
+    """One parameter of another value, or two exchanged."""
+    if len(test.gamma):
+        return ()
+    some = _some(test.states)
+    udot = _called(caller, some)
+    if udot is None:
+        return ()
+    known = {n: x for n, x in test.kane.mechanism.parameters.items() if x != 0.0}
+    end = time.process_time() + SECONDS
+    for name, value in known.items():
+        if time.process_time() > end:
+            return ()
+        factor = _factor(test, some, udot, name, value)
+        if factor is not None:
+            return (
+                Finding(
+                    "parameter-value",
+                    f"the same function is right with {name} = {factor * value:.6g}",
+                    f"the model has {name} = {value:.6g}",
+                    f"Give {name} one value in both",
+                    "cause",
+                    name,
+                ),
+            )
+    for a, b in combinations(known, 2):
+        if time.process_time() > end:
+            return ()
+        if known[a] == known[b]:
+            continue
+        there = _with(test, some, {a: known[b], b: known[a]})
+        if there is not None and _agree(udot, there.acceleration):
+            return (
+                Finding(
+                    "parameter-value",
+                    f"the same function is right with {a} and {b} exchanged",
+                    f"the model has {a} = {known[a]:.6g} and {b} = {known[b]:.6g}",
+                    f"Exchange {a} and {b}",
+                    "cause",
+                    a,
+                ),
+            )
+    return ()
+
+
+def _factor(test: EquationTest, some: States, udot: Array, name: str, value: float) -> float | None:
+    """The factor of a parameter with which the model has these accelerations; None if there is none.
+
+    Terms are polynomials of the second degree in most parameters; then three values of one tell its residual
+    at all others, and where it is zero.
+    """
+    at = (1.0, 1.5, 2.0)
+    rows = []
+    for factor in at:
+        there = _with(test, some, {name: factor * value})
+        if there is None:
+            return None
+        rows.append(there.residual(udot))
+    a, b, c = np.linalg.solve(np.vander(np.array(at)), np.array([x.ravel() for x in rows]))
+    place = int(np.argmax(np.abs(a) + np.abs(b)))
+    for root in np.roots([float(x[place]) for x in (a, b, c)]):
+        factor = float(np.real(root))
+        if abs(np.imag(root)) > 1e-6 * abs(root) or abs(factor - 1.0) < 1e-6 or factor <= 0.0:
+            continue
+        there = _with(test, some, {name: factor * value})
+        if there is not None and _agree(udot, there.acceleration):
+            return factor
+    return None
+
+
+def _with(test: EquationTest, some: States, changed: dict[str, float]) -> EquationTest | None:
+    """The equations with other parameters, at some states; None where the mechanism allows no such."""
+    try:
+        mechanism = test.kane.mechanism.with_parameters(**changed)
+        kane = Kane(mechanism, test.kane.coordinates)
+        return EquationTest(kane, some, scales=test.scales, strict=False)
+    except InputError:
+        return None
+
+
+# --- linearised -------------------------------------------------------------------------------------
+
+
+def _linear(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
+    """Whether the function is linear in the state, or right for small coordinates alone."""
+    if not _simple(test) or len(test.gamma):
+        return ()
+    some = _some(test.states)
+    other = replace(some, q=np.roll(some.q, 1, axis=1), u=np.roll(some.u, 1, axis=1))
+    middle = replace(some, q=0.5 * (some.q + other.q), u=0.5 * (some.u + other.u))
+    values = [_called(caller, replace(s, t=some.t)) for s in (some, other, middle)]
+    near = _order(caller, test, some)
+    a, b, c = values
+    if a is not None and b is not None and c is not None and _agree(c, 0.5 * (a + b)):
+        right = near is not None and near >= 1.5
+        return (
+            Finding(
+                "linearised",
+                "the function is linear in the state: a linearised version"
+                + (" of the model about zero" if right else ", and not of the model about zero"),
+                "its accelerations are means of those at two states in the middle between them",
+                "Compare it with dc.linearise, or keep the sines",
+                "cause",
+            ),
+        )
+    if near is not None and near >= 1.5:
+        return (
+            Finding(
+                "linearised",
+                "the same function is right for small coordinates: a small-angle version",
+                f"its error goes to zero as the power {near:.1f} of the coordinates",
+                "Keep the sines and cosines",
+                "cause",
+            ),
+        )
+    return ()
+
+
+def _order(caller: Caller, test: EquationTest, some: States) -> float | None:
+    """The power of small coordinates with which the error goes to zero; None if it does not."""
+    errors = []
+    for small in SMALL:
+        there = replace(some, q=small * some.q)
+        udot = _called(caller, there)
+        if udot is None:
+            return None
+        right = EquationTest(test.kane, there, scales=test.scales, strict=False).acceleration
+        errors.append(float(np.abs(udot - right).max()))
+    size = float(np.abs(test.acceleration).max())
+    if not 0.0 < errors[1] < errors[0] < size:
+        return None
+    return float(np.log(errors[0] / errors[1]) / np.log(SMALL[0] / SMALL[1]))
+
+
+# --- helpers ----------------------------------------------------------------------------------------
+
+
+def _simple(test: EquationTest) -> bool:
+    """Whether speeds are the rates of the coordinates, one by one."""
+    kane = test.kane
+    own = kane.coordinates
+    if kane.assembled or len(test.states.coordinates) != len(test.speeds):
+        return False
+    if own is None:
+        return not quaternions(kane.mechanism)
+    return bool(np.allclose(test.rates, test.states.u))
+
+
+def _some(states: States) -> States:
+    return states.take(np.arange(min(STATES, len(states))))
+
+
+def _called(caller: Caller, states: States) -> Array | None:
+    """The function's accelerations; None where it raises or they are not finite."""
+    try:
+        found = caller(states)
+    except InputError:
+        return None
+    return found if np.isfinite(found).all() else None
+
+
+def _agree(found: Array | None, right: Array) -> bool:
+    if found is None:
+        return False
+    return bool(np.abs(found - right).max() <= AGREES * np.abs(right).max(initial=1e-300))

@@ -1,0 +1,171 @@
+"""Functional Mock-up Units as equations of motion: FMI 2 and 3, model exchange, through FMPy.
+
+A unit for model exchange gives ẋ(t, x). Which of its states are coordinates, and which speed belongs to each,
+is found from what it gives: the rate of a coordinate is the value of its speed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import tempfile
+import weakref
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import FileError, PackageError, SourceError
+
+LARGEST = 2**31
+"""Bytes that a unit may unpack to."""
+
+TRIALS = 3
+"""States at which rates are compared with states."""
+
+EVENTS = 100
+"""Iterations of a unit's events before it starts."""
+
+
+def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any, Any], Array]:
+    """The equations of motion that an FMU has, as a function of (t, y) with y = (coordinates, speeds).
+
+    Its inputs are what they start with, its parameters as well. `coordinates` are names to order the unit's
+    coordinates by, where they have these (or end with them after a dot); else they stay in its order.
+
+    The unit is a shared library of whoever made it: it is loaded into this process.
+
+    Raises:
+        InputError: no such file or no FMU; one for co-simulation alone; states that are no coordinates and
+            speeds; FMPy is not installed.
+    """
+    file = Path(path)
+    fmpy = _fmpy()
+    if not file.is_file():
+        raise FileError(f"{path}: no such file")
+    try:
+        with zipfile.ZipFile(file) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST:
+            raise FileError(f"{path}: unpacks to {size} bytes, expected at most {LARGEST}")
+        described = fmpy.read_model_description(str(file), validate=False)
+    except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
+        raise FileError(f"{path}: is no FMU: {error}") from error
+    except Exception as error:  # FMPy raises plain exceptions for what it cannot read
+        raise FileError(f"{path}: its model description cannot be read: {error}") from error
+    version = str(described.fmiVersion)
+    if described.modelExchange is None or version.startswith("1."):
+        kind = " for co-simulation" if described.modelExchange is None else ""
+        raise SourceError(
+            f"{path}: an FMU of FMI {version}{kind}; expected FMI 2 or 3 for model exchange, which gives "
+            "rates at any state: export it so"
+        )
+    names = [entry.variable.derivative.name for entry in described.derivatives]
+    unit = _unit(fmpy, file, described, version.startswith("3."), len(names))
+    order = _order(unit, names, coordinates, str(path))
+    back = np.argsort(order)
+
+    def rates(t: Any, y: Any) -> Array:
+        """ẏ of the unit's coordinates, then speeds."""
+        return np.asarray(unit(float(t), np.asarray(y, dtype=np.float64)[back])[order])
+
+    rates.__name__ = file.name
+    return rates
+
+
+def _fmpy() -> Any:
+    try:
+        import fmpy
+    except ImportError as error:
+        raise PackageError("FMUs are read with FMPy: pip install 'deltac[fmi]'") from error
+    return fmpy
+
+
+def _unit(
+    fmpy: Any, file: Path, described: Any, third: bool, n: int
+) -> Callable[[float, Array], Array]:
+    """ẋ(t, x) of an instance of the unit; its library and files go with the function."""
+    folder = tempfile.mkdtemp(prefix="deltac-fmu-")
+    try:
+        fmpy.extract(str(file), folder)
+        given = {
+            "guid": described.guid,
+            "unzipDirectory": folder,
+            "modelIdentifier": described.modelExchange.modelIdentifier,
+            "instanceName": "deltac",
+        }
+        if third:
+            from fmpy.fmi3 import FMU3Model
+
+            model = FMU3Model(**given)
+            model.instantiate()
+            model.enterInitializationMode(startTime=0.0)
+            model.exitInitializationMode()
+            settle, evaluate = model.updateDiscreteStates, model.getContinuousStateDerivatives
+        else:
+            from fmpy.fmi2 import FMU2Model
+
+            model = FMU2Model(**given)
+            model.instantiate()
+            model.setupExperiment(startTime=0.0)
+            model.enterInitializationMode()
+            model.exitInitializationMode()
+            settle, evaluate = model.newDiscreteStates, model.getDerivatives
+        for _ in range(EVENTS):
+            if not settle()[0]:
+                break
+        model.enterContinuousTimeMode()
+    except Exception as error:  # FMPy, and what the unit says by it
+        shutil.rmtree(folder, ignore_errors=True)
+        raise SourceError(f"{file}: the FMU does not start: {error}") from error
+    x, rates = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+
+    def called(t: float, state: Array) -> Array:
+        x[:] = state.tolist()
+        try:
+            model.setTime(t)
+            model.setContinuousStates(x, n)
+            evaluate(rates, n)
+        except Exception as error:  # a status that is no success
+            raise SourceError(f"{file}: the FMU gives no rates: {error}") from error
+        return np.array(rates)
+
+    weakref.finalize(called, _closed, model, folder)
+    return called
+
+
+def _closed(model: Any, folder: str) -> None:
+    try:
+        model.terminate()
+        model.freeInstance()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _order(
+    unit: Callable[[float, Array], Array], names: list[str], wanted: Sequence[str], path: str
+) -> list[int]:
+    """The places of the coordinates, then of their speeds, among the unit's states."""
+    n = len(names)
+    rng = np.random.default_rng(0)
+    trials = [rng.uniform(0.3, 1.3, n) for _ in range(TRIALS)]
+    found = [(x, unit(0.0, x)) for x in trials]
+    pairs: list[tuple[int, int]] = []
+    for i in range(n):
+        speeds = [j for j in range(n) if j != i and all(dx[i] == x[j] for x, dx in found)]
+        if len(speeds) == 1:
+            pairs.append((i, speeds[0]))
+    if 2 * len(pairs) != n or len({k for pair in pairs for k in pair}) != n:
+        raise SourceError(
+            f"{path}: its {n} states ({', '.join(names)}) are not coordinates and their rates, one for each; "
+            "expected states q and u with q̇ = u, as of minimal coordinates"
+        )
+    ends = {names[i].rpartition(".")[2]: (i, j) for i, j in pairs} | {
+        names[i]: (i, j) for i, j in pairs
+    }
+    if wanted and all(name in ends for name in wanted) and len(wanted) == len(pairs):
+        pairs = [ends[name] for name in wanted]
+    return [i for i, _ in pairs] + [j for _, j in pairs]

@@ -1,0 +1,164 @@
+"""Pages of motions that nobody judged, and the gallery of the library."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac import problems
+from deltac.diagnosis.inputs.logs import read_log
+from deltac.diagnosis.study.runs import before_blow_up
+from deltac.energy import Ledger, balance
+from deltac.errors import InputError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.models import StateLike, load_model
+from deltac.report.files import output_folder
+from deltac.report.page.content import ROWS, by_name, energy_plots, made, motion_plots, moving
+from deltac.report.page.document import write_page
+from deltac.report.page.parts import Chapter, Link, Page
+from deltac.report.page.scene import Scene
+from deltac.report.page.sketch import sketch
+from deltac.results import number
+from deltac.simulation.simulate import simulate
+from deltac.trajectories import Trajectory, read_trajectory
+
+STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0
+"""Of a motion whose model says nothing of it."""
+
+
+def viewed(
+    model: Any,
+    log: str | Path | None = None,
+    state: StateLike = None,
+    duration: float | None = None,
+    step: float | None = None,
+    solver: str | None = None,
+    mapping: Any = None,
+) -> tuple[Mechanism, Trajectory, Ledger]:
+    """A model, and its motion with its energies: as logged, else simulated from the model's start.
+
+    A problem says itself how long it moves and how it is integrated. Other models move from their start, or
+    from zero and at rest, for 5 s.
+
+    Raises InputError as `load_model`, `simulate` and `audit`.
+    """
+    loaded = load_model(model)
+    mechanism, problem = loaded.mechanism, loaded.problem
+    if log is not None:
+        read = read_log(mechanism, log, None, mapping)
+        return mechanism, read.run, read.ledger
+    start = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
+    step = step or (problem.step if problem else STEP)
+    solver = solver or (problem.solver if problem else SOLVER)
+    wanted = duration or (problem.duration if problem else DURATION)
+    if duration is None:
+        wanted = step * max(2, round(min(wanted / step, ROWS)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the page says where it stopped
+        run = before_blow_up(simulate(mechanism, start, wanted, step, solver))
+    return mechanism, run, balance(mechanism, run)
+
+
+def motion_page(mechanism: Mechanism, run: Trajectory, ledger: Ledger, about: str = "") -> Page:
+    """The page of a motion: the mechanism, its energies, its coordinates."""
+    facts = [
+        ("time", f"{run.t[0]:g} to {run.t[-1]:g} s"),
+        ("rows", f"{len(run):,}"),
+        ("energy exchanged", number(ledger.energy_exchanged, "J")),
+    ]
+    stopped = "" if run.provenance.completed else f"It stopped early: {run.provenance.message}."
+    energies, *others = energy_plots(ledger)
+    return Page(
+        title=mechanism.name,
+        asked=about or "The motion and its energies. Nothing was judged.",
+        tone="plain" if not stopped else "doubt",
+        word=mechanism.name[:1].upper() + mechanism.name[1:],
+        sentence=stopped,
+        numbers=tuple(facts),
+        chapters=(
+            Chapter("The motion", (energies,)),
+            *motion_plots(run, mechanism),
+            Chapter("Where the energy went", tuple(others)),
+        ),
+        scene=moving(mechanism, [("run", run)]),
+        made=made(run, mechanism),
+        data=ledger.to_dict(),
+    )
+
+
+def log_page(path: Path, mapping: Any = None) -> Page:
+    """The page of a log whose model is not known: its curves.
+
+    Raises InputError for a log that cannot be read.
+    """
+    run = read_trajectory(path, mapping)
+    forces = [
+        (str(channel), np.linalg.norm(values, axis=1)) for channel, values in run.forces.items()
+    ]
+    return Page(
+        title=path.name,
+        asked="The curves of a log. With its model the mechanism moves: deltac view MODEL LOG.",
+        tone="plain",
+        word=path.name,
+        sentence="" if run.provenance.completed else f"It stopped early: {run.provenance.message}.",
+        numbers=(
+            ("time", f"{run.t[0]:g} to {run.t[-1]:g} s"),
+            ("rows", f"{len(run):,}"),
+            ("coordinates", str(len(run.coordinates))),
+            ("channels", str(len(run.forces))),
+        ),
+        chapters=(
+            Chapter(
+                "The curves",
+                tuple(
+                    by_name(title, run.t, columns)
+                    for title, columns in (
+                        ("Coordinates", list(zip(run.coordinates, run.q.T))),
+                        ("Speeds", list(zip(run.speeds, run.u.T))),
+                        ("Sizes of the generalized forces", forces),
+                    )
+                    if columns
+                ),
+            ),
+        ),
+        made=made(run),
+        data={"log": path.name},
+    )
+
+
+def write_gallery(folder: Path, progress: Callable[[float], None] | None = None) -> Iterator[str]:
+    """Write a page of every problem of the library into a folder, and an index; yields what failed, and why.
+
+    Raises InputError for a folder that cannot be written to.
+    """
+    output_folder(folder)
+    names = problems.names()
+    cards = []
+    for k, name in enumerate(names):
+        if progress is not None:
+            progress(k / len(names))
+        problem = problems.load(name)
+        try:
+            mechanism, run, ledger = viewed(problem)
+        except InputError as error:
+            yield f"{name}: {error}"
+            continue
+        about = f"{problem.title}. Source: {problem.source}"
+        page = motion_page(mechanism, run, ledger, about)
+        write_page(page, folder / f"{name}.html", f"deltac view {name}")
+        drawn = sketch(page.scene) if isinstance(page.scene, Scene) else ("", "")
+        cards.append((f"{name}.html", name, problem.title, *drawn))
+    index = Page(
+        title="deltac",
+        asked="Every problem of the library in motion, each with its energies.",
+        tone="plain",
+        word="Gallery",
+        sentence=f"{len(cards)} published problems; choose one.",
+        chapters=(Chapter("The problems", (Link("", tuple(cards)),)),),
+        data={"problems": [name for _, name, *_ in cards]},
+    )
+    write_page(index, folder / "index.html", "deltac problems --gallery")

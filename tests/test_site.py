@@ -1,0 +1,49 @@
+"""The pages of the site that are made from the code: everything public is on them."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+pytest.importorskip("mkdocs", reason="the site needs the docs extra")
+from website import hooks
+from website.docstrings import listed
+
+import deltac as dc
+from deltac.cli import COMMANDS
+from deltac.results import Report
+
+
+def test_every_command_and_its_options_are_told() -> None:
+    text = "\n".join(hooks._commands())
+    assert set(re.findall(r"^## deltac (\S+)", text, re.M)) >= set(COMMANDS)
+    for option in ("--steps", "--figure", "--state", "--tolerance", "--repair", "--time-limit"):
+        assert f"<code>{option}" in text
+    rows = [line for line in text.splitlines() if line.startswith("| <code>")]
+    assert all(row.count("|") == 4 for row in rows)
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    named = {shown for _, _, names in hooks._modules() for shown, _ in names}
+    modules = {name for name in dc.__all__ if type(getattr(dc, name)).__name__ == "module"}
+    assert {f"dc.{name}" for name in dc.__all__ if name not in modules} <= named
+    assert {"dc.joints.spherical", "dc.forces.tendon", "dc.solvers.Scipy"} <= named
+
+
+def test_the_keys_of_every_result() -> None:
+    text = "\n".join(hooks._json_keys())
+    for name in dc.__all__:
+        kind = getattr(dc, name)
+        if isinstance(kind, type) and issubclass(kind, Report):
+            _, _, section = text.partition(f"## {name}\n")
+            keys = re.findall(r"^\| `(\w+)` \|", section.partition("\n## ")[0], re.M)
+            assert set(kind.told()) - {"verdict"} <= set(keys), name
+
+
+def test_columns_of_docstrings_become_lists() -> None:
+    text = "What it is.\n\nt          when (s)\nu, v       speeds, at\n           once\n\nEnd."
+    assert listed(text) == ("What it is.\n\n\n- `t`: when (s)\n- `u`, `v`: speeds, at once\n\nEnd.")
+    assert (
+        listed("No columns here.\n    Indented  text.") == "No columns here.\n    Indented  text."
+    )

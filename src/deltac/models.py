@@ -34,8 +34,8 @@ IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
 NOT_IMPORTED = {
     ".xacro": "xacro is a language of macros; expand it: xacro {path} > {stem} (of ROS; or "
     "pip install xacro), and give that file",
-    ".osim": "models of OpenSim are not read; describe the machine in Python (FILE.py:NAME); its logs are read",
-    ".slx": "models of Simulink are not read; describe the machine in Python (FILE.py:NAME); its logs are read",
+    ".osim": "models of OpenSim are not read; describe it in Python (FILE.py:NAME); its logs are read",
+    ".slx": "models of Simulink are not read; describe it in Python (FILE.py:NAME); its logs are read",
     ".usd": "models in USD are not read; export URDF or MJCF",
     ".usda": "models in USD are not read; export URDF or MJCF",
 }

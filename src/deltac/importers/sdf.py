@@ -240,7 +240,7 @@ class _Reader:
         return joints.revolute(name, parent, link, axes[0], **place, **options)
 
     def screw_pitch(self, name: str, joint: Element) -> float:
-        """Metres a radian. `screw_thread_pitch` is metres a turn, the older `thread_pitch` radians a metre."""
+        """Metres a radian: `screw_thread_pitch` is metres a turn, the old `thread_pitch` radians a metre."""
         if joint.find("screw_thread_pitch") is not None:
             return self.number(joint, "screw_thread_pitch", 1.0, f"joint {name!r}") / (2 * np.pi)
         return -1.0 / self.number(joint, "thread_pitch", 1.0, f"joint {name!r}")

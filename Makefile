@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
+	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -75,8 +75,11 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: false alarms and misses
 	$(PY) benchmarks/foreign/bench.py $(ARGS)
 
-bench-correction: $(TEST)  ## what correcting the energy buys, against an exact motion
+bench-correction: $(TEST)  ## what extrapolation, steps by ΔC and restoring the energy buy, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
+
+bench-blackbox: $(TEST)  ## what is told of mistakes in code that cannot be read: is it so?
+	$(PY) benchmarks/blackbox.py $(ARGS)
 
 bench-repair-wild: $(TEST)  ## the same for programs as people write them
 	$(PY) benchmarks/wild.py $(ARGS)

@@ -94,10 +94,53 @@ def sweep_beside_ensemble(runs: int, steps: int, workers: int) -> None:
     print(f"memory, largest    {peak[0]:8.0f} MB main process, {peak[1]:.0f} MB worker")
 
 
+def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
+    """Episodes of a chain without accelerations, as semi-implicit Euler of an engine leaves them."""
+    from check_chain import chain
+
+    mechanism, rng = chain(dof), np.random.default_rng(1)
+    starts = rng.uniform(-0.5, 0.5, (2, episodes, dof))
+    motion = dc.simulate_ensemble(
+        mechanism, tuple(starts), 2e-3 * (samples - 1), 2e-3, "semi-implicit-euler", record_every=1
+    )
+    arrays = {"t": motion.t, "qpos": motion.q, "qvel": motion.u}
+    names = {"coordinates": motion.coordinates, "speeds": motion.speeds}
+    few = min(episodes, 20)
+    runs = [
+        dc.Trajectory(t=motion.t, q=motion.q[:, k], u=motion.u[:, k], **names) for k in range(few)
+    ]
+    dc.audit(mechanism, runs[0])
+    before = processor()
+    alone = [dc.audit(mechanism, run) for run in runs]
+    single = (processor() - before) / few
+    folder = Path(tempfile.mkdtemp())
+    try:
+        np.savez(folder / "batch.npz", **arrays)
+        before = processor()
+        fleet = dc.audit_many(mechanism, folder / "batch.npz", folder / "out", workers=1)
+        batched = (processor() - before) / episodes
+        before = processor()
+        again = dc.audit_many(mechanism, folder / "batch.npz", folder / "out2", workers=1)
+        warm = (processor() - before) / episodes
+        kinds = fleet.frame["verdict"].to_list()
+    finally:
+        shutil.rmtree(folder)
+    assert kinds[:few] == [audit.verdict.kind for audit in alone] and again.done == episodes
+    print(f"{episodes} episodes of {samples} samples, {dof} degrees of freedom: {fleet.summary()}")
+    print(f"single audits, warm     {1e3 * single:8.1f} ms of processor time each")
+    print(f"batched, cold cache     {1e3 * batched:8.1f} ms each, starting and compiling included")
+    print(f"batched                 {1e3 * warm:8.1f} ms each, starting included")
+    print(f"ratio                   {single / warm:8.1f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--episodes", type=int, default=0, help="batched audits instead")
     given = parser.parse_args()
-    sweep_beside_ensemble(given.runs, given.steps, given.workers)
+    if given.episodes:
+        batched_beside_single_audits(given.episodes, 1000, 10)
+    else:
+        sweep_beside_ensemble(given.runs, given.steps, given.workers)

@@ -14,6 +14,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.matrices import Matrices, matrices_at, stacked
 from deltac.errors import InputError
+from deltac.problems.triple_pendulum_equations import HandEquations
 from tests.systems.constrained_mechanisms import Tied, condition, four_bar, parallelogram, tied
 from tests.systems.machines import pendulum
 from tests.systems.random_mechanisms import Options, Sample, samples
@@ -134,6 +135,44 @@ def test_closed_forms_of_the_triple_pendulum() -> None:
     np.testing.assert_allclose(
         m.reaction_force[2, :2], (m.M @ m.v_dot)[12:14] - m.F[12:14], rtol=1e-12
     )
+
+
+def test_power_of_the_driven_pendulum() -> None:
+    """K̇ in the absolute angles, and the drive as a motion constraint A v + b = 0: Q̇ = −bᵀλ_m = M1 θ̇1."""
+    A, w, t = 1.0, 0.75, 0.4
+    problem = dc.problems.load("triple-pendulum")
+    first = problem.mechanism.joints[0]
+    drive = dc.constraints.motion_constraint("drive", f"u.{first.name} - {A}*{w}*cos({w}*t)")
+    mechanism = replace(problem.mechanism, constraints=(drive,))
+    theta = np.array([A * np.sin(w * t), 1.1, -0.4])
+    omega = np.array([A * w * np.cos(w * t), -1.2, 2.0])
+    q, u = np.diff(theta, prepend=0.0), np.diff(omega, prepend=0.0)
+    state = mechanism.state(q, u, t)
+    m = dc.matrices(mechanism, state)
+    hand = HandEquations.of({**mechanism.parameters, "A": A, "w": w})
+    torque = hand.driving_torque(t, theta[1:], omega[1:])
+    # A picks θ̇1 out of the velocities, and b = −Aω cos ωt.
+    assert (m.A @ m.v)[0] == pytest.approx(omega[0], rel=1e-13)
+    assert m.b[0] == pytest.approx(-omega[0], rel=1e-13)
+    assert m.lambda_m[0] == pytest.approx(torque, rel=1e-11)
+    # K̇ = Σ ω_i (M ω̇)_i + ½ ωᵀṀω = Σ ω_i (f_i + M1 δ_i1 + …) = power of weight and drive.
+    a1 = -A * w**2 * np.sin(w * t)
+    rate = np.array([a1, *hand.driven(t, theta[1:], omega[1:])])
+    (M11, M12, M13, M22, M23, M33), _ = hand.terms(theta, omega)
+    M = np.array([[M11, M12, M13], [M12, M22, M23], [M13, M23, M33]])
+    step = 1e-6
+
+    def kinetic(at: float) -> float:
+        (a, b, c, d, e, f), _ = hand.terms(theta + at * omega, omega)
+        v = omega + at * rate
+        return float(0.5 * v @ np.array([[a, b, c], [b, d, e], [c, e, f]]) @ v)
+
+    by_hand = (kinetic(step) - kinetic(-step)) / (2 * step)
+    K_dot = m.v @ (m.M @ m.v_dot)
+    assert K_dot == pytest.approx(by_hand, rel=1e-8)
+    assert 0.5 * omega @ M @ omega == pytest.approx(0.5 * m.v @ (m.M @ m.v), rel=1e-13)
+    assert K_dot - m.v @ m.F == pytest.approx(torque * omega[0], rel=1e-10)
+    assert -m.b @ m.lambda_m == pytest.approx(torque * omega[0], rel=1e-10)
 
 
 def test_the_bead_on_a_hoop_is_acatastatic() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import matplotlib.image
@@ -339,3 +340,43 @@ def test_experiments_are_known_by_their_runs() -> None:
         for claim in experiment.claims:
             named = claim.run.split(" / ")
             assert set(named) <= labels, claim.run
+
+
+# --- the statements in docs/thesis.md ---------------------------------------------------------------
+
+
+def _documented() -> dict[tuple[str, str, str, str], tuple[str, str]]:
+    """Figure, run, quantity and statement, and what is measured and whether it agrees."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / "thesis.md").read_text("utf-8")
+    table = text.split("## Every statement")[1]
+    found = {}
+    for line in table.splitlines():
+        cells = [c.strip().replace("\\|", "|") for c in re.split(r"(?<!\\)\|", line)[1:-1]]
+        if len(cells) == 6 and cells[0].startswith("4."):
+            found[cells[0], cells[1], cells[2], cells[3]] = (cells[4], cells[5].strip("*"))
+    return found
+
+
+def test_statements_in_the_documents(whole: Reproduction) -> None:
+    """Every statement is there, and its number is the one that is measured."""
+    documented = _documented()
+    measured = {}
+    for row in whole.results:
+        if row.thesis is None and row.agrees is None:
+            continue
+        thesis = "" if row.thesis is None else str(row.thesis)
+        thesis = f"{row.thesis:g}" if isinstance(row.thesis, float) else thesis
+        measured[row.figure, row.run, row.quantity, thesis] = row
+    assert set(documented) == set(measured)
+    for key, row in measured.items():
+        told, says = documented[key]
+        assert says == {True: "agrees", False: "differs", None: ""}[row.agrees], key
+        value = float(told.split()[0])
+        # Rounding decides the last step, and chaos the runs of 50 s: their size only.
+        loose = "0.0001" in row.run or row.figure in ("4.8", "4.9") or abs(row.value) < 1e-9
+        loose = loose or "10.0" not in told and abs(row.value) > 1e6
+        if loose:
+            assert abs(row.value) <= 10.0 * abs(value) + 1e-14, key
+            assert row.value == 0.0 or abs(row.value) >= 0.1 * abs(value) or abs(value) < 1e-9, key
+        else:
+            assert row.value == pytest.approx(value, rel=1e-2), key

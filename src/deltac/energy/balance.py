@@ -10,7 +10,6 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
@@ -340,9 +339,6 @@ def _projected(run: Trajectory, *, potential: bool) -> Array:
     return total
 
 
-_KEPT: LRUCache[tuple[LedgerSymbols, LedgerKernels]] = LRUCache(16)
-
-
 def _compiled(
     mechanism: Mechanism,
     log: LoggedForces,
@@ -351,16 +347,9 @@ def _compiled(
     start: tuple[float, Array],
 ) -> tuple[LedgerSymbols, LedgerKernels]:
     """Traced and compiled once for logs of the same mechanism that hold the same forces."""
-
-    def make() -> tuple[LedgerSymbols, LedgerKernels]:
-        symbols = ledger_symbols(mechanism, log, speeds, start)
-        return symbols, ledger_kernels(symbols, functions, log.places.keys())
-
-    # Where the run starts decides which rows of the constraints are independent.
-    where = (start[0], start[1].tobytes()) if mechanism.constraints else None
-    forces = tuple((name, tuple(places)) for name, places in log.places.items())
-    names = tuple(function.name for function in functions)
-    return _KEPT.get((mechanism.digest(), forces, names, speeds, where), make)
+    symbols = ledger_symbols(mechanism, log, speeds, start)
+    key = ("ledger", tuple(function.name for function in functions))
+    return symbols, symbols.once(key, lambda: ledger_kernels(symbols, functions, log.places.keys()))
 
 
 def _start(samples: Samples) -> tuple[float, Array]:

@@ -9,8 +9,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from deltac.caching import LRUCache, Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
-from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.forces import Channel, total_force
 from deltac.dynamics.independence import independence
 from deltac.dynamics.momentum import momentum_balances
@@ -48,6 +49,11 @@ class LoggedForces:
     places: Mapping[Any, list[int]]
     columns: Mapping[Any, slice]
     size: int
+
+    @property
+    def key(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        """What tells it from others: the channels and their speeds."""
+        return tuple((str(name), tuple(places)) for name, places in self.places.items())
 
     @staticmethod
     def of(run: Trajectory | Rows) -> LoggedForces:
@@ -93,8 +99,8 @@ def _any_nonzero(force: np.ndarray) -> np.ndarray:
     return np.asarray(found.any(axis=0))
 
 
-@dataclass(frozen=True)
-class LedgerSymbols:
+@dataclass(frozen=True, eq=False)
+class LedgerSymbols(Once):
     """A mechanism and the channels that a log's energy flows through, in symbols.
 
     `parts` are the model's channels, with those that the log holds in place of the model's own, and
@@ -137,11 +143,26 @@ def ledger_symbols(
 ) -> LedgerSymbols:
     """Write out all that a ledger needs; InputError where a motor's force is neither law nor log.
 
-    `start` is the time and the free coordinates at which independent constraints are chosen.
+    `start` is the time and the free coordinates at which independent constraints are chosen. Written out
+    once for logs of the same mechanism that hold the same forces and have the same independent constraints.
     """
     motion = equations_of_motion(mechanism)
-    system = motion.system
-    bound = motion.constrained(independence(motion, *start).independent)
+    rows = independence(motion, *start).independent
+    key = (mechanism.digest(), log.key, speeds, rows)
+    return _KEPT.get(key, lambda: _written_out(motion, log, speeds, rows))
+
+
+_KEPT: LRUCache[LedgerSymbols] = LRUCache(16)
+
+
+def _written_out(
+    motion: EquationsOfMotion,
+    log: LoggedForces,
+    speeds: CoordinateMap | None,
+    rows: tuple[int, ...],
+) -> LedgerSymbols:
+    system, mechanism = motion.system, motion.system.mechanism
+    bound = motion.constrained(rows)
     own = trace_split(system, speeds, None if bound is None else bound.rows)
     logged = ca.SX.sym("logged", log.size)
     nu = len(mechanism.speeds)

@@ -36,7 +36,6 @@ OUTCOME: dict[str, str] = {
     "samples": NUMBER,
     "duration": NUMBER,
     "exit_code": NUMBER,
-    "judged_by": TEXT,
     "findings": TEXT,
     "seconds": NUMBER,
     "code": TEXT,
@@ -179,7 +178,6 @@ def audit_many(
     work: str | None = None,
     mapping: str | Path | None = None,
     strict: bool = False,
-    screen: bool = True,
     workers: int | None = None,
     executor: Executor | None = None,
     scheduler: str | None = None,
@@ -194,7 +192,7 @@ def audit_many(
     "failed" and the reason. What is in `out` is not done again unless its log has changed.
 
     A log is batched if it has a column ``episode`` (Parquet, CSV), or arrays (T, N, n) of N episodes at
-    common times (NPZ, HDF5). Its episodes are screened together, see `screen`.
+    common times (NPZ, HDF5). The equations are compiled once for all of its episodes.
 
     Args:
         model: as for `audit`.
@@ -204,8 +202,6 @@ def audit_many(
         work: as for `audit`.
         mapping: path of a mapping file, for all logs.
         strict: as for `audit`.
-        screen: of batched logs, judge all episodes together first: those whose energy balance and equations
-            close far within the tolerance are consistent; the others are audited one by one.
         workers: processes; by default one a core.
         executor: who does the work instead: any that follows `concurrent.futures`.
         scheduler: address of a Dask scheduler whose workers do the work instead.
@@ -220,9 +216,7 @@ def audit_many(
     Raises:
         InputError: the model is none, no log is there, the folder is another fleet's or in use.
     """
-    plan = plan_audits(
-        model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict, screen=screen
-    )
+    plan = plan_audits(model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
     execution = Execution().overridden(
         workers=workers, scheduler=scheduler, time_limit=time_limit, retries=retries
     )
@@ -299,7 +293,6 @@ def plan_audits(
     work: str | None = None,
     mapping: str | Path | None = None,
     strict: bool = False,
-    screen: bool = True,
 ) -> AuditPlan:
     """Find the logs and their episodes; nothing is audited. See `audit_many`."""
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
@@ -313,7 +306,7 @@ def plan_audits(
     name = str(model) if isinstance(model, str | Path) else loaded.mechanism.name
     # What problems carry besides (equations, measures) is not needed, and may not travel.
     bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
-    task = AuditTask(bare, float(tolerance), work, known, strict, screen)
+    task = AuditTask(bare, float(tolerance), work, known, strict)
     found: list[Log] = []
     for source in find_logs(logs):
         fingerprint = _fingerprint(source)
@@ -325,7 +318,6 @@ def plan_audits(
         "work": work,
         "mapping": text,
         "strict": strict,
-        "screen": screen,
     }
     seed = hashlib.blake2b(digest({**told, "versions": versions()}), digest_size=ADDRESS)
     addresses = []

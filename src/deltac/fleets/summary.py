@@ -219,7 +219,7 @@ def _heat_map(frame: polars.DataFrame, x: str, y: str) -> Figure:
     good = np.isfinite(error)
     np.fmax.at(worst, (j[good], i[good]), np.maximum(error[good], 1e-17))
     bad = np.zeros_like(worst, dtype=bool)
-    bad[j, i] |= np.array([v != "consistent" for v in frame["verdict"]])
+    np.logical_or.at(bad, (j, i), np.array([v != "consistent" for v in frame["verdict"]]))
     with styled():
         drawn = Drawn(figsize=(7.6, 4.2), layout="constrained")
         panel = drawn.add_subplot()

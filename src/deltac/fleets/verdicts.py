@@ -26,7 +26,6 @@ class AuditTask:
     work: str | None
     mapping: LogMapping | None
     strict: bool
-    screen: bool
 
 
 def verdicts(
@@ -34,8 +33,18 @@ def verdicts(
 ) -> Iterator[dict[str, Any]]:
     """What came of each episode (None: of the whole log), in order."""
     runs = read_episodes(source, episodes, task.mapping, task.model.mechanism)
-    for run in runs:
-        yield _failed(run) if isinstance(run, InputError) else _audited(task, run)
+    if list(episodes) == [None]:
+        yield from (_of(task, run) for run in runs)
+        return
+    from deltac.diagnosis.residuals.one_step import compiled
+
+    with compiled():  # the same for all episodes, so that they all pay for it
+        found = [_of(task, run) for run in runs]
+    yield from found
+
+
+def _of(task: AuditTask, run: Trajectory | InputError) -> dict[str, Any]:
+    return _failed(run) if isinstance(run, InputError) else _audited(task, run)
 
 
 def _failed(error: InputError) -> dict[str, Any]:
@@ -61,7 +70,6 @@ def _audited(task: AuditTask, run: Trajectory) -> dict[str, Any]:
         "samples": float(len(run)),
         "duration": run.duration,
         "exit_code": float(found.exit_code),
-        "judged_by": "audit",
         "findings": " ".join(f.code for f in found.findings) or None,
         "seconds": time.process_time() - began,
         "message": found.summary(),

@@ -40,6 +40,7 @@ from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keepin
 from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
+    Adaptive,
     Options,
     Scipy,
     Solver,
@@ -50,6 +51,7 @@ from deltac.simulation.solvers import (
 )
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
+from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import (
     INSTRUCTIONS_PER_CALL,
     LONG_RUN,
@@ -211,7 +213,7 @@ def simulate(
     else:
         p_run = p
     compiled = flow.traced and controller is None
-    stepper = _stepper(made, options, rate, p_run, compiled=compiled)
+    stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
     if found.step is not None and compiled and flow.bound is not None and equations is None:
         careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
@@ -254,7 +256,7 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod | None
+Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,6 +320,8 @@ def _compiled(
             method = FixedMethod(moving, solver, INSTRUCTIONS_PER_CALL if long else 0)
         elif solver.family == "implicit":
             method = ImplicitMethod(moving, solver)
+        elif solver.family == "adaptive":
+            method = AdaptiveMethod(moving, solver)
         observe = observer(flow)
         return Compiled(
             flow, moving, method, events, observe, observer(moving) if switches else observe
@@ -327,12 +331,21 @@ def _compiled(
 
 
 def _stepper(
-    made: Compiled, options: Options, rate: StageRate, p: Array, *, compiled: bool
+    made: Compiled,
+    options: Options,
+    rate: StageRate,
+    p: Array,
+    duration: float,
+    *,
+    compiled: bool,
 ) -> Stepper:
     """What takes the steps of one run."""
     flow, method = made.moving, made.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
+    if isinstance(method, AdaptiveMethod):
+        assert isinstance(options, Adaptive)
+        return AdaptiveSteps(method, rate, p, options.tolerance, duration, compiled=compiled)
     if isinstance(method, ImplicitMethod):
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
     if isinstance(options, Taylor):

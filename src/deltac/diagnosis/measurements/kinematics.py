@@ -136,21 +136,20 @@ def compare(
     rate: Array,
     bar: Array,
     edges: Sequence[tuple[int, int]],
+    integrals: Sequence[tuple[Array, Array]],
     *,
     projected: bool = False,
 ) -> Comparison | None:
     """Compare changes (T − 1,) over all intervals with a rate (T,), between gaps (`edges`).
 
-    `bar` is what digits and noise of x and x' make of a change (T − 1,). `projected` tells whether states may
-    have been put back onto constraints after each step. None where nothing moves.
+    `bar` is what digits and noise of x and x' make of a change (T − 1,), `integrals` are those of the rate,
+    see `splined`. `projected` tells whether states may have been put back onto constraints after each step.
+    None where nothing moves.
     """
-    from scipy.interpolate import make_interp_spline
-
     parts = []
-    for a, b in edges:
+    for (a, b), (fine, coarse) in zip(edges, integrals):
         s, x = t[a:b], rate[a:b]
         h = np.diff(s)
-        fine, coarse = (np.diff(make_interp_spline(s, x, k=k).antiderivative()(s)) for k in (5, 3))
         trapezoid = 0.5 * h * (x[1:] + x[:-1])
         second = np.diff(x, 2)
         curved = 0.5 * h * (np.append(second, second[-1]) + np.insert(second, 0, second[0]))
@@ -200,6 +199,22 @@ def compare(
     )
 
 
+def splined(
+    t: Array, x: Array, edges: Sequence[tuple[int, int]]
+) -> list[list[tuple[Array, Array]]]:
+    """∫x dt over the intervals between gaps, by splines of degree 5 and 3, of every column of x (T, n)."""
+    from scipy.interpolate import make_interp_spline
+
+    whole = [
+        [
+            np.diff(make_interp_spline(t[a:b], x[a:b], k=k).antiderivative()(t[a:b]), axis=0)
+            for k in (5, 3)
+        ]
+        for a, b in edges
+    ]
+    return [[(fine[:, j], coarse[:, j]) for fine, coarse in whole] for j in range(x.shape[1])]
+
+
 def _robust(
     told: Array, linear: Array, moved: Array, spread: Array, noise: Array
 ) -> tuple[float, float, Array, Mask]:
@@ -242,11 +257,12 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     found: dict[str, Comparison] = {}
     fine_q = scatter(run.q)
     projected = bool(mechanism.constraints)
+    sums = splined(run.t, run.u, edges)
     for i, j in kinematics.rates:
         if j in free:
             bar = fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j]
             made = compare(
-                run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges, projected=projected
+                run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges, sums[j], projected=projected
             )
             if made is not None:
                 found[run.speeds[j]] = made
@@ -261,7 +277,10 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
             bar = bar + 0.1 * size * np.pad(
                 np.linalg.norm(np.diff(turned, axis=0), axis=1), (0, 1), mode="edge"
             )
-            made = compare(run.t, turned[:, k], run.u[:, j + k], bar, edges, projected=projected)
+            own = sums[j + k]
+            made = compare(
+                run.t, turned[:, k], run.u[:, j + k], bar, edges, own, projected=projected
+            )
             if made is not None:
                 found[run.speeds[j + k]] = made
     return found
@@ -328,9 +347,9 @@ def accelerations(run: Trajectory) -> Accelerations:
     fine = scatter(run.u)
     for a, b in edges:
         told[a:b] = make_interp_spline(run.t[a:b], run.u[a:b], k=5).derivative()(run.t[a:b])
-    for j in range(run.u.shape[1] if edges else 0):
+    for j, sums in enumerate(splined(run.t, run.udot, edges) if edges else ()):
         bar = fine[1:, j] + fine[:-1, j]
-        made = compare(run.t, np.diff(run.u[:, j]), run.udot[:, j], bar, edges)
+        made = compare(run.t, np.diff(run.u[:, j]), run.udot[:, j], bar, edges, sums)
         if made is not None and made.off < 0.5:
             lates.append(made.late)
     return Accelerations(_difference(run), float(np.median(lates)) if lates else 0.0, told)

@@ -20,9 +20,11 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -35,6 +37,7 @@ from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.kernels import Kernel
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -95,16 +98,57 @@ TRIMMED = 0.05
 # --- the model along the rows ---------------------------------------------------------------------------
 
 
-class Model:
-    """A mechanism with a log's forces: accelerations, mass matrix and constraints of arrays of rows."""
+class Expression:
+    """An expression of columns, evaluated at many rows: by CasADi, or compiled where that pays.
 
-    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
-        self.mechanism, self.log = mechanism, LoggedForces.of(run)
-        free = mechanism.free
-        start = (float(run.t[0]), run.q[0, free.q])
-        symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+    Compiled (`compiled`) it is a hundred times faster, after a second or so: for one log among thousands.
+    """
+
+    def __init__(self, name: str, inputs: Mapping[str, ca.SX], *outputs: ca.SX) -> None:
+        self.sizes = [out.numel() for out in outputs]
+        dense = [ca.densify(ca.vec(out)) for out in outputs]
+        self.function = ca.Function(name, [*inputs.values()], dense, {"cse": True})
+        self._given = (
+            {key: column for key, column in inputs.items() if column.shape[0]},
+            {f"{name} {k}": out for k, out in enumerate(dense)},
+        )
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The same, compiled."""
+        return Kernel(*self._given, name=self.function.name())
+
+    def __call__(self, *columns: Array) -> list[Array]:
+        """Its values at rows, (T, size) each."""
+        count = len(columns[0])
+        given = [np.atleast_2d(c.T if c.ndim == 2 else c[None, :]) for c in columns]
+        if COMPILED.get():
+            found = self.kernel.flat(np.concatenate(given))
+            return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
+        return [
+            np.array(x).T.reshape(count, -1)
+            for x in self.function.map(count).call([ca.DM(c) for c in given])
+        ]
+
+
+COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_residuals", default=False)
+
+
+@contextmanager
+def compiled() -> Iterator[None]:
+    """Compile the equations that logs are tested by: where many logs of one model follow."""
+    token = COMPILED.set(True)
+    try:
+        yield
+    finally:
+        COMPILED.reset(token)
+
+
+class Functions:
+    """What the test evaluates of a mechanism with a log's forces: made once for logs of the same columns."""
+
+    def __init__(self, mechanism: Mechanism, log: LoggedForces, symbols: LedgerSymbols) -> None:
         s, at = symbols.system, symbols.system.free_u
-        self.symbols = symbols
         bound = symbols.constrained
         tau = total_force(s, symbols.parts)
         if bound is None:
@@ -120,23 +164,37 @@ class Model:
         damped = [
             p.force[at]
             for p in symbols.parts
-            if p.name.startswith("damper ") and p.name not in self.log.places
+            if p.name.startswith("damper ") and p.name not in log.places
         ]
-        damping = sum(damped, start=ca.SX.zeros(len(at)))
+        damping = ca.SX(sum(damped, start=ca.SX.zeros(len(at))))
         bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))[at]
         size = sum((ca.fabs(p.force[at]) for p in symbols.parts), start=ca.fabs(bias))
-        inputs = [s.t, s.q, s.u, symbols.logged]
-        self._acceleration = ca.Function("a", inputs, [ca.densify(a)], {"cse": True})
-        self._damping = ca.Function("d", inputs, [ca.densify(ca.SX(damping))])
-        self._terms = ca.Function("s", inputs, [ca.densify(size)])
-        M = crba(s)[at, at]
-        self._matrices = ca.Function(
-            "m", [s.t, s.q], [ca.densify(ca.vec(M)), ca.densify(ca.vec(G))]
-        )
+        place = {"t": s.t, "q": s.q}
+        inputs = {**place, "u": s.u, "logged": symbols.logged}
+        self.acceleration = Expression("a", inputs, a)
+        self.damping = Expression("d", inputs, damping)
+        self.terms = Expression("s", inputs, size)
+        self.matrices = Expression("m", place, crba(s)[at, at], G)
+        self.qdot = Expression("r", {**place, "u": s.u}, s.qdot)
         self.rows_of_G, self.n = G.shape[0], len(at)
-        self.damped = bool(damped) and not ca.SX(damping).is_zero()
+        self.damped = bool(damped) and not damping.is_zero()
         self.of_time = bool(ca.depends_on(a, s.t))
-        self.cost = int(self._acceleration.n_instructions())
+
+
+class Model:
+    """A mechanism with a log's forces: accelerations, mass matrix and constraints of arrays of rows."""
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism, self.log = mechanism, LoggedForces.of(run)
+        free = mechanism.free
+        start = (float(run.t[0]), run.q[0, free.q])
+        symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+        self.symbols = symbols
+        made = symbols.once("one step", lambda: Functions(mechanism, self.log, symbols))
+        self._functions = made
+        self.rows_of_G, self.n = made.rows_of_G, made.n
+        self.damped, self.of_time = made.damped, made.of_time
+        self.cost = int(made.acceleration.function.n_instructions())
         names = Kinematics.of(run.coordinates, run.speeds)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}
@@ -146,23 +204,22 @@ class Model:
         self._quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
-        self._qdot = ca.Function("r", [s.t, s.q, s.u], [ca.densify(s.qdot)])
 
     def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """u̇ (T, n) of the free speeds."""
-        return self._rows(self._acceleration, t, q, u, F)[0]
+        return self._functions.acceleration(t, q, u, F)[0]
 
     def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Generalized forces (T, n) of the model's own dampers."""
-        return self._rows(self._damping, t, q, u, F)[0]
+        return self._functions.damping(t, q, u, F)[0]
 
     def terms(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Sum of the absolute forces and bias of each equation (T, n)."""
-        return self._rows(self._terms, t, q, u, F)[0]
+        return self._functions.terms(t, q, u, F)[0]
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates."""
-        return self._rows(self._qdot, t, q, u)[0]
+        return self._functions.qdot(t, q, u)[0]
 
     def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Inertia N (T, n, n) and compliance C (T, n, n): both M, M⁻¹ where nothing is constrained.
@@ -170,7 +227,7 @@ class Model:
         With constraints they belong to the motions that these leave: C = M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹ and
         N = M C M.
         """
-        flat, g = self._rows(self._matrices, t, q)
+        flat, g = self._functions.matrices(t, q)
         M: Array = flat.reshape(-1, self.n, self.n)
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         if not self.rows_of_G:
@@ -196,12 +253,6 @@ class Model:
             made[:, i : i + 1] = p[:, :1] * w - np.sum(p[:, 1:] * v, axis=1, keepdims=True)
             made[:, i + 1 : i + 4] = p[:, :1] * v + w * p[:, 1:] + np.cross(p[:, 1:], v)
         return made
-
-    def _rows(self, function: ca.Function, *columns: Array) -> list[Array]:
-        count = len(columns[0])
-        given = [ca.DM(np.atleast_2d(c.T if c.ndim == 2 else c[None, :])) for c in columns]
-        found = function.map(count).call(given)
-        return [np.array(x).T.reshape(count, -1) for x in found]
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ def _scaled(mechanism: Mechanism, runs: Sequence[Trajectory], rows: Sequence[Row
     u_scale = _scales(finest.u, [c.unit for c in mechanism.speeds])
     states = []
     for run, at in zip(runs, rows):
-        q = _one_sided(mechanism, np.array(run.q[at]), finest.q[rows[-1]])
+        q = one_sided(mechanism, np.array(run.q[at]), finest.q[rows[-1]])
         states.append(np.concatenate([q / q_scale, run.u[at] / u_scale], axis=1))
     return np.array(states)
 
@@ -132,7 +132,7 @@ def _scales(values: Array, units: Sequence[str]) -> Array:
     return scale
 
 
-def _one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
+def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
     """Coordinates, each quaternion on the side of the reference's: q and −q are one rotation."""
     for joint in mechanism.joints:
         offset = KINDS[joint.kind].quaternion

@@ -20,6 +20,7 @@ from deltac.diagnosis.residuals.states import States, states_along
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
+from deltac.diagnosis.study.extrapolation import Extrapolation, extrapolated
 from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
@@ -110,6 +111,20 @@ class Study(
         return (
             self.measures.left[-1] / self.energy_exchanged if self.energy_exchanged > 0.0 else 0.0
         )
+
+    def extrapolate(self) -> Extrapolation:
+        """The motion that the runs tend to, by the observed order, with an error estimate at every sample.
+
+        Raises InputError (E-SOLVER) where the runs do not converge at an order, are fewer than three, or have
+        impacts.
+        """
+        runs = [
+            (h, _run(entry))
+            for h, entry in ((r.step, r) for r in self.runs)
+            if entry.run is not None and h in self.measures.steps
+        ]
+        state = self.observed_order["state"]
+        return extrapolated(self.mechanism, self.solver, runs, self.comparison, state, self.nominal)
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""

@@ -17,9 +17,10 @@ from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import StateLike, load_model
 from deltac.report.files import output_folder
-from deltac.report.page.content import ROWS, by_name, energy_plots, made, motion_plots, moving
+from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Link, Page
+from deltac.report.page.plots import by_name, energy_plots, motion_plots
 from deltac.report.page.scene import Scene
 from deltac.report.page.sketch import sketch
 from deltac.results import number

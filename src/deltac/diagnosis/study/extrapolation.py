@@ -1,0 +1,237 @@
+"""A better motion from the runs of a study: Richardson's extrapolation by the observed order.
+
+Runs at steps h, h/2, h/4 differ by C(t) hʳ and terms of higher order. Where a study has found r, the leading
+term can be taken off, and from three runs the next one as well (Richardson 1927; Hairer, Nørsett, Wanner,
+*Solving Ordinary Differential Equations I*, II.9). What the last elimination changed says how good the result
+is. Everything that a run records (speeds, accelerations, forces, integrals) has such an expansion, so the
+testing functions can be taken of the extrapolated motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.curves import Comparison, one_sided
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from deltac.errors import SolverError
+from deltac.mechanism.mechanism import Mechanism
+from deltac.results import Report, Section, number
+from deltac.trajectories import Trajectory
+
+BELOW, ABOVE = 0.5, 1.3
+"""An observed order from so far below the solver's to so far above is explained by its two leading terms."""
+
+SPREAD = 0.3
+"""Spread of an observed order by which one term may be taken off where the solver's is not known."""
+
+LEAST_ORDER = 0.5
+"""Below this order an extrapolation would amplify what it cannot know."""
+
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+"""Error of an extrapolated number for rounding, as a share of the largest of its kind."""
+
+SYMMETRIC = ("implicit-midpoint", "discrete-gradient")
+"""Solvers whose error has even powers of the step only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extrapolation(Report):
+    """The motion that the runs of a study tend to, with an estimate of its error at every sample.
+
+    Attributes:
+        run: the extrapolated motion at the common times of the runs, as far as they stay together;
+            constraints are met.
+        q_error, u_error: what the last elimination changed: estimates (T, nq), (T, nu) of the error. The
+            largest among quantities of one unit and neighbouring samples, since each passes through zero.
+        order: by which it was extrapolated; `powers`: of the step, that were eliminated.
+        steps: of the runs that were used, coarsest first, s.
+        finest_error: the estimate for the finest run that was used (T,), largest over coordinates.
+    """
+
+    run: Trajectory
+    q_error: Array
+    u_error: Array
+    order: float
+    powers: tuple[float, ...]
+    steps: tuple[float, ...]
+    finest_error: Array
+
+    @property
+    def error(self) -> Array:
+        """The largest estimate over the coordinates (T,), m, rad or 1."""
+        return np.asarray(self.q_error.max(axis=1, initial=0.0))
+
+    @property
+    def exit_code(self) -> int:
+        """0: there is an extrapolated motion."""
+        return 0
+
+    def summary(self) -> str:
+        """How good the motion is, beside the finest run."""
+        return (
+            f"extrapolated by order {number(self.order)} from {len(self.steps)} runs: coordinates to "
+            f"{number(float(self.error.max()), digits=2)}, those of the finest run to "
+            f"{number(float(self.finest_error.max()), digits=2)}"
+        )
+
+    def sections(self) -> Iterator[Section]:
+        """The summary, and from which runs and up to when."""
+        yield f"{self.summary()[0].upper()}{self.summary()[1:]} (rad, m)."
+        used = ", ".join(f"{h:g}" for h in self.steps)
+        powers = " and ".join(f"h^{p:g}" for p in self.powers)
+        yield (
+            f"Runs at h = {used} s; error terms taken off: {powers}; up to t = {self.run.t[-1]:.6g} s."
+        )
+
+
+def extrapolated(
+    mechanism: Mechanism,
+    solver: str,
+    runs: Sequence[tuple[float, Trajectory]],
+    compared: Comparison,
+    state: Convergence,
+    nominal: int | None,
+) -> Extrapolation:
+    """Extrapolate the last three of `runs` (step, run), coarsest first, that `compared` puts side by side.
+
+    Raises InputError where the runs do not converge at an order, or are too few, or have impacts.
+    """
+    if len(runs) < 3:
+        raise _refused(f"there are {len(runs)} runs, and it takes three to see how they converge")
+    if state.order is None or state.order < LEAST_ORDER or state.trend == "does not settle":
+        raise _refused(f"the motion {'has ' if state.order is not None else ''}{state}")
+    if any(run.events for _, run in runs):
+        raise _refused("the runs have impacts or switches, across which errors have no expansion")
+    kept, order = list(runs[-3:]), float(state.order)
+    spread = state.order_error or 0.0
+    powers: tuple[float, ...] = (order,)
+    if nominal is not None:
+        if not -BELOW < order - nominal < ABOVE:
+            raise _refused(
+                f"the motion has order {order_text(state)}, which is not that of the solver, {nominal}: its "
+                "steps are too long for that, or rounding is near"
+            )
+        order = float(nominal)
+        powers = (order, order + (2.0 if solver in SYMMETRIC else 1.0))
+    elif spread > SPREAD:
+        raise _refused(f"the order of the motion is uncertain: {order_text(state)}")
+    within = compared.within
+    rows = [at[:within] for at in compared.rows[-3:]]
+    steps = tuple(h for h, _ in kept)
+    count = _Combination.of(steps, powers)
+
+    def column(values: Sequence[Array]) -> tuple[Array, Array, Array]:
+        return count([value[at] for value, at in zip(values, rows)])
+
+    finest = kept[-1][1]
+    reference = finest.q[rows[-1]]
+    sided = [
+        one_sided(mechanism, np.array(run.q[at]), reference) for (_, run), at in zip(kept, rows)
+    ]
+    q, q_error, off = count(sided)
+    u, u_error, _ = column([run.u for _, run in kept])
+    q_error = _envelope(q_error, [c.unit for c in mechanism.coordinates])
+    u_error = _envelope(u_error, [c.unit for c in mechanism.speeds])
+    q, u = _admissible(mechanism, finest.t[rows[-1]], q, u)
+
+    def mapping(name: str) -> dict[Any, Array]:
+        shared = [getattr(run, name) for _, run in kept]
+        names = [n for n in shared[-1] if all(n in one for one in shared)]
+        return {n: column([one[n] for one in shared])[0] for n in names}
+
+    accelerations = [run.udot for _, run in kept]
+    udot = None
+    if all(a is not None for a in accelerations):
+        udot = column([a for a in accelerations if a is not None])[0]
+    run = replace(
+        finest,
+        t=finest.t[rows[-1]],
+        q=q,
+        u=u,
+        udot=udot,
+        forces=mapping("forces"),
+        works=mapping("works"),
+        integrals=mapping("integrals"),
+        provenance=replace(
+            finest.provenance, notes={**finest.provenance.notes, "extrapolated": f"order {order:g}"}
+        ),
+    )
+    return Extrapolation(
+        run, q_error, u_error, order, powers, steps, np.asarray(off.max(axis=1, initial=0.0))
+    )
+
+
+@dataclass(frozen=True)
+class _Combination:
+    """Weights of three runs: `first` and `second` eliminations (each sums to one)."""
+
+    first: tuple[float, float, float]
+    second: tuple[float, float, float]
+
+    @staticmethod
+    def of(steps: Sequence[float], powers: Sequence[float]) -> _Combination:
+        """Neville's scheme: L of y = L + C₁ h^p + C₂ h^r from the last runs."""
+        h1, h2, h3 = steps
+        first = _pair(h2, h3, powers[0])
+        if len(powers) == 1:
+            before = _pair(h1, h2, powers[0])
+            return _Combination((before[0], before[1], 0.0), (0.0, *first))
+        A = np.array([[1.0, *(h**p for p in powers)] for h in (h1, h2, h3)])
+        weights = np.linalg.solve(A.T, np.array([1.0, 0.0, 0.0]))
+        return _Combination((0.0, *first), tuple(map(float, weights)))  # type: ignore[arg-type]
+
+    def __call__(self, values: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """The extrapolated value, what the last elimination changed, and the error of the finest run."""
+        best = sum(w * v for w, v in zip(self.second, values))
+        before = sum(w * v for w, v in zip(self.first, values))
+        floor = ROUNDING * np.abs(values[-1]).max(axis=0, initial=0.0)
+        off = np.abs(best - values[-1]) + floor
+        return np.asarray(best), np.abs(best - before) + floor, np.asarray(off)
+
+
+def _envelope(error: Array, units: Sequence[str]) -> Array:
+    """The largest estimate (T, n) among columns of one unit and samples in a twentieth of the time."""
+    rows = len(error)
+    reach = max(1, rows // 40)
+    found = np.empty_like(error)
+    for unit in set(units):
+        same = np.array([u == unit for u in units])
+        worst = error[:, same].max(axis=1)
+        padded = np.pad(worst, reach)
+        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
+        found[:, same] = around[:, None]
+    return found
+
+
+def _pair(coarse: float, fine: float, power: float) -> tuple[float, float]:
+    """Weights that take off a term h^power."""
+    ratio = (coarse / fine) ** power
+    return -1.0 / (ratio - 1.0), ratio / (ratio - 1.0)
+
+
+def _admissible(mechanism: Mechanism, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+    """Quaternions of unit length, and constraints met: both are off by the error of the extrapolation."""
+    motion, free = equations_of_motion(mechanism), mechanism.free
+    q, u = np.array(q), np.array(u)
+    own = q[:, free.q].T
+    for place in quaternions(mechanism):
+        own[place] /= np.linalg.norm(own[place], axis=0)
+    speeds = u[:, free.u].T
+    if mechanism.constraints:
+        own = onto_positions(motion, t, own)
+        speeds = onto_speeds(motion, t, own, speeds)
+    q[:, free.q], u[:, free.u] = own.T, speeds.T
+    return q, u
+
+
+def _refused(why: str) -> SolverError:
+    return SolverError(
+        f"extrapolate: {why}; there is nothing to extrapolate by. Study smaller steps, or a shorter motion"
+    )

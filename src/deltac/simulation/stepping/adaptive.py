@@ -1,0 +1,191 @@
+"""Our explicit methods with steps of their own choice, by the local error and by ΔC (`step_size.control`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.kernels import Kernel
+from deltac.simulation.flow import Flow
+from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.control import StepControl
+from deltac.simulation.stepping.interpreted import StageRate
+from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.runge_kutta import EMBEDDED, Rate, embedded_step
+
+MOST_INSTRUCTIONS = 6_000
+"""A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
+
+FIRST = 1e-3
+"""The first step that is tried, as a share of the run."""
+
+SHORTER = 0.05
+"""A step so much shorter at which ΔC's rate is still the same shows that it is not the step's."""
+
+MOST_REJECTED = 60
+"""Times that one step is tried again, each at least a tenth shorter."""
+
+
+@dataclass(frozen=True)
+class AdaptiveMethod:
+    """A pair of embedded methods on a flow, compiled as one step; kept between runs."""
+
+    flow: Flow
+    solver: Solver
+
+    @property
+    def base(self) -> str:
+        """The method of fixed steps, such as "ode5"."""
+        return self.solver.name.removesuffix("-adaptive")
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """(t, h, x, p) -> x one step later and the estimates of its local error."""
+        flow = self.flow
+        h = ca.SX.sym("h")
+        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
+
+        def rate(t: Any, x: Any) -> Any:
+            return f(t, x, flow.p)
+
+        after, errors = embedded_step(self.base, rate, flow.t, flow.x, h)
+        return Kernel(
+            {"t": flow.t, "h": h, "x": flow.x, **self._parameters},
+            {"x": after, "errors": ca.densify(ca.vertcat(*errors))},
+            name=f"{self.solver.name} step",
+        )
+
+    @cached_property
+    def energies(self) -> Kernel:
+        """(t, x, p) -> each testing function's E, K, V."""
+        flow = self.flow
+        given = {"t": flow.t, "x": flow.x, **self._parameters}
+        return Kernel(given, {"E": ca.densify(flow.energies)}, name="energies")
+
+    @property
+    def _parameters(self) -> dict[str, Any]:
+        return {"p": self.flow.p} if self.flow.p.shape[0] else {}
+
+
+class AdaptiveSteps:
+    """The steps of one run, each as long as local error and ΔC allow."""
+
+    on_grid = False
+
+    tried: int
+    """Steps that were tried so far, those within them to samples not counted."""
+
+    def __init__(
+        self,
+        method: AdaptiveMethod,
+        rate: StageRate,
+        p: Array,
+        tolerance: float,
+        duration: float,
+        *,
+        compiled: bool,
+    ) -> None:
+        """`compiled` unless users' functions are called in between."""
+        self._method, self._p = method, p
+        self._compiled = compiled and method.kernel.instructions <= MOST_INSTRUCTIONS
+        self._rate: Rate = rate
+        order = method.solver.order
+        assert order is not None
+        self._control = StepControl(tolerance, duration, order, EMBEDDED[method.base].order)
+        self._h = FIRST * duration
+        flow = method.flow
+        self._moving = flow.q_size + flow.u_size
+        first = self._moving + len(flow.works)
+        self._integrals = slice(first, first + len(flow.testing))
+        self._before: tuple[float, Array] | None = None
+        self.tried = 0
+
+    def attempt(self, t: float, x: Array, until: float) -> Step:
+        """A step as long as is allowed; StepFailed where it would have no length."""
+        control, n = self._control, self._moving
+        if self._before is None or self._before[0] != t:
+            self._before = (t, self._delta_c(t, x, seen=True)[0])
+        before, refused = self._before[1], (0.0, 0.0)
+        for _ in range(MOST_REJECTED):
+            h = min(self._h, until - t)
+            last = h == until - t
+            if h < 16 * np.spacing(abs(t)):
+                break
+            self.tried += 1
+            x1, errors = self._step(t, x, h)
+            if not (np.isfinite(x1).all() and np.isfinite(errors).all()):
+                self._h = 0.1 * h
+                continue
+            end = until if last else t + h
+            after, K, V = self._delta_c(end, x1)
+            local = control.local(x[:n], x1[:n], _estimate(errors)[:n])
+            change = float(np.abs(after - before).max(initial=0.0))
+            energy = control.energy(change, K, V, h)
+            following = control.next(h, local, energy)
+            if max(local, energy) <= 1.0:
+                self._h = following if not last else max(following, self._h)
+
+                def exact(time: float) -> Array:
+                    return self._step(t, x, time - t)[0] if time > t else x
+
+                return Step(t, x, end, x1, exact, exact)
+            self._h = min(following, 0.9 * h)
+            if local <= 1.0:
+                refused = refused if refused[0] else (h, energy)
+                if h < SHORTER * refused[0] and energy > 0.5 * refused[1]:
+                    raise StepFailed(
+                        f"ΔC changes by {change / h:.3g} W however short the step is, so it is not its "
+                        "error: the equations are not those of the model, or a force that does work is not "
+                        "told. deltac.check_equations finds which; record=() leaves ΔC out of the control"
+                    )
+        raise StepFailed(
+            f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; what was "
+            "computed so far is kept. Look for a law that jumps there (switches=True), or allow more"
+        )
+
+    def accept(self, t: float, x: Array) -> None:
+        """Go on from a state, after it was finished: ΔC there counts corrections."""
+        self._before = (t, self._delta_c(t, x, seen=True)[0])
+
+    def restart(self, t: float, x: Array, p: Array) -> None:
+        """Go on from another state, with a first step as short as at the start."""
+        self._p, self._before = p, None
+        self._h = min(self._h, FIRST * self._control.duration)
+
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+        """Steps go one by one."""
+        return None
+
+    def _delta_c(self, t: float, x: Array, *, seen: bool = False) -> tuple[Array, float, float]:
+        """E − ∫P of each testing function at a state, K and V there."""
+        kernel = self._method.energies
+        given = np.concatenate([[t], x, self._p])
+        E = kernel.single(given, np.empty(kernel.n_out))
+        if seen:
+            self._control.see(float(E[-2]), float(E[-1]))
+        return E[:-2] - x[self._integrals], float(E[-2]), float(E[-1])
+
+    def _step(self, t: float, x: Array, h: float) -> tuple[Array, Array]:
+        """X one step later, and error estimates (m, n)."""
+        if not self._compiled:
+            with np.errstate(all="ignore"):
+                x1, errors = embedded_step(self._method.base, self._rate, t, x, h)
+            return x1, np.array(errors)
+        kernel = self._method.kernel
+        out = kernel.single(np.concatenate([[t, h], x, self._p]), np.empty(kernel.n_out))
+        return out[: len(x)].copy(), out[len(x) :].reshape(-1, len(x))
+
+
+def _estimate(errors: Array) -> Array:
+    """The local error: one estimate as it is, two as in DOP853 (Hairer, Nørsett, Wanner, II.10)."""
+    if len(errors) == 1:
+        return np.asarray(np.abs(errors[0]))
+    fifth, third = (float(np.linalg.norm(e)) for e in errors)
+    size = math.hypot(fifth, 0.1 * third)
+    return np.asarray(np.abs(errors[0]) * (fifth / size if size > 0.0 else 1.0))

@@ -70,11 +70,3 @@ class ImportReport:
             shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
             if remarks:
                 yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."
-
-
-def told(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
-    """What an import left out and assumed, as texts; empty without an import."""
-    return {
-        "ignored": tuple(map(str, report.ignored)) if report else (),
-        "assumed": tuple(map(str, report.assumed)) if report else (),
-    }

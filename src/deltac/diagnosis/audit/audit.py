@@ -14,13 +14,12 @@ from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
+from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes, told
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError
-from deltac.importers.report import told
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model

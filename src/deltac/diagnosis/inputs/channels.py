@@ -38,6 +38,14 @@ def not_simulated(import_report: ImportReport | None) -> list[Finding]:
     ]
 
 
+def told(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
+    """What an import left out and assumed, as texts; empty without an import."""
+    return {
+        "ignored": tuple(map(str, report.ignored)) if report else (),
+        "assumed": tuple(map(str, report.assumed)) if report else (),
+    }
+
+
 OF_MODELS = ("friction", "limit", "actuator")
 """Kinds that a simulator takes from its model: others come of what it meets, or are judged elsewhere."""
 

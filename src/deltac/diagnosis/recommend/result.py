@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from deltac.deprecation import RenamedAttribute
+from deltac.diagnosis.inputs.channels import told
 from deltac.diagnosis.recommend.work_precision import Trial
-from deltac.importers.report import ImportReport, told
 from deltac.results import Report, Section, Table, number, percent
+
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
 
 SAME_TIME = 1.2
 """Times within this factor are the same; fewer evaluations decide."""

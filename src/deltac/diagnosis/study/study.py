@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
-from deltac.diagnosis.inputs.channels import not_simulated
+from deltac.diagnosis.inputs.channels import not_simulated, told
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
@@ -36,7 +36,6 @@ from deltac.diagnosis.study.runs import (
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
-from deltac.importers.report import ImportReport, told
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -47,6 +46,9 @@ from deltac.simulation.flow import Keeping, stabilised
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Options, find_solver, solver_options
 from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,8 +16,10 @@ from deltac.energy.sampling.quadrature import ORDERS
 from deltac.errors import DeltacError, InputError, UnknownName
 from deltac.mechanism.channels import ChannelName
 from deltac.models import ModelLike, load_model
+from deltac.recorders.builder import simulator
 
 if TYPE_CHECKING:
+    from deltac.recorders.gymnasium_monitor import MonitoredEnv
     from deltac.recorders.mujoco_monitor import MujocoMonitor
 
 Forces = Mapping[str, Sequence[float] | Array]
@@ -211,6 +213,17 @@ class Monitor:
         from deltac.recorders.mujoco_monitor import MujocoMonitor
 
         return MujocoMonitor(self, model, data)
+
+    def gymnasium(self, env: Any) -> MonitoredEnv:
+        """This monitor in a Gymnasium environment of MuJoCo: ΔC in the info of each step.
+
+        >>> env = gymnasium.make("HalfCheetah-v5")  # doctest: +SKIP
+        >>> env = dc.Monitor(env.unwrapped.model, tolerance=0.05).gymnasium(env)  # doctest: +SKIP
+        """
+        simulator("gymnasium", "models")
+        from deltac.recorders.gymnasium_monitor import MonitoredEnv
+
+        return MonitoredEnv(env, self)
 
     def judge(self, within: bool) -> bool:
         """Do what `on_exceed` says unless the last row is within the bounds; returns whether it is."""

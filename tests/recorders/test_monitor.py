@@ -206,6 +206,14 @@ def test_rows_that_cannot_be(row: Any, code: str) -> None:
     assert monitor.update(0.1, [0.0, 0.0], [0.0, 0.0]) and monitor.rows == 2
 
 
+def test_without_bounds_it_only_watches() -> None:
+    monitor = dc.Monitor(PENDULUM)
+    monitor.update(0.0, [0.0, 0.0], [0.0, 0.0])
+    assert monitor.update(0.1, [0.0, 0.0], [5.0, 0.0]) and monitor.delta_c > 1.0
+    with pytest.raises(BoundExceeded):
+        monitor.update(0.2, [0.0, 0.0], [np.nan, 0.0])
+
+
 def test_arguments_that_cannot_be() -> None:
     for options in ({"bound": -1.0}, {"rate": float("nan")}, {"on_exceed": "stop"}):
         with pytest.raises(InputError):
@@ -361,3 +369,30 @@ def test_a_missed_step_and_another_model_are_refused() -> None:
     assert watch.monitor.rows == 2
     with pytest.raises(InputError, match="Monitor"):
         dc.Monitor(PENDULUM).mujoco(model, data)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_gymnasium_environment() -> None:
+    """With a frame skip: the numbers are those of the same physics steps in a loop."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
+    gymnasium = pytest.importorskip("gymnasium", reason="gymnasium (deltac[models]) is missing")
+    pytest.importorskip("gymnasium.envs.mujoco", reason="its MuJoCo environments do not load")
+    env = gymnasium.make("InvertedDoublePendulum-v5")
+    base = env.unwrapped
+    assert base.frame_skip > 1
+    monitored = dc.Monitor(base.model, on_exceed=None).gymnasium(env)
+    for _ in range(2):
+        monitored.reset(seed=7)
+        start = mujoco.MjData(base.model)
+        mujoco.mj_copyData(start, base.model, base.data)
+        for _ in range(4):
+            *_, info = monitored.step(np.array([0.2]))
+        watch = dc.Monitor(base.model, on_exceed=None).mujoco(base.model, start)
+        start.ctrl[:] = 0.2
+        for _ in range(4 * base.frame_skip):
+            mujoco.mj_step(base.model, start)
+            watch.update()
+        assert info["delta_c"] == watch.monitor.delta_c
+        assert monitored.monitor.rows == 4 * base.frame_skip + 1
+    with pytest.raises(InputError, match="no gymnasium.envs.mujoco.MujocoEnv"):
+        dc.Monitor(base.model).gymnasium(gymnasium.make("CartPole-v1"))

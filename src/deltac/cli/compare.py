@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, deliver
+from deltac.cli.output import Form, Format, Json, PageFile, deliver
 
 
 def command(
@@ -18,6 +18,7 @@ def command(
     factor: Annotated[
         float, typer.Option(help="How many times larger an energy error has to be to have grown.")
     ] = 2.0,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -28,4 +29,4 @@ def command(
     from deltac.fleets.compare import compare
 
     found = compare(before, after, factor=factor)
-    deliver(found, form.unless(as_json), name=str(after))
+    deliver(found, form.unless(as_json), name=str(after), page=page)

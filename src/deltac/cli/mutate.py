@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import FigureFile, Form, Format, Json, Model, deliver, progress_bar
+from deltac.cli.output import FigureFile, Form, Format, Json, Model, PageFile, deliver, progress_bar
 
 
 def command(
@@ -35,6 +35,7 @@ def command(
     ] = None,
     most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
     figure: FigureFile = None,
+    page: PageFile = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -56,4 +57,4 @@ def command(
             most=most,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=equations, figure=figure)
+    deliver(found, form.unless(as_json), name=equations, figure=figure, page=page)

@@ -15,7 +15,8 @@ from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.report.page.scene import Form, Scene, scene, turned
+from deltac.report.page.geometry import Form
+from deltac.report.page.scene import Scene, scene, turned
 from deltac.report.style import BLUE, GREEN, ORANGE, PINK, VERMILION, blank, styled
 from deltac.trajectories import Trajectory
 

@@ -257,8 +257,7 @@ def audit(
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-        every
-            step: tells whether the log is this model's, and audits every step.
+            every step: tells whether the log is this model's, and audits every step.
 
     Returns:
         The audit: ledger, verdict, findings.

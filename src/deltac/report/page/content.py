@@ -17,7 +17,7 @@ from deltac.diagnosis.check.check import EquationCheck
 from deltac.diagnosis.recommend.result import Recommendation, setting_of
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.diagnosis.study.convergence import order_text
-from deltac.diagnosis.study.runs import StudyRun, before_blow_up
+from deltac.diagnosis.study.runs import before_blow_up
 from deltac.diagnosis.study.study import Study
 from deltac.diagnosis.verdict import MEANINGS, Judged
 from deltac.energy import Ledger
@@ -31,8 +31,6 @@ from deltac.report.page.parts import (
     Chapter,
     Cloud,
     Code,
-    Flow,
-    Flows,
     Grid,
     Guide,
     Line,
@@ -44,16 +42,23 @@ from deltac.report.page.parts import (
     Tone,
     Words,
 )
+from deltac.report.page.plots import (
+    MOST_LINES,
+    all_functions,
+    audit_errors,
+    energy_plots,
+    flows_of,
+    motion_plots,
+    named,
+    orders,
+    resampled,
+    study_errors,
+)
 from deltac.report.page.scene import Scene, scene
 from deltac.results import Finding, Report, Section, Table, Verbatim, number, percent
 from deltac.simulation.equations import Equations
 from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
-
-EPS = float(np.finfo(np.float64).eps)
-
-MOST_LINES = 8
-"""Channels whose curves are shown at first; the others are there to be switched on."""
 
 TONES: dict[int, Tone] = {0: "good", 1: "bad", 3: "doubt"}
 """By exit code."""
@@ -115,11 +120,11 @@ def _(report: Audit, beside: Beside) -> Page:
     bar = float(ledger.error_bar[report.function].max())
     left = float(np.abs(report.energy_error).max())
     chapters = [
-        Chapter("The evidence", (_error_plot(report), _rests_on(report))),
+        Chapter("The evidence", (audit_errors(report), _rests_on(report))),
         _findings(report.findings, ledger, run, report.energy_error),
         Chapter(
             "Where the energy went",
-            (_flows(ledger, report.function, report.energy_error), *energy_plots(ledger)),
+            (flows_of(ledger, report.function, report.energy_error), *energy_plots(ledger)),
         ),
         *motion_plots(run, mechanism),
         Chapter("In numbers", tuple(_tables(report.sections()))),
@@ -159,7 +164,7 @@ def _(report: Study, beside: Beside) -> Page:
     assert finest.ledger is not None and finest.run is not None
     state = report.observed_order["state"]
     knob = "step" if report.measures.unit else "tolerance"
-    runs = [(_of(e, report.measures.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
+    runs = [(named(e, report.measures.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
     order = () if state.order is None else (("observed order of the motion", order_text(state)),)
     nominal = () if report.nominal is None else (("the solver's order", str(report.nominal)),)
     return Page(
@@ -179,12 +184,14 @@ def _(report: Study, beside: Beside) -> Page:
             ("confidence", report.verdict.confidence),
         ),
         chapters=(
-            Chapter("The evidence", (_errors(report, usable), _orders(report), _rests_on(report))),
+            Chapter(
+                "The evidence", (study_errors(report, usable), orders(report), _rests_on(report))
+            ),
             _findings(report.findings, finest.ledger, finest.run),
             Chapter(
                 "Where the energy went",
                 (
-                    _flows(finest.ledger, report.function),
+                    flows_of(finest.ledger, report.function),
                     *energy_plots(finest.ledger),
                 ),
             ),
@@ -201,8 +208,8 @@ def _(report: Study, beside: Beside) -> Page:
 @page_of.register
 def _(report: Ledger, beside: Beside) -> Page:
     worst = next((n for n in ("wang", "liu-huston") if n in report.delta_c), None)
-    plots: list[Part] = [] if worst is None else [_all_functions(report)]
-    flows = () if worst is None else (_flows(report, worst),)
+    plots: list[Part] = [] if worst is None else [all_functions(report)]
+    flows = () if worst is None else (flows_of(report, worst),)
     return Page(
         title="Ledger" if beside.mechanism is None else beside.mechanism.name,
         asked="Where did the energy go?",
@@ -242,14 +249,13 @@ def _(report: EquationCheck, beside: Beside) -> Page:
     chapters.append(Chapter("In numbers", tuple(_tables(report.sections()))))
     if not fixed:
         chapters += [c for other in beside.more for c in _told(other, _REPAIRED)]
-    sign = ">" if report.worst > report.tolerance else "≤"
     return Page(
         title=f"{report.name}, against {report.mechanism}",
         asked="Are these equations of motion the model's, and if not, where do they differ?",
         **_checked(report, fixed),
         numbers=(
             ("largest residual", number(report.worst, digits=2)),
-            ("accepted", f"{sign} {number(report.tolerance, digits=2)} of an equation's terms"),
+            ("accepted", f"{number(report.tolerance, digits=2)} of an equation's terms"),
             ("equations that fail", f"{len(report.blame)} of {len(report.relative_residual)}"),
             ("states", str(report.count)),
             ("confidence", report.verdict.confidence),
@@ -351,7 +357,7 @@ def _two(report: EquationCheck, beside: Beside) -> Iterator[TimePlot]:
                 Line(f"{names[k]}, model", right.q[:, k], colour=n),
                 Line(
                     f"{names[k]}, these equations",
-                    _resampled(wrong.t, wrong.q[:, k], right.t),
+                    resampled(wrong.t, wrong.q[:, k], right.t),
                     colour=n,
                     dashed=True,
                 ),
@@ -472,26 +478,27 @@ def _(report: Examination, beside: Beside) -> Page:
     chapters = [
         Chapter(
             f"{_sentence(TITLES[name])} {page.word}.",
-            (Words("", (page.sentence,)), *page.chapters[0].parts)
-            if page.sentence
-            else page.chapters[0].parts,
+            page.chapters[0].parts,
             tuple(told for chapter in page.chapters for told in chapter.findings),
+            page.sentence,
         )
         for name, page in pages.items()
     ]
-    shown = [page for page in pages.values() if page.scene is not None]
+    shown = next((name for name, page in reversed(pages.items()) if page.scene is not None), None)
+    if shown is not None:  # what moves stands beside the first chapter
+        chapters.insert(0, chapters.pop(list(pages).index(shown)))
     about = (f"{report.classification.summary()}.", *(f"Not done: {s}." for s in report.skipped))
     return Page(
         title=report.model,
         asked="Can its simulation be trusted, with which solver and step, and where are mistakes?",
         tone=TONES[report.exit_code],
         word={0: "Can be trusted", 1: "Something is wrong", 3: "Cannot be told"}[report.exit_code],
-        sentence=_sentence(report.summary()),
+        sentence="" if report.exit_code == 0 else _sentence(report.summary()),
         numbers=tuple((TITLES[name], page.word) for name, page in pages.items()),
-        chapters=(Chapter("What it is", (Words("", about),)), *chapters),
-        scene=shown[-1].scene if shown else moving(beside.mechanism, [("run", beside.run)]),
+        chapters=(*chapters, Chapter("What it is", (Words("", about),))),
+        scene=None if shown is None else pages[shown].scene,
         limits=tuple(dict.fromkeys(limit for page in pages.values() for limit in page.limits)),
-        made=shown[-1].made if shown else (),
+        made=() if shown is None else pages[shown].made,
         data=report.to_dict(),
     )
 
@@ -504,11 +511,9 @@ def _verdict(report: Judged) -> dict[str, Any]:
     tone: Tone = TONES.get(report.exit_code, "bad")
     if v.kind not in ("consistent", "unresolved") and report.exit_code == 0:
         tone = "doubt"  # a mistake that stays within the tolerance
-    return {
-        "tone": tone,
-        "word": WORDS[v.kind],
-        "sentence": v.meaning or UNDECIDED.get(v.kind) or MEANINGS[v.kind],
-    }
+    cause = next((_sentence(f"{f.what}.") for f in v.findings if f.weight == "cause"), "")
+    meaning = v.meaning or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
+    return {"tone": tone, "word": WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
 
 
 def _rests_on(report: Judged) -> Words:
@@ -558,270 +563,6 @@ _KINDS = {
     *("spring", "damper", "friction", "actuator", "applied", "prescribed", "constraint", "contact"),
     *("limit", "impact", "correction", "gravity"),
 }
-
-
-# --- plots ---------------------------------------------------------------------------------------
-
-
-def _error_plot(report: Audit) -> TimePlot:
-    """|ΔC| with its error bar, beside what is accepted and what was exchanged."""
-    ledger = report.ledger
-    lines = [
-        Line(
-            "|ΔC|",
-            _floored(report.energy_error, ledger),
-            ledger.error_bar[report.function],
-            colour=0,
-        )
-    ]
-    if report.function in ledger.delta_c and not np.array_equal(
-        report.energy_error, ledger.delta_c[report.function]
-    ):
-        own = _floored(ledger.delta_c[report.function], ledger)
-        lines.append(Line("|ΔC| without corrections", own, dashed=True, shown=False))
-    lines += [
-        Line(f"|ΔC| {name}", _floored(values, ledger), shown=False)
-        for name, values in ledger.delta_c.items()
-        if name != report.function
-    ]
-    return TimePlot(
-        "What is left of the energy balance, |ΔC|",
-        ledger.t,
-        tuple(lines),
-        "J",
-        log=True,
-        guides=_scales(report.tolerance * report.beside, ledger.energy_exchanged),
-        note="Shaded: how far |ΔC| may be off numerically. A right log stays inside it, or far below "
-        "the dashed line.",
-        tall=True,
-    )
-
-
-def _scales(accepted: float, exchanged: float) -> tuple[Guide, ...]:
-    guides = [("accepted", accepted), ("energy exchanged", exchanged)]
-    return tuple(Guide(name, value) for name, value in guides if value > 0.0)
-
-
-def _floored(values: Array, ledger: Ledger) -> Array:
-    """Sizes, those below rounding of the energy exchanged at rounding: a log axis has no zero."""
-    floor = EPS * ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else EPS
-    sized: Array = np.maximum(np.abs(values), floor)
-    return sized
-
-
-def _all_functions(ledger: Ledger) -> TimePlot:
-    return TimePlot(
-        "What is left of the energy balance, |ΔC|",
-        ledger.t,
-        tuple(
-            Line(name, _floored(values, ledger), ledger.error_bar[name])
-            for name, values in ledger.delta_c.items()
-        ),
-        "J",
-        log=True,
-        guides=_scales(0.0, ledger.energy_exchanged),
-        tall=True,
-    )
-
-
-def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
-    """Kinetic and potential energies, then the work of every channel that is not in V."""
-    K = ledger.kinetic
-    V = ledger.potential_energy
-    sources = sorted(ledger.potential.items(), key=lambda item: -float(np.ptp(item[1])))
-    several = len(sources) > 1
-    visible = 0.02 * max(float(np.ptp(K)), *(float(np.ptp(v)) for _, v in sources), 0.0)
-    yield TimePlot(
-        "Energies, from their values at the start",
-        ledger.t,
-        (
-            Line("K", K - K[0], colour="ink"),
-            *((Line("V", V - V[0], colour=1),) if several else ()),
-            *(
-                Line(f"V {name}", v - v[0], shown=k < MOST_LINES and float(np.ptp(v)) >= visible)
-                for k, (name, v) in enumerate(sources)
-            ),
-            Line("K + V", K + V - K[0] - V[0], dashed=True, colour="grey"),
-        ),
-        "J",
-    )
-    flowing = {n: w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
-    ranked = sorted(
-        ((n, w) for n, w in flowing.items() if np.ptp(w) > 0.0),
-        key=lambda item: -float(np.ptp(item[1])),
-    )
-    if ranked:
-        yield TimePlot(
-            "Work of every channel, from the start",
-            ledger.t,
-            tuple(
-                Line(
-                    name,
-                    work,
-                    ledger.work_error[name]
-                    if float(ledger.work_error[name].max()) > 1e-3 * float(np.ptp(work))
-                    else None,
-                    shown=k < MOST_LINES,
-                )
-                for k, (name, work) in enumerate(ranked)
-            ),
-            "J",
-            note="Positive: it gave energy to the system.",
-        )
-
-
-def _flows(ledger: Ledger, function: str, energy_error: Array | None = None) -> Flows:
-    """Works into and out of the system over the whole run, what it stored, and what is left."""
-    flows = [
-        Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()))
-        for name, w in ledger.work.items()
-        if name not in ledger.potential
-    ]
-    K = ledger.kinetic
-    stored = [Flow("ΔK", float(K[-1] - K[0]), group="store")]
-    stored += [
-        Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store")
-        for name, v in ledger.potential.items()
-    ]
-    shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
-    error = ledger.delta_c[function] if energy_error is None else energy_error
-    bar = float(ledger.error_bar[function].max())
-    left = Flow("ΔC, what is left", float(error[-1]), bar, "left")
-    return Flows(
-        "Energy from the start to the end of the run",
-        (*shown, *stored, left),
-        "Works that flowed in, what is stored of it, and what the balance cannot place.",
-    )
-
-
-def _largest(flows: Sequence[Flow], most: int, what: str) -> list[Flow]:
-    """The largest of some flows, the others as one."""
-    ranked = sorted(flows, key=lambda flow: -abs(flow.energy))
-    shown, rest = ranked[:most], ranked[most:]
-    if len(rest) < 2:
-        return ranked
-    total, error = sum(f.energy for f in rest), sum(f.error for f in rest)
-    return [*shown, Flow(f"{len(rest)} smaller {what}", total, error, rest[0].group)]
-
-
-def _of(entry: StudyRun, unit: str) -> str:
-    return f"h = {number(entry.step, 's')}" if unit else f"tolerance {number(entry.step)}"
-
-
-def _errors(report: Study, usable: Sequence[StudyRun]) -> TimePlot:
-    """|ΔC| of every run, on the times of the finest."""
-    name = report.function
-    finest = usable[-1]
-    assert finest.ledger is not None
-    t = finest.ledger.t
-    lines = []
-    for k, entry in enumerate(usable):
-        assert entry.ledger is not None and entry.energy_error is not None
-        y = _floored(entry.energy_error[name], entry.ledger)
-        last = entry is finest
-        bar = None if entry.bar is None else entry.bar[name]
-        at = _resampled(entry.ledger.t, y, t)
-        lines.append(Line(_of(entry, report.measures.unit), at, bar if last else None, colour=k))
-    return TimePlot(
-        f"What is left of the energy balance, |ΔC| ({name})",
-        t,
-        tuple(lines),
-        "J",
-        log=True,
-        guides=_scales(report.tolerance * report.energy_exchanged, report.energy_exchanged),
-        note="An integrator's error falls with the step; an error of the equations stays where it is.",
-        tall=True,
-    )
-
-
-def _resampled(t: Array, y: Array, at: Array) -> Array:
-    """A curve at other times: as it is where they are its own, else between its rows; none beyond its end."""
-    if len(t) == len(at) and np.array_equal(t, at):
-        return y
-    found: Array = np.interp(at, t, y, right=np.nan)
-    return found
-
-
-def _orders(report: Study) -> LogPlot:
-    """Largest |ΔC| and state difference over the step, with the fitted slopes."""
-    exchanged = report.energy_exchanged or 1.0
-    clouds = []
-    steps, left = report.measures.steps, report.measures.left
-    order = report.observed_order
-    for name, sizes, at in (
-        (f"|ΔC| {report.function}", [x / exchanged for x in left], steps),
-        ("motion, to the next finer run", order["state"].sizes, steps),
-    ):
-        points = [(h, s) for h, s in zip(at, sizes) if s > 0.0 and np.isfinite(s)]
-        if not points:
-            continue
-        converged = order["state"] if name.startswith("motion") else order[report.function]
-        fit = None
-        if converged.order is not None and len(points) > 1:
-            h0, s0 = points[-1]
-            h1 = points[0][0]
-            fit = ((h0, s0), (h1, s0 * (h1 / h0) ** converged.order))
-        clouds.append(
-            Cloud(
-                name,
-                tuple(p[0] for p in points),
-                tuple(p[1] for p in points),
-                joined=fit is None,
-                fit=fit,
-                fit_name="" if converged.order is None else f"slope {order_text(converged)}",
-            )
-        )
-    knob = "step h (s)" if report.measures.unit else "tolerance"
-    return LogPlot(
-        "How the errors fall with the step",
-        knob,
-        "share of the energy exchanged, or of the ranges",
-        tuple(clouds),
-        (Guide("accepted", report.tolerance),),
-        note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
-    )
-
-
-def motion_plots(
-    run: Trajectory, mechanism: Mechanism | None, others: Sequence[StudyRun] = ()
-) -> Iterator[Chapter]:
-    """The coordinates by unit, then the speeds."""
-    if mechanism is None:
-        return
-    yield Chapter(
-        "The motion",
-        tuple(
-            part
-            for what, values, entries in (
-                ("Coordinates", run.q, mechanism.coordinates),
-                ("Speeds", run.u, mechanism.speeds),
-            )
-            for part in _by_unit(what, run.t, values, entries)
-        ),
-    )
-
-
-def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:
-    units: dict[str, list[int]] = {}
-    for k, entry in enumerate(entries):
-        units.setdefault(entry.unit, []).append(k)
-    for unit, places in units.items():
-        said = "quaternions" if unit == "1" else unit
-        columns = [(entries[k].name, values[:, k]) for k in places]
-        yield by_name(f"{what} ({said})", t, columns, "" if unit == "1" else unit)
-
-
-def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
-    """Columns with their names; those that move most are shown at first."""
-    ranges = [float(np.ptp(values)) for _, values in columns]
-    least = sorted(ranges, reverse=True)[:MOST_LINES][-1]
-    left = MOST_LINES
-    lines = []
-    for (name, values), size in zip(columns, ranges):
-        shown = size >= least and left > 0
-        left -= shown
-        lines.append(Line(name, values, shown=shown))
-    return TimePlot(title, t, tuple(lines), unit)
 
 
 def _motion(beside: Beside) -> Iterator[Chapter]:

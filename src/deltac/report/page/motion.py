@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import StateLike, load_model
 from deltac.report.files import output_folder
-from deltac.report.page.content import ROWS, by_name, energy_plots, made, motion_plots, moving
+from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Link, Page
+from deltac.report.page.plots import by_name, energy_plots, motion_plots
 from deltac.report.page.scene import Scene
 from deltac.report.page.sketch import sketch
 from deltac.results import number
@@ -80,7 +82,7 @@ def motion_page(mechanism: Mechanism, run: Trajectory, ledger: Ledger, about: st
         sentence=stopped,
         numbers=tuple(facts),
         chapters=(
-            Chapter("The motion", (energies,)),
+            Chapter("Motion and energies", (replace(energies, tall=True),)),
             *motion_plots(run, mechanism),
             Chapter("Where the energy went", tuple(others)),
         ),

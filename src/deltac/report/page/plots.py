@@ -1,0 +1,297 @@
+"""The plots of pages: |ΔC|, energies and works, orders, coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.audit.audit import Audit
+from deltac.diagnosis.study.convergence import order_text
+from deltac.diagnosis.study.runs import StudyRun
+from deltac.diagnosis.study.study import Study
+from deltac.energy import Ledger
+from deltac.mechanism.mechanism import Mechanism
+from deltac.report.page.parts import (
+    Chapter,
+    Cloud,
+    Flow,
+    Flows,
+    Guide,
+    Line,
+    LogPlot,
+    TimePlot,
+)
+from deltac.results import number
+from deltac.trajectories import Trajectory
+
+EPS = float(np.finfo(np.float64).eps)
+
+MOST_LINES = 8
+"""Channels whose curves are shown at first; the others are there to be switched on."""
+
+
+def audit_errors(report: Audit) -> TimePlot:
+    """|ΔC| with its error bar, beside what is accepted and what was exchanged."""
+    ledger = report.ledger
+    lines = [
+        Line(
+            "|ΔC|",
+            floored(report.energy_error, ledger),
+            ledger.error_bar[report.function],
+            colour=0,
+        )
+    ]
+    if report.function in ledger.delta_c and not np.array_equal(
+        report.energy_error, ledger.delta_c[report.function]
+    ):
+        own = floored(ledger.delta_c[report.function], ledger)
+        lines.append(Line("|ΔC| without corrections", own, dashed=True, shown=False))
+    lines += [
+        Line(f"|ΔC| {name}", floored(values, ledger), shown=False)
+        for name, values in ledger.delta_c.items()
+        if name != report.function
+    ]
+    return TimePlot(
+        "What is left of the energy balance, |ΔC|",
+        ledger.t,
+        tuple(lines),
+        "J",
+        log=True,
+        guides=scales(report.tolerance * report.beside, ledger.energy_exchanged),
+        note="Shaded: how far |ΔC| may be off numerically. A right log stays inside it, or far below "
+        "the dashed line.",
+        tall=True,
+    )
+
+
+def scales(accepted: float, exchanged: float) -> tuple[Guide, ...]:
+    """What |ΔC| is compared with, where it is more than nothing."""
+    guides = [("accepted", accepted), ("energy exchanged", exchanged)]
+    return tuple(Guide(name, value) for name, value in guides if value > 0.0)
+
+
+def floored(values: Array, ledger: Ledger) -> Array:
+    """Sizes, those below rounding of the energy exchanged at rounding: a log axis has no zero."""
+    floor = EPS * ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else EPS
+    sized: Array = np.maximum(np.abs(values), floor)
+    return sized
+
+
+def all_functions(ledger: Ledger) -> TimePlot:
+    """|ΔC| of every testing function of a ledger, with its error bar."""
+    return TimePlot(
+        "What is left of the energy balance, |ΔC|",
+        ledger.t,
+        tuple(
+            Line(name, floored(values, ledger), ledger.error_bar[name])
+            for name, values in ledger.delta_c.items()
+        ),
+        "J",
+        log=True,
+        guides=scales(0.0, ledger.energy_exchanged),
+        tall=True,
+    )
+
+
+def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
+    """Kinetic and potential energies, then the work of every channel that is not in V."""
+    K = ledger.kinetic
+    V = ledger.potential_energy
+    sources = sorted(ledger.potential.items(), key=lambda item: -float(np.ptp(item[1])))
+    several = len(sources) > 1
+    visible = 0.02 * max(float(np.ptp(K)), *(float(np.ptp(v)) for _, v in sources), 0.0)
+    yield TimePlot(
+        "Energies, from their values at the start",
+        ledger.t,
+        (
+            Line("K", K - K[0], colour="ink"),
+            *((Line("V", V - V[0], colour=1),) if several else ()),
+            *(
+                Line(f"V {name}", v - v[0], shown=k < MOST_LINES and float(np.ptp(v)) >= visible)
+                for k, (name, v) in enumerate(sources)
+            ),
+            Line("K + V", K + V - K[0] - V[0], dashed=True, colour="grey"),
+        ),
+        "J",
+    )
+    flowing = {n: w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
+    ranked = sorted(
+        ((n, w) for n, w in flowing.items() if np.ptp(w) > 0.0),
+        key=lambda item: -float(np.ptp(item[1])),
+    )
+    if ranked:
+        yield TimePlot(
+            "Work of every channel, from the start",
+            ledger.t,
+            tuple(
+                Line(
+                    name,
+                    work,
+                    ledger.work_error[name]
+                    if float(ledger.work_error[name].max()) > 1e-3 * float(np.ptp(work))
+                    else None,
+                    shown=k < MOST_LINES,
+                )
+                for k, (name, work) in enumerate(ranked)
+            ),
+            "J",
+            note="Positive: it gave energy to the system.",
+        )
+
+
+def flows_of(ledger: Ledger, function: str, energy_error: Array | None = None) -> Flows:
+    """Works into and out of the system over the whole run, what it stored, and what is left."""
+    flows = [
+        Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()))
+        for name, w in ledger.work.items()
+        if name not in ledger.potential
+    ]
+    K = ledger.kinetic
+    stored = [Flow("ΔK", float(K[-1] - K[0]), group="store")]
+    stored += [
+        Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store")
+        for name, v in ledger.potential.items()
+    ]
+    shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
+    error = ledger.delta_c[function] if energy_error is None else energy_error
+    bar = float(ledger.error_bar[function].max())
+    left = Flow("ΔC, what is left", float(error[-1]), bar, "left")
+    return Flows(
+        "Energy from the start to the end of the run",
+        (*shown, *stored, left),
+        "Works that flowed in, what is stored of it, and what the balance cannot place.",
+    )
+
+
+def _largest(flows: Sequence[Flow], most: int, what: str) -> list[Flow]:
+    """The largest of some flows, the others as one."""
+    ranked = sorted(flows, key=lambda flow: -abs(flow.energy))
+    shown, rest = ranked[:most], ranked[most:]
+    if len(rest) < 2:
+        return ranked
+    total, error = sum(f.energy for f in rest), sum(f.error for f in rest)
+    return [*shown, Flow(f"{len(rest)} smaller {what}", total, error, rest[0].group)]
+
+
+def named(entry: StudyRun, unit: str) -> str:
+    """A run of a study by its step, or by its tolerance, which has no unit."""
+    return f"h = {number(entry.step, 's')}" if unit else f"tolerance {number(entry.step)}"
+
+
+def study_errors(report: Study, usable: Sequence[StudyRun]) -> TimePlot:
+    """|ΔC| of every run, on the times of the finest."""
+    name = report.function
+    finest = usable[-1]
+    assert finest.ledger is not None
+    t = finest.ledger.t
+    lines = []
+    for k, entry in enumerate(usable):
+        assert entry.ledger is not None and entry.energy_error is not None
+        y = floored(entry.energy_error[name], entry.ledger)
+        last = entry is finest
+        bar = None if entry.bar is None else entry.bar[name]
+        at = resampled(entry.ledger.t, y, t)
+        lines.append(Line(named(entry, report.measures.unit), at, bar if last else None, colour=k))
+    return TimePlot(
+        f"What is left of the energy balance, |ΔC| ({name})",
+        t,
+        tuple(lines),
+        "J",
+        log=True,
+        guides=scales(report.tolerance * report.energy_exchanged, report.energy_exchanged),
+        note="An integrator's error falls with the step; an error of the equations stays where it is.",
+        tall=True,
+    )
+
+
+def resampled(t: Array, y: Array, at: Array) -> Array:
+    """A curve at other times: as it is where they are its own, else between its rows; none beyond its end."""
+    if len(t) == len(at) and np.array_equal(t, at):
+        return y
+    found: Array = np.interp(at, t, y, right=np.nan)
+    return found
+
+
+def orders(report: Study) -> LogPlot:
+    """Largest |ΔC| and state difference over the step, with the fitted slopes."""
+    exchanged = report.energy_exchanged or 1.0
+    clouds = []
+    steps, left = report.measures.steps, report.measures.left
+    order = report.observed_order
+    for name, sizes, at in (
+        (f"|ΔC| {report.function}", [x / exchanged for x in left], steps),
+        ("motion, to the next finer run", order["state"].sizes, steps),
+    ):
+        points = [(h, s) for h, s in zip(at, sizes) if s > 0.0 and np.isfinite(s)]
+        if not points:
+            continue
+        converged = order["state"] if name.startswith("motion") else order[report.function]
+        fit = None
+        if converged.order is not None and len(points) > 1:
+            h0, s0 = points[-1]
+            h1 = points[0][0]
+            fit = ((h0, s0), (h1, s0 * (h1 / h0) ** converged.order))
+        clouds.append(
+            Cloud(
+                name,
+                tuple(p[0] for p in points),
+                tuple(p[1] for p in points),
+                joined=fit is None,
+                fit=fit,
+                fit_name="" if converged.order is None else f"slope {order_text(converged)}",
+            )
+        )
+    knob = "step h (s)" if report.measures.unit else "tolerance"
+    return LogPlot(
+        "How the errors fall with the step",
+        knob,
+        "share of the energy exchanged, or of the ranges",
+        tuple(clouds),
+        (Guide("accepted", report.tolerance),),
+        note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
+    )
+
+
+def motion_plots(
+    run: Trajectory, mechanism: Mechanism | None, others: Sequence[StudyRun] = ()
+) -> Iterator[Chapter]:
+    """The coordinates by unit, then the speeds."""
+    if mechanism is None:
+        return
+    yield Chapter(
+        "The motion",
+        tuple(
+            part
+            for what, values, entries in (
+                ("Coordinates", run.q, mechanism.coordinates),
+                ("Speeds", run.u, mechanism.speeds),
+            )
+            for part in _by_unit(what, run.t, values, entries)
+        ),
+    )
+
+
+def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:
+    units: dict[str, list[int]] = {}
+    for k, entry in enumerate(entries):
+        units.setdefault(entry.unit, []).append(k)
+    for unit, places in units.items():
+        said = "quaternions" if unit == "1" else unit
+        columns = [(entries[k].name, values[:, k]) for k in places]
+        yield by_name(f"{what} ({said})", t, columns, "" if unit == "1" else unit)
+
+
+def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
+    """Columns with their names; those that move most are shown at first."""
+    ranges = [float(np.ptp(values)) for _, values in columns]
+    least = sorted(ranges, reverse=True)[:MOST_LINES][-1]
+    left = MOST_LINES
+    lines = []
+    for (name, values), size in zip(columns, ranges):
+        shown = size >= least and left > 0
+        left -= shown
+        lines.append(Line(name, values, shown=shown))
+    return TimePlot(title, t, tuple(lines), unit)

@@ -171,7 +171,7 @@ class Trajectory(Shown):
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
-    mechanism: Mechanism | None = None
+    mechanism: Mechanism | None = field(default=None, metadata={"json": False})
 
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))

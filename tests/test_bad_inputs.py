@@ -23,6 +23,8 @@ def bob(*joint: Any, **mechanism: Any) -> dc.Mechanism:
 
 M = bob(gravity=(0, -9.81, 0))
 S = M.state({"hinge": 0.5})
+TWO = dc.State(0.0, np.zeros(2), np.zeros(2))
+MISNAMED = dc.Equations(lambda t, y: y, order=("hinge", "u.hing"))
 
 
 def run(**changed: Any) -> dc.Trajectory:
@@ -52,7 +54,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "misspelt coordinate": ("E-NAME", lambda: dc.simulate(M, {"hing": 0.3}, 0.1, 0.01)),
     "list as a state": ("E-TYPE", lambda: dc.simulate(M, [0.3, 0.1], 0.1, 0.01)),  # type: ignore
     "state not finite": ("E-STATE", lambda: M.state({"hinge": float("nan")})),
-    "state of another": ("E-STATE", lambda: dc.simulate(M, dc.State(0.0, np.zeros(2), np.zeros(2)), 1.0, 0.1)),
+    "state of another": ("E-STATE", lambda: dc.simulate(M, TWO, 1.0, 0.1)),
     "text as a state": ("E-VALUE", lambda: dc.simulate(M, "hinge", 0.1, 0.01)),
     "number in a text": ("E-VALUE", lambda: dc.simulate(M, "hinge=a", 0.1, 0.01)),
     # runs
@@ -69,12 +71,12 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "equal steps": ("E-VALUE", lambda: dc.study(M, S, 0.2, steps=(0.01, 0.01, 0.01))),
     "logs and steps": ("E-VALUE", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
     # equations
-    "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations("double-pendulum", lambda t, q, u: 9.81)),
+    "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations(M, lambda t, q, u: [[9.81]])),
     "scalar in a run": ("E-VALUE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, q, u: 9.81)),
     "scalar of (t, y)": ("E-SOURCE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, y: 9.81)),
     "no function": ("E-VALUE", lambda: dc.Equations(1)),  # type: ignore
     "unknown form": ("E-VALUE", lambda: dc.Equations(lambda t, y: y, form="pde")),
-    "unknown order": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, equations=dc.Equations(lambda t, y: y, order=("hinge", "u.hing")))),
+    "unknown order": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, equations=MISNAMED)),
     # models
     "misspelt problem": ("E-NAME", lambda: dc.problems.load("triple-pendulm")),
     "list as a model": ("E-TYPE", lambda: dc.simulate([1, 2], S, 1, 0.01)),  # type: ignore

@@ -92,7 +92,10 @@ fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
 	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
 
 torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost
-	$(PYTEST) -m "slow or not slow" tests/test_torture.py $(ARGS)
+	$(PYTEST) -m "slow or not slow" tests/test_torture.py tests/fleets/test_fleet_torture.py $(ARGS)
+
+bench-fleets: $(TEST)  ## what sweeps and audits of many logs cost beside the bare calls
+	$(PY) benchmarks/fleets.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

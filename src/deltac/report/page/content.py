@@ -512,7 +512,8 @@ def _verdict(report: Judged) -> dict[str, Any]:
     if v.kind not in ("consistent", "unresolved") and report.exit_code == 0:
         tone = "doubt"  # a mistake that stays within the tolerance
     cause = next((_sentence(f"{f.what}.") for f in v.findings if f.weight == "cause"), "")
-    meaning = v.meaning or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
+    reason = next((f"{e}." for e in v.evidence if e.startswith("Unresolved ")), "")
+    meaning = v.meaning or reason or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
     return {"tone": tone, "word": WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
 
 

@@ -147,6 +147,13 @@ class Study(
 
     def summary(self) -> str:
         """Verdict, and the energy error at the finest step beside the tolerance."""
+        m = self.measures
+        if self.energy_exchanged < STILL * m.scale:  # a share of rounding would tell nothing
+            return (
+                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which none is "
+                f"exchanged, at the finest of {len(self.runs)} steps of {self.solver} (confidence "
+                f"{self.verdict.confidence})"
+            )
         sign = ">" if self.relative > self.tolerance else "≤"
         state = self.observed_order["state"]
         order = "" if state.order is None else f", order {order_text(state)}"
@@ -175,6 +182,10 @@ class Study(
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
+
+
+STILL = 1e-12
+"""Share of the energies of a motion below which what is exchanged is rounding."""
 
 
 # --- equations by hand in a study: what they raise, or cannot say, is told with the state --------

@@ -18,7 +18,7 @@ BENCH := $(VENV)/.deltac-bench
 .NOTPARALLEL:
 .SUFFIXES:
 .PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
-	bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
+	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
@@ -78,6 +78,9 @@ bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: f
 bench-correction: $(TEST)  ## what extrapolation, steps by ΔC and restoring the energy buy, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
 
+bench-blackbox: $(TEST)  ## what is told of mistakes in code that cannot be read: is it so?
+	$(PY) benchmarks/blackbox.py $(ARGS)
+
 bench-repair-wild: $(TEST)  ## the same for programs as people write them
 	$(PY) benchmarks/wild.py $(ARGS)
 
@@ -89,7 +92,10 @@ fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
 	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
 
 torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost
-	$(PYTEST) -m "slow or not slow" tests/test_torture.py $(ARGS)
+	$(PYTEST) -m "slow or not slow" tests/test_torture.py tests/fleets/test_fleet_torture.py $(ARGS)
+
+bench-fleets: $(TEST)  ## what sweeps and audits of many logs cost beside the bare calls
+	$(PY) benchmarks/fleets.py $(ARGS)
 
 docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
 	$(PYTEST) tests/test_docs.py $(ARGS)

@@ -95,6 +95,8 @@ def run(case: Case, options: argparse.Namespace) -> list[dict[str, Any]]:
     for task in tasks(case, source, reading, options.each, options.doubles, options.seed):
         if options.kind and options.kind not in task["kind"]:
             continue
+        if options.again is not None and (case.name, task["words"]) not in options.again:
+            continue
         # The form is found out anew: a mistake may hide it.
         changed = read_source(case.target).replaced(task["text"])
         row = {"case": case.name, "style": case.style, "kind": task["kind"], "words": task["words"]}
@@ -202,7 +204,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--time-limit", type=float, default=60.0)
     parser.add_argument("--json", type=Path)
+    parser.add_argument(
+        "--again", type=Path, help="only what an earlier run (its JSON) did not repair"
+    )
     options = parser.parse_args()
+    if options.again is not None:
+        before = json.loads(options.again.read_text())
+        options.again = {(r["case"], r["words"]) for r in before if not r.get("repaired")}
     rows: list[dict[str, Any]] = []
     for case in CASES:
         if case.name in options.only and not (options.seen and case.name in UNSEEN):

@@ -1,6 +1,6 @@
-"""The gallery: a picture of every problem of the library, and what is known of it.
+"""The gallery: a picture of every problem of the library, and its page with the mechanism in motion.
 
-Pictures take half a minute of computing; they are kept in .gallery/ until the sources change. With
+Both take a minute of computing; they are kept in .gallery/ until the sources change. With
 GALLERY=off there are none.
 """
 
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import html
+import io
 import os
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,8 @@ hide: [navigation, toc]
 
 The library of published problems. Each has reference numbers that `deltac problems NAME` compares with a run,
 and each can be loaded: `dc.problems.load("bicycle")`. A picture shows the first seconds: earlier places are
-paler, the grey line is the path of an end. Bodies without a shape are drawn as what their inertia is that of.
+paler, the grey line is the path of an end. Click it to see the mechanism move, with its energies beside.
+Bodies without a shape are drawn as what their inertia is that of.
 
 """
 
@@ -34,7 +35,7 @@ SHOWN = 4.0
 
 
 def pages() -> Iterator[tuple[str, str | bytes]]:
-    """The page, and its pictures."""
+    """The page, its pictures, and a page of each motion."""
     from deltac import problems
     from deltac.analysis.classify import classify
 
@@ -42,60 +43,60 @@ def pages() -> Iterator[tuple[str, str | bytes]]:
     cards = []
     for name in problems.names():
         problem = problems.load(name)
+        title, source = html.escape(problem.title), html.escape(problem.source)
+        image = ""
         if wanted:
-            yield f"gallery/{name}.png", _picture(problem)
-        image = (
-            f'<img alt="{html.escape(problem.title)}" src="gallery/{name}.png">' if wanted else ""
-        )
+            for suffix, content in _made(problem).items():
+                yield f"gallery/{name}{suffix}", content
+            image = (
+                f'<a href="gallery/{name}.html"><img alt="{title}" src="gallery/{name}.png"></a>'
+            )
         count = len(problem.reference)
         cards.append(
-            f"<figure>{image}<figcaption><b>{html.escape(problem.title)}</b><br>"
+            f"<figure>{image}<figcaption><b>{title}</b><br>"
             f"<code>deltac problems {name}</code><br>{classify(problem).kind}; "
             f"{problem.freedom} degree{'s' if problem.freedom != 1 else ''} of freedom; "
             f"{count} reference number{'s' if count != 1 else ''}.<br>"
-            f"<small>{html.escape(problem.source)}</small></figcaption></figure>"
+            f"<small>{source}</small></figcaption></figure>"
         )
     text = HEAD + '<div class="gallery">\n' + "\n".join(cards) + "\n</div>\n"
     yield "gallery.md", text
 
 
-def _picture(problem: Any) -> bytes:
-    """The picture of a problem, from the folder of kept ones if nothing has changed."""
+def _made(problem: Any) -> dict[str, bytes]:
+    """Picture and page of a problem by suffix, from the folder of kept ones if nothing has changed."""
     sources = (
         *(ROOT / "src/deltac/problems").glob("*.py"),
-        *(ROOT / "src/deltac/report").rglob("*.py"),
+        *(path for path in (ROOT / "src/deltac/report").rglob("*") if path.is_file()),
     )
     digest = hashlib.sha256(problem.mechanism.hash.encode())
-    for path in sorted(sources):
+    for path in sorted(path for path in sources if "__pycache__" not in path.parts):
         digest.update(path.read_bytes())
-    kept = KEPT / f"{problem.name}-{digest.hexdigest()[:16]}.png"
-    if not kept.exists():
+    kept = {
+        end: KEPT / f"{problem.name}-{digest.hexdigest()[:16]}{end}" for end in (".png", ".html")
+    }
+    if not all(path.exists() for path in kept.values()):
         KEPT.mkdir(exist_ok=True)
-        for old in KEPT.glob(f"{problem.name}-*.png"):
+        for old in KEPT.glob(f"{problem.name}-{'[0-9a-f]' * 16}.*"):
             old.unlink()
-        kept.write_bytes(_drawn(problem))
-    return kept.read_bytes()
+        for end, content in _computed(problem).items():
+            kept[end].write_bytes(content)
+    return {end: path.read_bytes() for end, path in kept.items()}
 
 
-def _drawn(problem: Any) -> bytes:
-    import io
-
+def _computed(problem: Any) -> dict[str, bytes]:
     from PIL import Image
 
-    import deltac as dc
+    from deltac.report.page import document
+    from deltac.report.page.motion import motion_page, viewed
     from deltac.report.still import still
 
-    steps = max(1, round(min(problem.duration, SHOWN) / problem.step))
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # of steps that friction makes stiff: the picture shows the motion
-        run = dc.simulate(
-            problem.mechanism, problem.state, steps * problem.step, problem.step, problem.solver
-        )
-    file = io.BytesIO()
-    still(problem.mechanism, run, places=6).savefig(file, format="png", dpi=110)
-    small = io.BytesIO()
+    mechanism, run, ledger = viewed(problem)
+    about = f"{problem.title}. Source: {problem.source}"
+    page = document(motion_page(mechanism, run, ledger, about), f"deltac view {problem.name}")
+    file, small = io.BytesIO(), io.BytesIO()
+    first = run.between(run.t[0], min(run.t[-1], run.t[0] + SHOWN))
+    still(mechanism, first, places=6).savefig(file, format="png", dpi=110)
     image = Image.open(file).convert("RGB").quantize(96, dither=Image.Dither.NONE)
     image.save(small, format="png", optimize=True)
-    return small.getvalue()
+    return {".png": small.getvalue(), ".html": page.encode()}

@@ -1,6 +1,6 @@
 """The foreign bench: logs of other people's simulators and habits, judged blind. `make bench-foreign`.
 
-    make bench-foreign [ARGS="--seed 9001 --right 700 --wrong 700 --slip 200 --jobs 2"]
+    make bench-foreign [ARGS="--seed 9100 --right 700 --wrong 700 --slip 200 --jobs 2"]
 
 Right motions must never be called `equation-error`, however they were recorded. Wrong models should be, or
 be named as real though small; slips of a log should be named. Prints tables, and every false verdict.
@@ -25,24 +25,27 @@ from measure import machine
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
 
-SEED = 9001
-"""The published table's. Rules were tuned on seeds 1 to 6."""
+SEED = 9100
+"""The published table's. Rules were tuned on seeds 1 to 6, 10, 21 and 22."""
 
 NAMES = {
     "gravity": ("gravity",),
     "mass": ("body-mass", "body-inertia"),
     "centre": ("body-centre",),
-    "inertia": ("body-moments", "body-moment"),
+    "inertia": ("body-moments", "body-moment", "missing-rotor-inertia", "armature"),
     "missing-damper": ("missing-damper", "damping"),
     "damping": ("damping", "missing-damper"),
     "missing-spring": ("missing-spring", "stiffness"),
-    "gear": ("actuator-gear",),
+    "gear": ("actuator-gear", "mass-scale"),
     "dry-friction": ("missing-friction",),
     "drag": (),
     "wall": ("missing-contact",),
     "armature": ("missing-rotor-inertia", "armature"),
+    "constant-force": ("constant-force", "applied-force", "body-torque", "thrust"),
 }
-"""What names each planted fault; quadratic drag is in no dictionary."""
+"""What names each planted fault, also in other words that no log tells apart: motors too strong are masses
+
+too small, the inertia of a body that turns about one axis a rotor's. Quadratic drag is in no dictionary."""
 
 SLIP_NAMES = {
     "clock-1.01": ("clock-scale",),
@@ -58,10 +61,13 @@ SLIP_NAMES = {
 
 SCHEMES = {
     "mujoco-Euler": ("implicit-damping-euler", "semi-implicit-euler"),
-    "mujoco-implicitfast": ("implicit-damping-euler", "semi-implicit-euler"),
+    "mujoco-implicitfast": (
+        "implicit-damping-euler",
+        "semi-implicit-euler",
+        "linearly-implicit-euler",
+    ),
     "mujoco-implicit": ("linearly-implicit-euler", "implicit-damping-euler", "semi-implicit-euler"),
     "mujoco-RK4": ("rk4", "rk4-on-the-group"),
-    "midpoint": ("explicit-midpoint",),
     "implicit-damping": ("implicit-damping-euler", "semi-implicit-euler"),
     "newmark": ("trapezoidal",),
     "bullet": ("semi-implicit-euler",),
@@ -72,6 +78,10 @@ SCHEMES = {
     "exudyn-TrapezoidalIndex2": ("trapezoidal",),
     "exudyn-RK44": ("rk4",),
     "exudyn-ExplicitMidpoint": ("explicit-midpoint",),
+    "leapfrog": ("verlet",),
+    "rk4-on-the-group": ("rk4",),
+    "midpoint": ("explicit-midpoint", "explicit-midpoint-on-the-group"),
+    "heun": ("heun-on-the-group",),
 }
 """Right names of schemes whose own name is another; undamped, several are the same."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import deltac as dc
+from foreign import bodies
 from foreign import simulators as sim
 from foreign.forms import FORMS, SLIPS, Rows, formed, slipped
 from foreign.machines import Machine, draw
@@ -40,9 +41,15 @@ class Case:
     log: dc.Trajectory
 
 
+IN_SPACE = 0.4
+"""Share of the cases with free and ball joints or loops."""
+
+
 def case(seed: int, number: int, truth: str) -> Case | None:
     """The case of a seed and number; None where the motion ran away."""
     rng = np.random.default_rng([seed, number, {"right": 0, "wrong": 1, "slip": 2}[truth]])
+    if truth != "slip" and rng.random() < IN_SPACE:
+        return _in_space(rng, number, truth)
     machine = draw(rng)
     n = len(machine.links)
     motors = len(machine.motors)
@@ -93,6 +100,48 @@ def case(seed: int, number: int, truth: str) -> Case | None:
         number, name, truth, fault, element, form, recording.scheme, every, effect,
         machine.mechanism(), log,
     )  # fmt: skip
+
+
+def _in_space(rng: np.random.Generator, number: int, truth: str) -> Case | None:
+    """A case with free and ball joints or a loop."""
+    assembly = bodies.draw(rng)
+    scheme = str(rng.choice(bodies.SCHEMES))
+    if assembly.name == "four-bar" and scheme.startswith("mujoco-"):
+        scheme = "rk4-on-the-group"
+    dynamics, fault, element = bodies.Dynamics(assembly.model()), "", ""
+    if truth == "wrong":
+        dynamics, fault, element = bodies.planted(assembly, rng)
+    motion = bodies.motion_of(assembly, dynamics, scheme, rng)
+    recording = bodies.simulated(dynamics, motion, scheme, float(rng.choice([1e-4, 1e-6, 1e-9])))
+    if len(recording.t) < 80 or np.abs(recording.u).max() > 80:
+        return None
+    form = str(rng.choice(FORMS))
+    if not assembly.motors and form in ("stale-forces", "mean-forces", "later-forces", "commands"):
+        form = "full"
+    own_times = scheme == "scipy-RK45"
+    if own_times and form in ("filtered", "filtered-udot", "smoothed-udot"):
+        form = "full"  # those who filter have even clocks
+    effect = bodies.effect(assembly, dynamics, recording) if truth == "wrong" else 0.0
+    mechanism, _ = dc.read_mechanism(assembly.model(), equality="constraints")
+    forces = {}
+    for joint in assembly.motors:
+        place = mechanism.speeds.of(joint)
+        force = np.zeros_like(recording.u)
+        force[:, place] = recording.tau[:, place]
+        forces[f"actuator m_{joint}"] = force
+    told = motion.step if rng.random() < 0.4 and not own_times else None
+    rows = Rows(recording.t, recording.q, recording.u, recording.udot, forces, told)
+    rows = formed(rows, form, rng)
+    exact = scheme not in ("scipy-RK45", "scipy-DOP853", "rk4-substeps")
+    log = dc.Trajectory(
+        t=rows.t, q=rows.q, u=rows.u, udot=rows.udot, forces=rows.forces,
+        coordinates=mechanism.coordinates.names, speeds=mechanism.speeds.names,
+        provenance=dc.Provenance(recording.simulator, step=rows.step if exact else None),
+    )  # fmt: skip
+    note = f"{' held' if motion.every else ''}{' projected' if motion.project else ''}"
+    name = f"{assembly.name} by {scheme}{note} h={motion.step:g} {form}"
+    every = exact and not motion.project and form not in ("thinned", "non-uniform")
+    return Case(number, name, truth, fault, element, form, scheme, every, effect, mechanism, log)
 
 
 def machine_torque(machine: Machine) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -33,7 +34,9 @@ class Rows:
 FORMS = (
     "full", "no-udot", "thinned", "float32", "decimals", "noise", "filtered", "filtered-udot",
     "non-uniform", "lost-rows", "stale-forces", "backward-udot", "forward-udot", "central-udot",
-    "late-udot", "mean-udot",
+    "late-udot", "mean-udot", "half", "significant", "interpolated-linearly", "interpolated-cubically",
+    "averaged", "encoder", "jittered", "spline-udot", "smoothed-udot", "mean-forces", "later-forces",
+    "commands", "slow-speeds",
 )  # fmt: skip
 
 SLIPS = (
@@ -70,6 +73,8 @@ def formed(rows: Rows, form: str, rng: np.random.Generator) -> Rows:
         return rows.taken(kept)
     if form == "stale-forces":
         return replace(rows, forces={k: np.vstack([f[:1], f[:-1]]) for k, f in rows.forces.items()})
+    if form in _HABITS:
+        return _HABITS[form](rows, rng)
     h = np.diff(rows.t)[:, None]
     D = np.diff(rows.u, axis=0) / h
     if form == "backward-udot":
@@ -86,6 +91,86 @@ def formed(rows: Rows, form: str, rng: np.random.Generator) -> Rows:
         made = np.apply_along_axis(lambda x: np.convolve(x, np.ones(5) / 5, "same"), 0, made)
         return replace(rows, udot=made)
     return rows
+
+
+def _interpolated(rows: Rows, rng: np.random.Generator, degree: int) -> Rows:
+    """At times of another clock."""
+    from scipy.interpolate import make_interp_spline
+
+    spacing = float(rng.choice([0.7, 1.6, 3.3])) * float(np.median(np.diff(rows.t)))
+    t = np.arange(rows.t[0], rows.t[-1], spacing)
+    made = _each(rows, lambda x: make_interp_spline(rows.t, x, k=degree)(t))
+    udot = None if rng.random() < 0.5 else made.udot
+    forces = {
+        k: f if len(f) == len(t) else np.zeros((len(t), f.shape[1])) for k, f in made.forces.items()
+    }
+    return replace(made, t=t, udot=udot, forces=forces, step=None)
+
+
+def _averaged(rows: Rows, rng: np.random.Generator) -> Rows:
+    """Means over four rows, as a data logger takes them."""
+    n = len(rows.t) // 4 * 4
+
+    def mean(x: Array) -> Array:
+        return np.asarray(x[:n].reshape(-1, 4, x.shape[1]).mean(axis=1))
+
+    made = _each(rows, mean)
+    t = rows.t[:n].reshape(-1, 4).mean(axis=1)
+    forces = {k: mean(f) for k, f in rows.forces.items()}
+    return replace(made, t=t, forces=forces, step=None)
+
+
+def _encoded(rows: Rows, rng: np.random.Generator) -> Rows:
+    """Joint angles in counts of an encoder; coordinates of bodies in space are left."""
+    q, count = rows.q.copy(), 2 * np.pi / 4096
+    if q.shape[1] == rows.u.shape[1]:
+        q = np.round(q / count) * count
+    return replace(rows, q=q, udot=None if rng.random() < 0.5 else rows.udot)
+
+
+def _spline_udot(rows: Rows, rng: np.random.Generator) -> Rows:
+    from scipy.interpolate import make_interp_spline
+
+    return replace(rows, udot=make_interp_spline(rows.t, rows.u, k=3).derivative()(rows.t))
+
+
+def _smoothed_udot(rows: Rows, rng: np.random.Generator) -> Rows:
+    from scipy.signal import savgol_filter
+
+    h = float(np.median(np.diff(rows.t)))
+    return replace(rows, udot=savgol_filter(rows.u, 11, 3, deriv=1, delta=h, axis=0))
+
+
+def _forces(rows: Rows, change: Callable[[Array], Array]) -> Rows:
+    return replace(rows, forces={k: change(f) for k, f in rows.forces.items()})
+
+
+_HABITS: dict[str, Callable[[Rows, np.random.Generator], Rows]] = {
+    "half": lambda rows, _: _each(rows, lambda x: x.astype(np.float16).astype(float)),
+    "significant": lambda rows, rng: _each(rows, _significant(int(rng.integers(4, 8)))),
+    "interpolated-linearly": lambda rows, rng: _interpolated(rows, rng, 1),
+    "interpolated-cubically": lambda rows, rng: _interpolated(rows, rng, 3),
+    "averaged": _averaged,
+    "encoder": _encoded,
+    "jittered": lambda rows, rng: replace(
+        rows, t=rows.t + 0.02 * np.median(np.diff(rows.t)) * rng.uniform(-1, 1, len(rows.t))
+    ),
+    "spline-udot": _spline_udot,
+    "smoothed-udot": _smoothed_udot,
+    "mean-forces": lambda rows, _: _forces(
+        rows, lambda f: np.vstack([0.5 * (f[1:] + f[:-1]), f[-1:]])
+    ),
+    "later-forces": lambda rows, _: _forces(rows, lambda f: np.vstack([f[:1], f[:1], f[:-2]])),
+    "commands": lambda rows, _: _forces(rows, lambda f: np.repeat(f[::4], 4, axis=0)[: len(f)]),
+    "slow-speeds": lambda rows, _: replace(
+        rows, u=np.repeat(rows.u[::2], 2, axis=0)[: len(rows.u)]
+    ),
+}
+"""Habits beyond those of the first bench: digits, clocks, interpolation, means, derivatives, forces."""
+
+
+def _significant(digits: int) -> Callable[[Array], Array]:
+    return np.vectorize(lambda x: float(f"{x:.{digits - 1}e}"), otypes=[float])
 
 
 def slipped(rows: Rows, slip: str, rng: np.random.Generator) -> Rows:

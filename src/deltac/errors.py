@@ -121,6 +121,8 @@ def closest(name: str, options: Iterable[str]) -> str:
     """
     known = [option for option in islice(options, _MANY) if len(option) <= _LONG]
     match = difflib.get_close_matches(name[:_LONG], known, n=1, cutoff=0.6)
+    begun = [option for option in known if len(name) > 2 and option.startswith(name)]
+    match = match or begun[: len(begun) == 1]  # 'pos' for 'position'
     if match:
         return f"; did you mean {match[0]!r}?"
     return f"; known: {listed(known)}" if known else "; none are defined"

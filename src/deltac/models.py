@@ -15,21 +15,38 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
-from deltac.errors import FileError, InputError, StateError, UnknownName, WrongType, closest
+from deltac.errors import (
+    FileError,
+    InputError,
+    ModelError,
+    StateError,
+    UnknownName,
+    WrongType,
+    closest,
+)
 from deltac.files import read_bytes
 from deltac.limits import parse_json, parse_toml
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
-IMPORTED = (".xml", ".mjcf", ".urdf")
+IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
+NOT_IMPORTED = {
+    ".xacro": "xacro is a language of macros; expand it: xacro {path} > {stem} (of ROS; or "
+    "pip install xacro), and give that file",
+    ".osim": "models of OpenSim are not read; describe it in Python (FILE.py:NAME); its logs are read",
+    ".slx": "models of Simulink are not read; describe it in Python (FILE.py:NAME); its logs are read",
+    ".usd": "models in USD are not read; export URDF or MJCF",
+    ".usda": "models in USD are not read; export URDF or MJCF",
+}
+"""Files that users take for models -> what to do instead."""
 WRITTEN_STATES: dict[str, Callable[[str], Any]] = {
     ".json": lambda text: parse_json(text, "the state's values"),
     ".toml": parse_toml,
 }
 
 TAKEN = (
-    "a Mechanism, a Problem, the name of a problem, an .xml or .urdf file, a mujoco.MjModel or MjSpec, "
+    "a Mechanism, a Problem, the name of a problem, an .xml, .urdf or .sdf file, a mujoco.MjModel or MjSpec, "
     "'file.py:function', or a pair (Mechanism, State)"
 )
 """What the door takes, for messages."""
@@ -242,6 +259,11 @@ def _named(text: str) -> Model:
         if not path.is_file():
             raise FileError(f"model {text}: no such file")
         return _imported(path)
+    if path.suffix.lower() in NOT_IMPORTED:
+        stem = path.stem if path.stem.endswith(".urdf") else f"{path.stem}.urdf"
+        raise ModelError(
+            f"model {text}: {NOT_IMPORTED[path.suffix.lower()].format(path=path, stem=stem)}"
+        )
     if path.suffix == ".py":
         raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
     if path.suffix.lower() in import_module("deltac.trajectories.formats.files").FORMATS:

@@ -7,7 +7,7 @@ those that apply, hands the results on, and ends with one verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -82,16 +82,24 @@ class Examination(
 
     @property
     def exit_code(self) -> int:
-        """1 where a part found something wrong, else 3 where one could not tell, else 0."""
-        codes = [part.exit_code for part in self.results.values()]
+        """1 where a part found something wrong, else 3 where one could not tell, else 0.
+
+        That no step keeps the tolerance is nothing wrong with the model: nothing can be told then.
+        """
+        codes = list(self._codes.values())
         return 1 if 1 in codes else 3 if 3 in codes or self.missing or not codes else 0
+
+    @property
+    def _codes(self) -> dict[str, int]:
+        found = {name: part.exit_code for name, part in self.results.items()}
+        return found | ({"recommend": 3} if found.get("recommend") else {})
 
     def summary(self) -> str:
         """The outcome in one line."""
         outcome = {0: "can be trusted", 1: "something is wrong", 3: "cannot be told"}[
             self.exit_code
         ]
-        wrong = [name for name, part in self.results.items() if part.exit_code == self.exit_code]
+        wrong = [name for name, code in self._codes.items() if code == self.exit_code]
         where = f" ({', '.join(wrong)})" if self.exit_code and wrong else ""
         return f"{self.model}: {outcome}{where}"
 
@@ -135,6 +143,7 @@ def examine(
     log: Any = None,
     mapping: Any = None,
     tolerance: float = TOLERANCE,
+    solvers: Sequence[str] = CANDIDATES,
     progress: Progress | None = None,
 ) -> Examination:
     """Run the whole procedure: check the equations, choose solver and step, study, audit the log.
@@ -148,6 +157,7 @@ def examine(
         log: a Trajectory or the path of a log of this model.
         mapping: of the log's columns, as for `audit`.
         tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
+        solvers: with fixed steps, that compete for the recommendation.
         progress: called with the fraction done.
 
     Raises:
@@ -177,7 +187,7 @@ def examine(
             state,
             duration,
             tolerance,
-            solvers=CANDIDATES,
+            solvers=solvers,
             time_limit=SEARCH,
             progress=told,
         )

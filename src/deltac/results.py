@@ -56,7 +56,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, PurePath):
         return str(value)
     if is_dataclass(value):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+        kept = [f.name for f in fields(value) if f.metadata.get("json", True)]
+        return {name: plain(getattr(value, name)) for name in kept}
     raise TypeError(f"{type(value).__name__} has no form in JSON; omit it from the record")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +122,33 @@ def test_a_rolling_disc_touches_where_its_point_rests() -> None:
     assert np.abs(slip).max() < 1e-9 and R.shape == (51, 3, 3)
 
 
+def test_a_run_knows_its_kinematics_and_multipliers(tmp_path: Any) -> None:
+    problem = dc.problems.load("rolling-disc")
+    run = dc.simulate(problem, None, 0.2, 0.01)
+    k, body = dc.kinematics(problem, run), problem.mechanism.bodies[-1].name
+    (contact,) = (c.name for c in problem.mechanism.constraints)
+    for name, given in (
+        ("position", (body, (0.0, 0.0, 0.01))),
+        ("velocity", (body,)),
+        ("orientation", (body,)),
+        ("angular_velocity", (body,)),
+        ("contact_point", (contact,)),
+    ):
+        assert np.array_equal(getattr(run, name)(*given), getattr(k, name)(*given))
+    assert np.array_equal(run.every(2).position(body), run.position(body)[::2])
+    # Gᵀλ is the force that the run has recorded.
+    found = dc.evaluate(problem, run)
+    force = np.einsum("tcp,tc->tp", found.G, run.multipliers[contact])
+    free = problem.mechanism.free.u
+    np.testing.assert_allclose(force, run.forces[f"constraint {contact}"][:, free], atol=1e-9)
+    run.write(tmp_path / "run.parquet")
+    back = dc.read_trajectory(tmp_path / "run.parquet")
+    for ask in (lambda: back.position(body), lambda: back.multipliers):
+        with pytest.raises(InputError) as caught:
+            ask()
+        assert caught.value.code == "E-STATE"
+
+
 # --- linearise -----------------------------------------------------------------------------------------
 
 
@@ -180,6 +209,11 @@ SPEEDS = np.linspace(0.0, 10.0, 11)
 
 def test_eigenvalues_of_the_bicycle_at_eleven_speeds() -> None:
     """Against those of the published linear equations of lean and steer (Meijaard et al., 2007)."""
+    dc.linearise(bicycle.problem(speed=5.0, nudge=0.0))  # traced once
+    begun = time.process_time()
+    for v in SPEEDS:
+        dc.linearise(bicycle.problem(speed=float(v), nudge=0.0))
+    assert time.process_time() - begun < 1.0  # s of CPU: all eleven
     for v in SPEEDS:
         problem = bicycle.problem(speed=float(v), nudge=0.0)
         found = dc.linearise(problem).eigenvalues

@@ -231,7 +231,7 @@ def test_prescribed_motion_that_was_not_followed() -> None:
 def test_arguments_that_make_no_sense() -> None:
     with pytest.raises(dc.InputError, match="tolerance is 2"):
         audit(model_of(ARM), arm_run(), tolerance=2)
-    with pytest.raises(dc.InputError, match="expected a Trajectory or a path"):
+    with pytest.raises(dc.InputError, match="expected a Trajectory"):
         audit(model_of(ARM), 3)
     with pytest.raises(dc.InputError, match="mapping= is for log files"):
         audit(model_of(ARM), arm_run(), mapping="map.toml")

@@ -153,3 +153,60 @@ def test_integration_error_is_told_without_accelerations() -> None:
     found = dc.audit(MECHANISM, log(RIGHT, "explicit-euler", step=0.02, accelerations=False))
     assert (found.verdict.kind, found.verdict.confidence) == ("integration-error", "high")
     assert found.step is not None and found.step.closes
+
+
+# --- a mistake and the integrator together; habits of logs ----------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["explicit-euler", "semi-implicit-euler", "rk4"])
+def test_a_mistake_far_below_what_integrators_leave_is_named(scheme: str) -> None:
+    """Gravity 1e-4 too large, at the step that leaves Euler's methods some per cent."""
+    slightly = CartPole(gravity=9.81 * 1.0001)
+    found = dc.audit(MECHANISM, log(slightly, scheme, accelerations=False, held=False))
+    (cause,) = (f for f in found.findings if f.kind == "gravity")
+    assert cause.weight == "note" and cause.factor == pytest.approx(1.0001, abs=3e-6)
+    assert "F-SMALL-BUT-REAL" in codes(found) and found.verdict.kind != "equation-error"
+    assert found.step is not None and found.step.known_but_for_causes
+
+
+def test_an_unknown_integrator_is_no_mistake() -> None:
+    """No pair of the dictionary closes the steps of a log that lacks every second one."""
+    found = dc.audit(MECHANISM, log(RIGHT, "semi-implicit-euler", accelerations=False).every(2))
+    assert found.step is not None and not found.step.known_but_for_causes
+
+
+def test_scattered_time_stamps_are_put_back() -> None:
+    run = log(RIGHT, "semi-implicit-euler", accelerations=False)
+    h = run.t[1] - run.t[0]
+    scatter = 0.02 * h * np.random.default_rng(4).uniform(-1, 1, len(run))
+    found = dc.audit(MECHANISM, replace(run, t=run.t + scatter))
+    assert "F-CLOCK-JITTER" in codes(found)
+    assert found.verdict.kind != "equation-error"
+    assert np.std(np.diff(found.run.t)) < 1e-9 * h
+
+
+@pytest.mark.parametrize("habit", ["mean", "late", "commanded"])
+def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
+    run = log(RIGHT, "rk4", held=False)
+    force = run.forces["actuator motor"]
+    other = {
+        "mean": np.vstack([0.5 * (force[1:] + force[:-1]), force[-1:]]),
+        "late": np.vstack([force[:1], force[:1], force[:-2]]),
+        "commanded": np.repeat(force[::4], 4, axis=0)[: len(force)],
+    }[habit]
+    found = dc.audit(MECHANISM, replace(run, forces={"actuator motor": other}))
+    assert found.verdict.kind != "equation-error", found.verdict.explain()
+    assert habit == "commanded" or "F-FORCES-NOT-OF-THIS-ROW" in codes(found)
+
+
+def test_rows_between_the_steps_accuse_nobody() -> None:
+    """Interpolated linearly at another clock's times: q̇ = u is kept as poorly as the equations are."""
+    run = log(RIGHT, "semi-implicit-euler", accelerations=False)
+    t = np.arange(run.t[0], run.t[-1], 1.6 * (run.t[1] - run.t[0]))
+
+    def at(x: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(t, run.t, column) for column in x.T])
+
+    forces = {name: at(f) for name, f in run.forces.items()}
+    found = dc.audit(MECHANISM, replace(run, t=t, q=at(run.q), u=at(run.u), forces=forces))
+    assert found.verdict.kind != "equation-error", found.verdict.explain()

@@ -37,3 +37,16 @@ def test_zeros_and_constants_have_no_error_to_speak_of() -> None:
     half = resolution(np.column_stack([np.zeros(50), np.full(50, 0.25)]))
     assert np.all(half[:, 0] == 0.0)
     assert np.all(half[:, 1] <= 1e-15)
+
+
+def test_half_precision_is_not_taken_for_decimals() -> None:
+    """Numbers of ten bits have few decimals, which are no sign of their exactness."""
+    half = resolution(VALUES.astype(np.float16).astype(float)[:, None])[:, 0]
+    assert np.all(np.abs(VALUES.astype(np.float16) - VALUES) <= half)
+
+
+def test_counts_of_an_encoder() -> None:
+    count = 2.0 * np.pi / 4096
+    angle = np.sin(np.linspace(0.0, 6.0, 4000))
+    np.testing.assert_allclose(resolution(np.rint(angle / count)[:, None] * count), 0.5 * count)
+    assert np.all(resolution(np.linspace(0.0, 1.0, 4000)[:, None]) < 1e-12)  # evenly, but no counts

@@ -5,10 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -273,42 +269,3 @@ def test_the_command(
     row = undisturbed.frame.row(7, named=True)
     assert json.loads(out)["energy_error"] == row["energy_error"]
     assert command("sweep", capsys=capsys)[0] == command("sweep", "x.csv", capsys=capsys)[0] == 2
-
-
-def start(plan: Path, folder: Path, *more: str) -> subprocess.Popen[bytes]:
-    arguments = [sys.executable, "-m", "deltac", "sweep", str(plan), "--out", str(folder), *more]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.Popen(
-        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
-    )
-
-
-def children(pid: int) -> list[int]:
-    found = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(word) for word in found.read_text().split()] if found.exists() else []
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-@pytest.mark.slow
-@pytest.mark.parametrize("kills", [8])
-def test_killed_at_any_moment(kills: int, undisturbed: dc.Fleet, tmp_path: Path) -> None:
-    """Main processes and workers by turns; the table is that of an undisturbed sweep, bit for bit."""
-    plan, folder = written(tmp_path), tmp_path / "out"
-    rng = np.random.default_rng(kills)
-    for k in range(kills):
-        process = start(plan, folder, "--chunk", "7", "--workers", "1")
-        time.sleep(rng.uniform(0.2, 3.0))
-        victims = [process.pid] if k % 2 == 0 else children(process.pid)
-        for victim in victims:
-            os.kill(victim, signal.SIGKILL)
-        if k % 2 == 0:
-            process.communicate(timeout=100)
-        else:
-            process.send_signal(signal.SIGINT)
-            process.communicate(timeout=100)
-    done = start(plan, folder)
-    out, err = done.communicate(timeout=200)
-    assert done.returncode == 0, (out, err)
-    frame = pl.read_parquet(folder / "results.parquet")
-    assert compared(frame).equals(compared(undisturbed.frame))
-    assert not [p for p in folder.rglob("*") if p.name.endswith(".tmp")]

@@ -206,6 +206,14 @@ def test_rows_that_cannot_be(row: Any, code: str) -> None:
     assert monitor.update(0.1, [0.0, 0.0], [0.0, 0.0]) and monitor.rows == 2
 
 
+def test_without_bounds_it_only_watches() -> None:
+    monitor = dc.Monitor(PENDULUM)
+    monitor.update(0.0, [0.0, 0.0], [0.0, 0.0])
+    assert monitor.update(0.1, [0.0, 0.0], [5.0, 0.0]) and monitor.delta_c > 1.0
+    with pytest.raises(BoundExceeded):
+        monitor.update(0.2, [0.0, 0.0], [np.nan, 0.0])
+
+
 def test_arguments_that_cannot_be() -> None:
     for options in ({"bound": -1.0}, {"rate": float("nan")}, {"on_exceed": "stop"}):
         with pytest.raises(InputError):

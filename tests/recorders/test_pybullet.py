@@ -15,7 +15,7 @@ from deltac.recorders import record_pybullet
 from deltac.recorders.pybullet_recorder import _xyzw
 from deltac.recorders.recorder import rotation
 from deltac.trajectories import Trajectory
-from tests.recorders.test_drake import ARM, mechanism
+from tests.recorders.arm import ARM, mechanism
 
 p = pytest.importorskip("pybullet", reason="PyBullet is not installed")
 

@@ -36,7 +36,7 @@ export interface Finding {
   code: string; kind: string; what: string; evidence: string; remedy: string; weight: "cause" | "doubt" | "note"; element: string;
 }
 export interface Told { finding: Finding; t: number | null; element: string }
-export interface Chapter { heading: string; parts: Part[]; findings: Told[] }
+export interface Chapter { heading: string; parts: Part[]; findings: Told[]; lead: string }
 
 export interface Form {
   kind: "sphere" | "box" | "capsule" | "cylinder" | "ellipsoid" | "mesh" | "plane";

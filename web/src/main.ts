@@ -76,7 +76,7 @@ function build(): void {
     const parts = chapter.parts.map(draw);
     const beside = k === 0 && player !== null;
     if (!parts.length && !chapter.findings.length && !beside) return;
-    const section = el("section", {}, el("h2", {}, chapter.heading));
+    const section = el("section", {}, el("h2", {}, chapter.heading), chapter.lead && el("p", { class: "lead" }, chapter.lead));
     if (beside) {
       const [first, ...rest] = parts;
       section.append(el("div", { class: first ? "proof" : "proof alone" }, first ?? null, player!.element), el("div", { class: "grid" }, ...rest));

@@ -51,7 +51,7 @@ Format = Annotated[
 Model = Annotated[
     str,
     typer.Argument(
-        metavar="MODEL", help="A problem's name, an .xml or .urdf file, or FILE.py:FUNCTION."
+        metavar="MODEL", help="A problem's name, an .xml, .urdf or .sdf file, or FILE.py:FUNCTION."
     ),
 ]
 

@@ -94,6 +94,7 @@ def local_crew(workers: int | None) -> Iterator[Crew]:
         while leaving.is_alive():
             own.end()
             leaving.join(0.05)
+        own.end()
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import IO, Any
 
 from deltac.errors import InputError
@@ -54,7 +55,7 @@ class Workers:
 
         Args:
             work: picklable, and what it returns.
-            time_limit: seconds after which the process is ended.
+            time_limit: seconds after which the process is ended, from when it has started.
         """
         worker: _Worker | None = getattr(self._own, "worker", None)
         if worker is None or worker.ended:
@@ -62,12 +63,23 @@ class Workers:
                 self._all.discard(worker)
             worker = self._own.worker = _Worker()
             self._all.add(worker)
+            worker.ask(_started, STARTING)  # the limit is of the work alone
         return worker.ask(work, time_limit)
 
     def end(self) -> None:
         """End all of them at once; calls that wait for them return a `Failure`."""
         for worker in list(self._all):
             worker.end()
+
+
+STARTING = 300.0
+"""Seconds that a worker process may take to start, on a machine that is busy."""
+
+
+def _started() -> None:
+    """What workers load in any case."""
+    for name in ("polars", "deltac.simulation.simulate"):
+        import_module(name)
 
 
 _of_this_process = Workers()

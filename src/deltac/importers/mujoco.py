@@ -25,8 +25,9 @@ from deltac.importers.names import (
 )
 from deltac.importers.passive import Findings, disabled, read_passive, total_armature
 from deltac.importers.report import ImportReport, Remark
+from deltac.importers.sdf import read_sdf
 from deltac.importers.tree import read_tree
-from deltac.importers.urdf import Urdf, read_urdf
+from deltac.importers.urdf import Urdf, read_urdf, transmissions
 from deltac.importers.visuals import read_visuals
 from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
@@ -296,7 +297,8 @@ def read_mechanism(
     actuators, fluid) are named in the report with the channel that a log supplies them in.
 
     Args:
-        source: path of an ``.xml`` or ``.urdf`` file, or a model or spec in memory.
+        source: path of an ``.xml``, ``.urdf`` or ``.sdf`` file, or a model or spec in memory. Mimic joints of
+            a URDF file are exact constraints. SDFormat is read without MuJoCo.
         equality: "log": forces of equality constraints come from the log, because they are soft in
             MuJoCo; "constraints": connect, weld and joint equalities become exact constraints.
         base: "fixed" or "free", for the root link of a URDF file.
@@ -307,14 +309,20 @@ def read_mechanism(
     """
     if equality not in ("log", "constraints"):
         raise ModelError(f"equality: expected 'log' or 'constraints', found {equality!r}")
+    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".sdf":
+        return read_sdf(Path(source))
     model, name, assumed, urdf = load_model(source, base)
     found = Findings(assumed=assumed)
     tree = read_tree(model, total_armature(model), urdf)
     found.ignored.extend(tree.remarks)
     found.read.insert(0, _counts(len(tree.bodies), tree.joints))
     read_passive(model, found)
-    constraints = read_equalities(model, equality == "constraints", found)
+    exact = (
+        equality == "constraints" or urdf is not None
+    )  # of URDF's mimic joints: gears, not springs
+    constraints = read_equalities(model, exact, found)
     report_unmodelled(model, found)
+    found.ignored.extend(transmissions(urdf.document) if urdf is not None else ())
     weightless = disabled(model, "GRAVITY")
     if weightless:
         found.assumed.append(Remark("option", "gravity is switched off"))

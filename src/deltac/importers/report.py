@@ -45,6 +45,11 @@ class ImportReport:
     strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     starts: Mapping[str, State] = field(default_factory=dict)
 
+    @property
+    def acting(self) -> tuple[Remark, ...]:
+        """Those of `ignored` that can do work: a simulation by deltac's solvers is without them."""
+        return tuple(remark for remark in self.ignored if "channel '" in remark.consequence)
+
     def summary(self) -> str:
         """All remarks, one a line, under their three headings."""
         lines = [f"Imported from {self.source}"]

@@ -118,7 +118,12 @@ def read_urdf(path: Path) -> Urdf:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise ModelError(f"MuJoCo cannot compile {path.name}: it is no XML: {error}") from None
-    _check_depth(root, path.name)
+    check_depth(root, path.name)
+    if any("xacro" in element.tag for element in root.iter()):
+        raise ModelError(
+            f"model file {path.name!r} holds macros of xacro; expand them: xacro {path.name} > expanded.urdf "
+            "(of ROS; or pip install xacro), and give that file"
+        )
     if root.tag != "robot" or root.find("link") is None:
         raise ModelError(f"model file {path.name!r} has no <robot> with links; is it URDF?")
     links: dict[str, LinkInertia] = {}
@@ -138,7 +143,19 @@ def read_urdf(path: Path) -> Urdf:
     return Urdf(path.name, root, links, floating, tuple(remarks))
 
 
-def _check_depth(root: ElementTree.Element, file: str) -> None:
+def transmissions(root: ElementTree.Element) -> Iterator[Remark]:
+    """The motors that a file names; what they do is known to a log only."""
+    for transmission in root.findall("transmission"):
+        joints = ", ".join(j.get("name", "") for j in transmission.findall("joint"))
+        actuators = ", ".join(a.get("name", "") for a in transmission.findall("actuator"))
+        yield Remark(
+            transmission.get("name") or actuators or "transmission",
+            f"transmission of {actuators or 'a motor'} to {joints or 'a joint'}",
+            "its force must come from the log: channel 'actuator <motor>'",
+        )
+
+
+def check_depth(root: ElementTree.Element, file: str) -> None:
     """InputError for elements in elements, deeper than the limit."""
     limits, level = Limits.current(), [root]
     for _ in range(limits.nesting):
@@ -152,19 +169,19 @@ def _inertia(link: ElementTree.Element, where: str) -> LinkInertia:
     if inertial is None:
         return LinkInertia()
     origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
-    m = _numbers(mass, "value", 1, f"{where}: mass")[0]
+    m = numbers(mass, "value", 1, f"{where}: mass")[0]
     if m < 0.0:
         raise ModelError(f"{where}: the mass is {m:g} kg, expected 0 or more")
-    x, y, z = _numbers(origin, "xyz", 3, f"{where}: origin of the inertia")
-    roll, pitch, yaw = _numbers(origin, "rpy", 3, f"{where}: angles of the inertia")
-    xx, xy, xz, yy, yz, zz = (_numbers(inertia, k, 1, f"{where}: {k}")[0] for k in _MOMENTS)
-    turn = _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+    x, y, z = numbers(origin, "xyz", 3, f"{where}: origin of the inertia")
+    roll, pitch, yaw = numbers(origin, "rpy", 3, f"{where}: angles of the inertia")
+    xx, xy, xz, yy, yz, zz = (numbers(inertia, k, 1, f"{where}: {k}")[0] for k in _MOMENTS)
+    turn = axis_turn(2, yaw) @ axis_turn(1, pitch) @ axis_turn(0, roll)
     tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     rows = ((tensor + tensor.T) / 2).tolist()
     return LinkInertia(m, (x, y, z), tuple(tuple(row) for row in rows))
 
 
-def _numbers(element: ElementTree.Element | None, key: str, count: int, where: str) -> list[float]:
+def numbers(element: ElementTree.Element | None, key: str, count: int, where: str) -> list[float]:
     """Numbers of an attribute; zeros where it is not there."""
     text = None if element is None else element.get(key)
     if text is None:
@@ -178,7 +195,7 @@ def _numbers(element: ElementTree.Element | None, key: str, count: int, where: s
     return values
 
 
-def _turn(axis: int, angle: float) -> Array:
+def axis_turn(axis: int, angle: float) -> Array:
     """The rotation about a coordinate axis."""
     c, s, turn = math.cos(angle), math.sin(angle), np.eye(3)
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -217,9 +234,9 @@ def _refuse_impossible(
         parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
         if joint.get("type") == "fixed" and parent is not None and child is not None:
             where = f"{file}: joint {shown(joint.get('name'))}"
-            r, p, y = _numbers(origin, "rpy", 3, where)
-            turn = _turn(2, y) @ _turn(1, p) @ _turn(0, r)
-            at = np.array(_numbers(origin, "xyz", 3, where))
+            r, p, y = numbers(origin, "rpy", 3, where)
+            turn = axis_turn(2, y) @ axis_turn(1, p) @ axis_turn(0, r)
+            at = np.array(numbers(origin, "xyz", 3, where))
             carried.setdefault(parent.get("link", ""), []).append((child.get("link", ""), turn, at))
     parts = {child: parent for parent, children in carried.items() for child, _, _ in children}
     for name, link in links.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 Forces = Mapping[str, Sequence[float] | Array]
 """Channel -> generalized force (nu,), N or N·m; positive power adds energy to the system."""
-
-TOLERANCE = 1e-3
-"""Accepted |ΔC| as a fraction of the energy exchanged, as for `audit`."""
 
 
 class BoundExceeded(DeltacError):
@@ -70,7 +67,7 @@ class Monitor:
         self,
         model: ModelLike,
         *,
-        bound: float = 0.0,
+        bound: float | None = None,
         tolerance: float | None = None,
         rate: float | None = None,
         on_exceed: Callable[[Monitor], object] | None | str = "raise",
@@ -80,9 +77,10 @@ class Monitor:
 
         Args:
             model: what the motion is tested against; what `load_model` takes.
-            bound: accepted |ΔC|, J.
-            tolerance: accepted |ΔC| as a fraction of the energy exchanged so far, added to `bound`; by
-                default 0.001 without a bound, else 0.
+            bound: accepted |ΔC|, J; None: any, if there is no tolerance either.
+            tolerance: accepted |ΔC| as a fraction of the energy exchanged so far, added to `bound`. Alone
+                it is strict at the start of a motion, when hardly any energy was exchanged: a method of first
+                order is off by a large part of it in its first steps.
             rate: accepted change of ΔC per second (W), for each step; None: any. For solvers that control
                 their step by it.
             on_exceed: what happens beyond. "raise": `BoundExceeded`; a function: it is called with the
@@ -94,14 +92,14 @@ class Monitor:
         """
         self._model = load_model(model)
         self.mechanism = self._model.mechanism
-        if tolerance is None:
-            tolerance = 0.0 if bound > 0 else TOLERANCE
         for name, value in (("bound", bound), ("tolerance", tolerance), ("rate", rate)):
             if value is not None and not (isfinite(value) and value >= 0.0):
                 raise InputError(f"{name}={value!r}: expected a number that is not negative")
         if not (on_exceed is None or on_exceed == "raise" or callable(on_exceed)):
             raise InputError(f"on_exceed={on_exceed!r}: expected 'raise', None or a function")
-        self.bound, self.tolerance, self.rate = float(bound), float(tolerance), rate
+        if bound is None:
+            bound = inf if tolerance is None else 0.0
+        self.bound, self.tolerance, self.rate = float(bound), float(tolerance or 0.0), rate
         self.on_exceed, self._testing = on_exceed, testing
         self._kernels: LiveKernels | None = None
         self.reset()

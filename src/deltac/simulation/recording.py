@@ -95,6 +95,7 @@ def recorded(
         coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names,
         provenance=provenance,
+        mechanism=mechanism,
     )
 
 

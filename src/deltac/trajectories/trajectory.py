@@ -10,6 +10,7 @@ import operator
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -17,8 +18,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import InputError, LogError, UnknownName, WrongType, closest, shown
+from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
+from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
 
@@ -33,6 +35,9 @@ ROWS, INTERPOLATED = "rows", "interpolated"
 
 MAPPINGS = ("coordinates", "strengths", "derived", "notes")
 """Fields of a provenance that are mappings."""
+
+
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,9 @@ class Trajectory(Shown):
     provenance  who made it
     events      what happened between the rows, in time order: impacts (where speeds jump), switches,
                 events; a row at the time of one holds the state after it
+    mechanism   what moved, where the run was simulated here: `position`, `velocity` and the like need no
+                model then. It is no part of a log: of one that was read, say
+                `dc.kinematics(model, run).position("bar")`
 
     The arrays are copied to float64 and made read-only. Raises InputError for a wrong shape or
     type, no rows, time that does not increase, a value that is not finite, an unusable name.
@@ -163,6 +171,7 @@ class Trajectory(Shown):
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
+    mechanism: Mechanism | None = field(default=None, metadata={"json": False})
 
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))
@@ -280,7 +289,66 @@ class Trajectory(Shown):
 
     def __reduce__(self) -> tuple[Any, ...]:
         mappings = ("forces", "works", "integrals")
-        return _rebuild(self, **{name: dict(getattr(self, name)) for name in mappings})
+        changes = {name: dict(getattr(self, name)) for name in mappings}
+        return _rebuild(self, **changes, mechanism=None)
+
+    # --- kinematics, of a run that knows its mechanism ---------------------------------------------
+
+    def position(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+        """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
+        found: FloatArray = self._kinematics().position(body, point)
+        return found
+
+    def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+        """Velocity of a body's material point (T, 3), m/s, world components."""
+        found: FloatArray = self._kinematics().velocity(body, point)
+        return found
+
+    def orientation(self, body: str) -> FloatArray:
+        """Rotation matrices (T, 3, 3): columns are the body's axes in the world."""
+        found: FloatArray = self._kinematics().orientation(body)
+        return found
+
+    def angular_velocity(self, body: str) -> FloatArray:
+        """Angular velocity of a body (T, 3), rad/s, world components."""
+        found: FloatArray = self._kinematics().angular_velocity(body)
+        return found
+
+    def contact_point(self, constraint: str) -> FloatArray:
+        """Where a wheel, disc or sphere that rolls touches its plane (T, 3), m."""
+        found: FloatArray = self._kinematics().contact_point(constraint)
+        return found
+
+    @functools.cached_property
+    def multipliers(self) -> Mapping[str, FloatArray]:
+        """λ of each constraint (T, rows), N and N·m, by the mechanism's equations at the rows of the run.
+
+        The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
+        `forces`, as ``constraint <name>``.
+        """
+        found = import_module("deltac.analysis.evaluate").evaluate(self._known("multipliers"), self)
+        names = dict.fromkeys(found.rows)
+        return MappingProxyType(
+            {
+                name: found.multipliers[:, [k for k, row in enumerate(found.rows) if row == name]]
+                for name in names
+            }
+        )
+
+    def _kinematics(self) -> Any:
+        mechanism = self._known("kinematics")
+        return import_module("deltac.analysis.kinematics").kinematics(mechanism, self)
+
+    def _known(self, what: str) -> Mechanism:
+        if self.mechanism is None:
+            verb = "kinematics(model, run)"
+            if what == "multipliers":
+                verb = "evaluate(model, run).multipliers"
+            raise StateError(
+                f"{what}: this trajectory does not know its mechanism, as none does that was read from a "
+                f"log; use deltac.{verb}"
+            )
+        return self.mechanism
 
     @property
     def duration(self) -> float:

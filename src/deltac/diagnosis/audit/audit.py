@@ -14,7 +14,7 @@ from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes
+from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes, told
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
@@ -191,11 +191,7 @@ class Audit(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        report = self.import_report
-        return {
-            "ignored": tuple(map(str, report.ignored)) if report else (),
-            "assumed": tuple(map(str, report.assumed)) if report else (),
-        }
+        return told(self.import_report)
 
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
@@ -257,8 +253,7 @@ def audit(
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-        every
-            step: tells whether the log is this model's, and audits every step.
+            every step: tells whether the log is this model's, and audits every step.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -270,15 +265,15 @@ def audit(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    told: list[Finding] = []
+    of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
 
-        log, told = replayed(model, mechanism, log, mapping)
+        log, of_replay = replayed(model, mechanism, log, mapping)
         mapping = None
     log_read = read_log(mechanism, log, work, mapping)
     import_report = loaded.import_report
-    findings = [*told, *log_read.findings]
+    findings = [*of_replay, *log_read.findings]
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
     findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
     findings += checks.impacts_not_held(mechanism, log_read.run)

@@ -30,11 +30,12 @@ from deltac.diagnosis.measurements.kinematics import (
     unsteadiness,
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import EXPLICIT, OneStep, one_step, trimmed
+from deltac.diagnosis.residuals.one_step import EXPLICIT, UNEVEN, OneStep, one_step, trimmed
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
 if TYPE_CHECKING:
@@ -125,8 +126,13 @@ def gather(
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
         until = time.monotonic() + SECONDS
-        pair = known_but_for_one(mechanism, log.consecutive, step, until)
-        if pair is not None:
+        local = _now_and_then(log, step)
+        pair = None
+        if not local:
+            pair = known_but_for_one(mechanism, log.consecutive, step, until)
+        if local:
+            found += local
+        elif pair is not None:
             step, causes = pair
             found += _weighed(causes, step, tolerance)
         else:
@@ -336,6 +342,28 @@ def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -
     if simple:
         return simple
     return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+
+
+def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
+    """A force that is missing in a few steps, where a known integrator closes most of the others to rounding.
+
+    Steps of other lengths, and those in which coordinates jump as well, are not such.
+    """
+    h = np.diff(log.consecutive.t)
+    step_length = float(np.median(h))
+    even = np.abs(h - step_length).max() < UNEVEN * step_length
+    if not step.closes_mostly or not (even or len(gap_rows(log.consecutive.t))):
+        return []
+    out = step.t[step.now_and_then]
+    t = log.consecutive.t
+    jumped = np.unique(
+        np.concatenate([t[c.start[c.outliers]] for c in log.comparisons.values()] or [t[:0]])
+    )
+    near = np.abs(out[:, None] - jumped[None, :]).min(axis=1, initial=np.inf) < 2.0 * step_length
+    share = len(out) / max(len(step.t), 1)
+    if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
+        return []
+    return _missing(step, share)
 
 
 def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list[Finding]:

@@ -85,7 +85,9 @@ class Match(Record, also=("words",)):
             if abs(self.factor - factor) < 1e-5:
                 return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
         told = _factor(self.factor)
-        return f"{part} enters with the factor {told if not self.formula else f'{self.formula} = {told}'}"
+        if any(c.isalpha() for c in self.formula):
+            told = f"{self.formula} = {told}"
+        return f"{part} enters with the factor {told}"
 
 
 def _factor(factor: float) -> str:

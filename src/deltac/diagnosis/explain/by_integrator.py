@@ -48,9 +48,6 @@ from deltac.trajectories import Trajectory
 FAR_LESS = 0.1
 """Share that a pair may leave of what an unknown integrator leaves, and of what there is to explain."""
 
-PRECISE = 1e-3
-"""Digits, as a share of the accelerations, from which on a relation tells no more than windows do."""
-
 MOST = 3
 """Relations for which the search is made in full."""
 
@@ -88,7 +85,7 @@ def known_but_for_one(
     """
     steps = step.steps
     prescribed = len(mechanism.free.u) < len(mechanism.speeds)
-    if steps is None or step.closes or prescribed or steps.digits > PRECISE:
+    if steps is None or step.closes or prescribed:
         return None
     evaluator = Evaluator(mechanism, run)
     kernels = column_kernels(evaluator)
@@ -102,7 +99,7 @@ def known_but_for_one(
         still = np.zeros_like(at.F)
         columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
         whole = evaluate(function, columns, kernels.speeds)[0]
-        tried.append((relation, *_regression(whole, kernels, steps.digits)))
+        tried.append((relation, *_regression(whole, kernels)))
     tried.sort(key=lambda item: promise(item[1].regression))
     best: _Pair | None = None
     for relation, prepared, residual, weight in tried[:MOST]:
@@ -111,8 +108,10 @@ def known_but_for_one(
             best = pair
     if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):
         return None
-    explained = told(mechanism, run, best.prepared, best.found)
-    return _with(step, best), explained.findings
+    known = _with(step, best)
+    if not known.significant.any():
+        return None
+    return known, told(mechanism, run, best.prepared, best.found).findings
 
 
 def _distinct(steps: Steps) -> list[Relation]:
@@ -127,9 +126,7 @@ def _distinct(steps: Steps) -> list[Relation]:
     return found
 
 
-def _regression(
-    whole: Array, kernels: ColumnKernels, digits: float
-) -> tuple[Prepared, Array, Array]:
+def _regression(whole: Array, kernels: ColumnKernels) -> tuple[Prepared, Array, Array]:
     """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations."""
     scale = terms_of(whole, kernels)
     weight = 1.0 / np.maximum(NOISY * scale, 1e-300)
@@ -137,7 +134,8 @@ def _regression(
     width = matrix.shape[2]
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
-    precise = np.sum((np.hypot(4.0 * digits, LEAST["samples"]) * scale * weight) ** 2)
+    # What digits and noise leave needs no estimate: no cause takes it off.
+    precise = np.sum((LEAST["samples"] * scale * weight) ** 2)
     regression = Regression(
         factored(blocks),
         candidates(kernels.evaluator, kernels.columns),
@@ -203,7 +201,7 @@ def _with(step: OneStep, pair: _Pair) -> OneStep:
     time_ = float(step.t[-1] - step.t[0])
     return replace(
         step,
-        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces),
+        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
         t=steps.start.t,
         residual=r,
         allowed=np.broadcast_to(bar, r.shape),

@@ -140,7 +140,7 @@ def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 # --- `explain_residual` --------------------------------------------------------------------------
 
-EXPLAINS = 0.9
+EXPLAINS = 0.95
 """Share of what is no noise that causes must explain of the squared residual to be named."""
 
 CLEAR = 4.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,35 @@ from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
+
+
+def not_simulated(import_report: ImportReport | None) -> list[Finding]:
+    """A finding on what an import left out, for runs of deltac's own solvers, which lack it."""
+    acting = import_report.acting if import_report is not None else ()
+    if not acting:
+        return []
+    kinds = Counter(remark.what.partition(",")[0] for remark in acting)
+    shown = ", ".join(f"{count} {what}" for what, count in kinds.items())
+    names = ", ".join(repr(remark.element) for remark in acting[:6])
+    return [
+        Finding(
+            "not-simulated",
+            f"parts of the model's file are not simulated here: {shown}",
+            names + (", …" if len(acting) > 6 else ""),
+            "Let MuJoCo simulate it, --solver mujoco:rk4, or audit a log of the simulator that has them",
+            "note",
+            acting[0].element,
+        )
+    ]
+
+
+def told(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
+    """What an import left out and assumed, as texts; empty without an import."""
+    return {
+        "ignored": tuple(map(str, report.ignored)) if report else (),
+        "assumed": tuple(map(str, report.assumed)) if report else (),
+    }
+
 
 OF_MODELS = ("friction", "limit", "actuator")
 """Kinds that a simulator takes from its model: others come of what it meets, or are judged elsewhere."""

@@ -8,14 +8,15 @@ from deltac.arrays import Array
 
 EPS = float(np.finfo(np.float64).eps)
 SINGLE = float(np.finfo(np.float32).eps)
+HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).smallest_subnormal)
 PROBES = 400
 
 
 def resolution(values: Array) -> Array:
     """Half of the last digit of every number (T, n), column by column.
 
-    Columns of single precision, of a fixed number of decimals, or of a fixed number of significant
-    digits are recognised by their values; all others are taken for doubles. Zeros have no error.
+    Columns of half and single precision, of a fixed number of decimals or of significant digits, and counts
+    of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error.
     """
     half = np.empty_like(values)
     for k, column in enumerate(values.T):
@@ -30,14 +31,40 @@ def _of_column(column: Array) -> Array:
     probes = probes[probes != 0.0]
     if values < 3 or not len(probes):  # a constant says nothing about its digits
         return EPS * size
-    readings = [
-        half for half in (_significant(size, probes), _decimals(size, probes)) if half is not None
-    ]
+    found = (_significant(size, probes), _decimals(size, probes), _binary(size, probes))
+    readings = [half for half in found if half is not None]
     if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
         return max(readings, key=lambda half: float(half.sum()))
+    return np.maximum(EPS * size, 0.5 * _count(column))
+
+
+def _binary(size: Array, probes: Array) -> Array | None:
+    """Half or single precision; halves of few bits have few decimals as well."""
+    if np.all(np.abs(probes) < MOST_HALF) and np.array_equal(probes.astype(np.float16), probes):
+        return HALF * size + LEAST_HALF * (size > 0.0)
     if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
         return SINGLE * size
-    return EPS * size
+    return None
+
+
+MOST_HALF = float(np.finfo(np.float16).max)
+"""Numbers beyond this are none of half precision."""
+
+REPEATS = 0.95
+"""Share of different numbers of a column below which it may hold counts."""
+
+
+def _count(column: Array) -> float:
+    """The count of which a column holds whole multiples, up to a constant; 0 if there is none."""
+    levels = np.unique(column)
+    if len(levels) < 8 or len(levels) > REPEATS * len(column):
+        return 0.0
+    gaps = np.diff(levels)
+    count = float(gaps.min())
+    if count < 1e-9 * float(np.abs(levels).max()):
+        return 0.0
+    off = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
+    return count if float(off.max()) < 1e-3 else 0.0
 
 
 def _significant(size: Array, probes: Array) -> Array | None:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from deltac.deprecation import renamed_keywords
-from deltac.diagnosis.recommend.families import families
+from deltac.diagnosis.inputs.channels import not_simulated
+from deltac.diagnosis.recommend.families import MUJOCO, families
 from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
 from deltac.diagnosis.recommend.work_precision import (
     ROUNDING,
@@ -125,7 +126,12 @@ def recommend(
         search.notes.append("no energy is exchanged: |ΔC| is judged beside the kinetic energy")
     if len(search.refused) == len(found):
         raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
-    return search.advice(duration, notes)
+    found_advice = search.advice(duration, notes)
+    lacking = not_simulated(loaded.import_report)
+    if lacking and found_advice.solver and not found_advice.solver.startswith(MUJOCO):
+        note = f"{lacking[0].what} ({lacking[0].evidence}). {lacking[0].remedy}"
+        found_advice = replace(found_advice, notes=(note, *found_advice.notes))
+    return replace(found_advice, import_report=loaded.import_report)
 
 
 @dataclass(frozen=True)

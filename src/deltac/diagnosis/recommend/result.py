@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from deltac.deprecation import RenamedAttribute
+from deltac.diagnosis.inputs.channels import told
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.results import Report, Section, Table, number, percent
+
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
 
 SAME_TIME = 1.2
 """Times within this factor are the same; fewer evaluations decide."""
@@ -21,7 +26,11 @@ LIMITS = (
 
 
 @dataclass(frozen=True, repr=False)
-class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verified")):
+class Recommendation(
+    Report,
+    omit=("import_report",),
+    also=("solver", "step", "setting_tolerance", "verified", "imported"),
+):
     """A recommended solver and its step or tolerance, with what it rests on.
 
     Attributes:
@@ -36,6 +45,7 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
         energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
             body that turns freely); `still`: neither, so that nothing moves.
         notes: why some solvers were left out.
+        import_report: what the model's file held that the model does not, None for other models.
     """
 
     best: Trial | None
@@ -51,8 +61,14 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
+    import_report: ImportReport | None = None
 
     turnover = RenamedAttribute("energy_exchanged")
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        return told(self.import_report)
 
     @property
     def solver(self) -> str | None:
@@ -105,6 +121,8 @@ class Recommendation(Report, also=("solver", "step", "setting_tolerance", "verif
         yield from _explained(self)
         yield from (f"Note: {note}." for note in self.notes)
         yield f"Not covered: {'; '.join(self.limits)}."
+        if self.import_report is not None:
+            yield from self.import_report.sections()
 
 
 def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import EPS, scatter
+from deltac.diagnosis.measurements.digits import EPS, resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -90,6 +90,12 @@ MATERIAL = 5e-2
 
 FEWEST = 3
 """Windows that must stand out to speak of a force that is missing now and then."""
+
+CHANCE = 4.0
+"""Standard deviations by which an estimated covariance may be off."""
+
+CARRIED = 2.0
+"""How much worse than q and u rows may keep the relation of u and u̇."""
 
 TRIMMED = 0.05
 """Share of the intervals, those with the largest defects, that fits leave out: impacts are few rows."""
@@ -176,6 +182,9 @@ class Functions:
         self.terms = Expression("s", inputs, size)
         self.matrices = Expression("m", place, crba(s)[at, at], G)
         self.qdot = Expression("r", {**place, "u": s.u}, s.qdot)
+        if bound is not None:
+            terms = ca.mtimes(ca.fabs(G), ca.fabs(s.u_all[at]))
+            self.psi = Expression("v", {**place, "u": s.u}, ca.SX(bound.rows.psi), terms)
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(damped) and not damping.is_zero()
         self.of_time = bool(ca.depends_on(a, s.t))
@@ -238,6 +247,13 @@ class Model:
             0, 2, 1
         )
         return M @ C @ M, C
+
+    def violation(self, rows: Rows) -> float:
+        """How far speeds violate the constraints, as a share of what is added up in them."""
+        if not self.rows_of_G:
+            return 0.0
+        psi, terms = self._functions.psi(rows.t, rows.q, rows.u)
+        return float(np.max(trimmed(psi) / np.maximum(trimmed(terms), 1e-300)))
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
         """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
@@ -325,8 +341,9 @@ def _edges(run: Trajectory, cost: int, columns: int) -> list[tuple[int, int]]:
 class Scheme:
     """An integrator that closes: its name ("" where several do), and order.
 
-    `defect` is what it leaves as a share of the accelerations, `precision` what digits and noise may;
-    `forces` tells which ones it took: those of the "start" or the "end" of a step, or "smooth" ones.
+    `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
+    half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
+    "start" or the "end" of a step, or "smooth" ones.
     """
 
     name: str
@@ -334,6 +351,7 @@ class Scheme:
     defect: float
     precision: float
     forces: str
+    typical: float
 
     @property
     def late_forces(self) -> bool:
@@ -341,17 +359,23 @@ class Scheme:
         return self.forces == "end" and self.name in EXPLICIT
 
 
+ON_THE_GROUP = "-on-the-group"
+"""Ends the names of methods whose stages turn bodies along their angular velocities."""
+
 ORDERS = {
     "explicit-euler": 1, "semi-implicit-euler": 1, "euler": 1, "implicit-euler": 1,
     "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
     "implicit-speed-euler": 1, "verlet": 2,
     "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
-    "rk3": 3, "bs3": 3, "rk4": 4, "rk4-on-the-group": 4, "dopri5": 5,
+    "adams-bashforth-2": 2,
+    "rk3": 3, "bs3": 3, "rk4": 4, "dopri5": 5, "rk4-on-the-group": 4, "heun-on-the-group": 2,
+    "explicit-midpoint-on-the-group": 2,
 }  # fmt: skip
 
 EXPLICIT = (
     "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
-    "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "rk4-on-the-group", "dopri5",
+    "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "dopri5",
+    "rk4-on-the-group", "heun-on-the-group", "explicit-midpoint-on-the-group",
 )  # fmt: skip
 
 TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
@@ -397,8 +421,8 @@ class Relation:
 class Steps:
     """Some steps of a log: from `start` (I rows), by D (I, n), and what integrators make of them.
 
-    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits may leave,
-    `late` θ of q against u.
+    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits
+    and noise seem to leave, `late` θ of q against u.
     """
 
     model: Model
@@ -448,6 +472,11 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
     mean = 0.5 * (F0 + F1)
+    between = make_interp_spline(whole.t, whole.F, k=5)
+
+    def smooth(c: float) -> Array:
+        return np.asarray(between(t0 + c * h0[:, 0]))
+
     accurate = _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
     found: list[Relation] = []
 
@@ -489,19 +518,18 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
         )
         offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
-        between = make_interp_spline(whole.t, whole.F, k=5)
         for name in TABLEAUS:
             offer(
                 name + "@smooth",
-                _runge_kutta(model, name, t0, q0, u0, lambda c: between(t0 + c * h0[:, 0]), h0),
+                _runge_kutta(model, name, t0, q0, u0, smooth, h0),
             )
     if model._quaternions:
-        offer(
-            "rk4-on-the-group",
-            _runge_kutta(model, "rk4", t0, q0, u0, lambda c: F0, h0, on_group=True),
-        )
-    forces = "smooth" if held else ""
-    offer(f"{ACCURATE}@{forces}", accurate)
+        for name in ("rk4", "heun", "explicit-midpoint"):
+            turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
+            offer(f"{name}{ON_THE_GROUP}", turned(partial(_held, F0)))
+            if held:
+                offer(f"{name}{ON_THE_GROUP}@smooth", turned(smooth))
+    offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
     return found
 
 
@@ -549,11 +577,17 @@ def identify(
     best_name, best = ranked[0]
     relation = _two_step(model, whole, D, N, k, typical)
     closes = relation.left <= 3.0 * digits + 1e-10
-    if closes and relation.named and relation.left < best / DISTINCT:
-        found = Scheme("generalized-alpha", 2, relation.left, digits, "smooth")
+    if closes and relation.name and relation.left < best / DISTINCT:
+        found = Scheme(relation.name, 2, relation.left, digits, "smooth", relation.left)
         return found, relation.left, steps
     if best > limit:
-        return None, min(best, relation.left), steps
+        half = min(steps.relations, key=lambda r: float(np.median(steps.off(r))))
+        typical_left = float(np.median(steps.off(half))) / typical
+        if typical_left > CLOSED or half.name == ACCURATE:
+            return None, min(best, relation.left), steps
+        name = steps.named(half)  # it closes but for what happens now and then
+        found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
+        return found, min(best, relation.left), steps
     base = best_name.partition("@")[0]
     others = [x for n, x in ranked if n.partition("@")[0] != base]
     unique = min(others) > DISTINCT * max(best, 1e-13)
@@ -561,7 +595,9 @@ def identify(
         base = _euler(late)
     forces = best_name.partition("@")[2] or "start"
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    return Scheme(name, order, best, digits, forces), best, steps
+    half = next(r for r in relations if r.name + r.mark == best_name)
+    typical_left = float(np.median(steps.off(half))) / typical
+    return Scheme(name, order, best, digits, forces, typical_left), best, steps
 
 
 def _euler(late: float) -> str:
@@ -618,10 +654,10 @@ def _runge_kutta(
 
 @dataclass(frozen=True)
 class _TwoStep:
-    """A two-step relation: what it leaves as a share of a, and whether its numbers are those of a method."""
+    """A two-step relation: what it leaves as a share of a, and the method whose numbers it has, or ""."""
 
     left: float
-    named: bool
+    name: str
 
 
 def _two_step(
@@ -636,7 +672,7 @@ def _two_step(
     k = k[k + 1 < len(D)]
     k = k[np.abs(h[k] - h[k + 1]) < 1e-6 * h[k]]
     if len(k) < 12:
-        return _TwoStep(np.inf, False)
+        return _TwoStep(np.inf, "")
     a = [
         model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j])
         for j in range(3)
@@ -653,20 +689,23 @@ def _two_step(
         / typical
     )
     if not -0.95 < x < 1.05:
-        return _TwoStep(left, False)
+        return _TwoStep(left, "")
+    close = 2e-3
+    if max(abs(x), abs(y0 + 0.5), abs(y2)) < close:
+        return _TwoStep(left, "adams-bashforth-2")
     # x = αm/(1 − αm), y0 = (1 − γ) αf/(1 − αm), y2 = γ (1 − αf)/(1 − αm).
     am = x / (1.0 + x)
     before, after = y0 * (1.0 - am), y2 * (1.0 - am)
     p = after - before  # γ − αf
     root = (1.0 - p) ** 2 - 4.0 * before
     if root < -1e-3:
-        return _TwoStep(left, False)
+        return _TwoStep(left, "")
     choices = [0.5 * (1.0 - p + sign * np.sqrt(max(root, 0.0))) for sign in (-1.0, 1.0)]
-    close = 2e-3
     named = abs(p - 0.5 + am) < close and any(
-        abs(af - (1.0 + am) / 3.0) < close or abs(am) < close or abs(af) < close for af in choices
+        -close < af < 0.5 + close and min(abs(af - (1.0 + am) / 3.0), abs(am), abs(af)) < close
+        for af in choices
     )
-    return _TwoStep(left, bool(named))
+    return _TwoStep(left, "generalized-alpha" if named else "")
 
 
 # --- the defect -----------------------------------------------------------------------------------------
@@ -736,6 +775,12 @@ class OneStep:
         return exact and self.standing_out.sum() < FEWEST
 
     @property
+    def closes_mostly(self) -> bool:
+        """Whether most rows follow from the one before by a known scheme to rounding, and some not."""
+        mostly = self.scheme is not None and self.scheme.typical <= CLOSED
+        return mostly and not self.known_but_for_causes and not self.closes
+
+    @property
     def significant(self) -> NDArray[np.bool_]:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
         clear = (self.ratio > CLEAR) & (self.relative > LEAST)
@@ -758,6 +803,8 @@ class OneStep:
     def now_and_then(self) -> NDArray[np.bool_]:
         """Windows (W,) that stand far out of their own error bars, where the others do not."""
         rows = self.standing_out
+        if self.closes_mostly:
+            return rows
         around = np.convolve(rows, np.ones(2 * NEAR + 1), "same") > 0.5
         quiet = self.residual[~around]
         # What is left all the time is no contact, however much it varies.
@@ -791,6 +838,8 @@ def one_step(
     pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(groups)))
     if not pieces:
         return None
+    # What filters and means do to a loop shows in its constraints.
+    unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
     scheme, off, steps = identify(model, pieces, late)
     parts = [_defects(model, rows, groups) for rows, _ in pieces]
     names = parts[0].names
@@ -993,18 +1042,25 @@ def _judged(
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
-        "times of rows": [unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)],
+        "times of rows": [
+            CARRIED * unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)
+        ],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
     systematic = [_sum(x[k] for x in each.values()) for k in range(len(parts))]
     systematic_bar = np.sqrt(_sum(np.square(x) for x in bars.values()))
     rng = np.random.default_rng(5)
     # Kinks of held forces look like noise; but noise would not let any scheme come closer than itself.
-    digits = steps.digits if steps is not None else 0.0
-    believed = min(1.0, 2.0 * off / digits) if digits > 0.0 else 1.0
+    believed = (
+        min(1.0, 2.0 * off / steps.digits) if steps is not None and steps.digits > 0.0 else 1.0
+    )
     noise = []
+    real = _share_of_noise(model, pieces, parts, rest)
     for (rows, size), p in zip(pieces, parts):
-        shaken = rows.shaken(size, rng)
+        fine = np.minimum(
+            resolution(rows.u), size.u
+        )  # rounding is no noise: it hardly changes for a while
+        shaken = rows.shaken(replace(size, u=fine + real * (size.u - fine)), rng)
         noise.append(believed * forces(p, _plain(model, shaken)[1] - p.w))
     best: tuple[int, Array, Array] | None = None
     longest = max(len(x) for x in raw)
@@ -1055,6 +1111,33 @@ def _judged(
         {**bars, "noise": noise_bar, "rounding": rounding},
         partial(_as_forces, model, groups, tuple(c)), steps,
     )  # fmt: skip
+
+
+def _share_of_noise(
+    model: Model,
+    pieces: Sequence[tuple[Rows, Rows]],
+    parts: Sequence[_Defects],
+    rest: Sequence[Array],
+) -> float:
+    """How much of what looks like noise of the speeds is that, in standard deviations.
+
+    Noise of u leaves mean accelerations that follow each other with opposite signs: −2 Σ wᵀN w′ over
+    neighbours is its energy. What forces leave that change from step to step has no such relation.
+    """
+    rng = np.random.default_rng(7)
+    total = between = apparent = 0.0
+    count = 0
+    for (rows, size), p, w in zip(pieces, parts, rest):
+        still = Rows(rows.t, np.zeros_like(size.q), size.u, np.zeros_like(size.F))
+        shaken = _plain(model, rows.shaken(still, rng))[1] - p.w
+        apparent += float(np.einsum("ti,tij,tj->", shaken, p.N, shaken))
+        total += float(np.einsum("ti,tij,tj->", w, p.N, w))
+        between += float(np.einsum("ti,tij,tj->", w[:-1], p.N[:-1], w[1:]))
+        count += w.size
+    if not apparent > 0.0:
+        return 1.0
+    known = max(-2.0 * between, 0.0) + CHANCE * total / np.sqrt(max(count, 1))
+    return float(np.clip(np.sqrt(known / apparent), 0.0, 1.0))
 
 
 def _as_forces(

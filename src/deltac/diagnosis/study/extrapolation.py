@@ -42,7 +42,7 @@ SYMMETRIC = ("implicit-midpoint", "discrete-gradient")
 
 
 @dataclass(frozen=True, eq=False)
-class Extrapolation(Report):
+class Extrapolation(Report, omit=("run",)):
     """The motion that the runs of a study tend to, with an estimate of its error at every sample.
 
     Attributes:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
+from deltac.diagnosis.inputs.channels import not_simulated, told
 from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
@@ -46,12 +47,15 @@ from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Options, find_solver, solver_options
 from deltac.trajectories import Trajectory
 
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(
     Judged,
-    omit=("mechanism", "runs", "comparison", "measures"),
-    also=("relative", "energy_exchanged", "horizon", "rows"),
+    omit=("mechanism", "runs", "comparison", "measures", "import_report"),
+    also=("relative", "energy_exchanged", "horizon", "rows", "imported"),
 ):
     """What a study of a motion at several steps found.
 
@@ -69,6 +73,7 @@ class Study(
         measures: the numbers that the verdict rests on.
         verdict: what it means.
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        import_report: what the model's file held that the model does not, None for other models.
     """
 
     mechanism: Mechanism
@@ -83,6 +88,12 @@ class Study(
     measures: StudyMeasures
     verdict: Verdict
     tolerance: float
+    import_report: ImportReport | None = None
+
+    @property
+    def imported(self) -> dict[str, tuple[str, ...]]:
+        """What the import of the model left out, and what it assumed."""
+        return told(self.import_report)
 
     @property
     def horizon(self) -> float:
@@ -136,6 +147,13 @@ class Study(
 
     def summary(self) -> str:
         """Verdict, and the energy error at the finest step beside the tolerance."""
+        m = self.measures
+        if self.energy_exchanged < STILL * m.scale:  # a share of rounding would tell nothing
+            return (
+                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which none is "
+                f"exchanged, at the finest of {len(self.runs)} steps of {self.solver} (confidence "
+                f"{self.verdict.confidence})"
+            )
         sign = ">" if self.relative > self.tolerance else "≤"
         state = self.observed_order["state"]
         order = "" if state.order is None else f", order {order_text(state)}"
@@ -162,6 +180,12 @@ class Study(
         heads = (knob, *(f"|ΔC| {name} (J)" for name in names), "state, to the next")
         yield Table(heads, (*rows, (), ("", *orders)))
         yield from self.verdict.sections()
+        if self.import_report is not None:
+            yield from self.import_report.sections()
+
+
+STILL = 1e-12
+"""Share of the energies of a motion below which what is exchanged is rounding."""
 
 
 # --- equations by hand in a study: what they raise, or cannot say, is told with the state --------
@@ -279,6 +303,8 @@ def studied(
         findings += residuals.findings
         if residuals.stays and max(residuals.by_step) > tolerance:
             findings.append(residuals.finding())
+    lacking = not_simulated(loaded.import_report) if own_solver else []
+    findings += lacking
     if not own_solver:
         missing = assumed_zero(motions[-1], loaded.import_report)
         findings += assumed_zero_finding(missing)
@@ -323,8 +349,23 @@ def studied(
         comparison=compared,
         function=function,
         measures=measures,
-        verdict=judge_study(measures),
+        verdict=_of_a_part(judge_study(measures), lacking),
         tolerance=tolerance,
+        import_report=loaded.import_report,
+    )
+
+
+def _of_a_part(verdict: Verdict, lacking: list[Finding]) -> Verdict:
+    """The verdict on a motion without all that moves the machine: not sure for the whole of it."""
+    if verdict.kind != "consistent" or not lacking:
+        return verdict
+    return replace(
+        verdict,
+        confidence="low",
+        evidence=(
+            *verdict.evidence,
+            f"This is of the model without some of its file: {lacking[0].what}",
+        ),
     )
 
 

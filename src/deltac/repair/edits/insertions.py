@@ -193,6 +193,8 @@ def insertions(
     if not isinstance(node, ast.expr):
         return
     parent = source.nodes[source.parent[place]]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.operand, ast.Constant):
+        yield from _number(program, requirement, node)  # a number with its sign
     if isinstance(node, ast.Constant):
         yield from _number(program, requirement, node)
         return
@@ -334,11 +336,11 @@ def _with_factor(
     return Candidate(place, text, said, kind, 1.25 + p.cost + 0.5 * negative, None)
 
 
-def _number(program: Program, requirement: Requirement, node: ast.Constant) -> Iterator[Candidate]:
+def _number(program: Program, requirement: Requirement, node: ast.expr) -> Iterator[Candidate]:
     """Another number, where one number serves at all states and parameters."""
     x = requirement.required
     mean = float(np.mean(x))
-    if not np.isfinite(mean) or np.ptp(x) > EXACT * abs(mean) or isinstance(node.value, bool):
+    if not np.isfinite(mean) or np.ptp(x) > EXACT * abs(mean) or _is_truth(node):
         return
     digits = float(f"{mean:.6g}")
     simple = Fraction(mean).limit_denominator(60)
@@ -351,6 +353,10 @@ def _number(program: Program, requirement: Requirement, node: ast.Constant) -> I
         text, cost = repr(mean), 1.9
     said = f"{program.source.segment(node)} should be {text}"
     yield Candidate(requirement.place, text, said, "number", cost, None)
+
+
+def _is_truth(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, bool)
 
 
 CONSTANT = 1e-7

@@ -107,6 +107,12 @@ COMPILERS = {"numba", "jax", "functools", "typing", "typeguard", "beartype", "li
              "jaxtyping", "typing_extensions", "cython", "overrides", "autograd"}  # fmt: skip
 """Modules whose decorators leave what a function gives as it is."""
 
+DERIVING = {
+    "grad", "value_and_grad", "hessian", "jacobian", "jacfwd", "jacrev", "jvp", "vjp", "linearize", "vmap",
+    "elementwise_grad", "make_vjp", "make_jvp", "hessian_vector_product",
+}  # fmt: skip
+"""What makes another function of a function: its derivatives, or the function of a batch."""
+
 HARMLESS = {
     "logging",
     "warnings",
@@ -781,7 +787,7 @@ class _Reader:
             return None
         if last == "get_logger" or last == "getLogger":
             return Foreign("logging.logger")
-        if top in COMPILERS or last in ("njit", "jit", "override"):
+        if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
             if arguments and isinstance(arguments[0], Function | Bound | Class | Object | Live):
                 return arguments[0]
             return Foreign(f"{top}.identity" if top in COMPILERS else "functools.identity")

@@ -249,14 +249,13 @@ def _(report: EquationCheck, beside: Beside) -> Page:
     chapters.append(Chapter("In numbers", tuple(_tables(report.sections()))))
     if not fixed:
         chapters += [c for other in beside.more for c in _told(other, _REPAIRED)]
-    sign = ">" if report.worst > report.tolerance else "≤"
     return Page(
         title=f"{report.name}, against {report.mechanism}",
         asked="Are these equations of motion the model's, and if not, where do they differ?",
         **_checked(report, fixed),
         numbers=(
             ("largest residual", number(report.worst, digits=2)),
-            ("accepted", f"{sign} {number(report.tolerance, digits=2)} of an equation's terms"),
+            ("accepted", f"{number(report.tolerance, digits=2)} of an equation's terms"),
             ("equations that fail", f"{len(report.blame)} of {len(report.relative_residual)}"),
             ("states", str(report.count)),
             ("confidence", report.verdict.confidence),
@@ -479,26 +478,27 @@ def _(report: Examination, beside: Beside) -> Page:
     chapters = [
         Chapter(
             f"{_sentence(TITLES[name])} {page.word}.",
-            (Words("", (page.sentence,)), *page.chapters[0].parts)
-            if page.sentence
-            else page.chapters[0].parts,
+            page.chapters[0].parts,
             tuple(told for chapter in page.chapters for told in chapter.findings),
+            page.sentence,
         )
         for name, page in pages.items()
     ]
-    shown = [page for page in pages.values() if page.scene is not None]
+    shown = next((name for name, page in reversed(pages.items()) if page.scene is not None), None)
+    if shown is not None:  # what moves stands beside the first chapter
+        chapters.insert(0, chapters.pop(list(pages).index(shown)))
     about = (f"{report.classification.summary()}.", *(f"Not done: {s}." for s in report.skipped))
     return Page(
         title=report.model,
         asked="Can its simulation be trusted, with which solver and step, and where are mistakes?",
         tone=TONES[report.exit_code],
         word={0: "Can be trusted", 1: "Something is wrong", 3: "Cannot be told"}[report.exit_code],
-        sentence=_sentence(report.summary()),
+        sentence="" if report.exit_code == 0 else _sentence(report.summary()),
         numbers=tuple((TITLES[name], page.word) for name, page in pages.items()),
-        chapters=(Chapter("What it is", (Words("", about),)), *chapters),
-        scene=shown[-1].scene if shown else moving(beside.mechanism, [("run", beside.run)]),
+        chapters=(*chapters, Chapter("What it is", (Words("", about),))),
+        scene=None if shown is None else pages[shown].scene,
         limits=tuple(dict.fromkeys(limit for page in pages.values() for limit in page.limits)),
-        made=shown[-1].made if shown else (),
+        made=() if shown is None else pages[shown].made,
         data=report.to_dict(),
     )
 
@@ -511,11 +511,10 @@ def _verdict(report: Judged) -> dict[str, Any]:
     tone: Tone = TONES.get(report.exit_code, "bad")
     if v.kind not in ("consistent", "unresolved") and report.exit_code == 0:
         tone = "doubt"  # a mistake that stays within the tolerance
-    return {
-        "tone": tone,
-        "word": WORDS[v.kind],
-        "sentence": v.meaning or UNDECIDED.get(v.kind) or MEANINGS[v.kind],
-    }
+    cause = next((_sentence(f"{f.what}.") for f in v.findings if f.weight == "cause"), "")
+    reason = next((f"{e}." for e in v.evidence if e.startswith("Unresolved ")), "")
+    meaning = v.meaning or reason or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
+    return {"tone": tone, "word": WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
 
 
 def _rests_on(report: Judged) -> Words:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def motion_page(mechanism: Mechanism, run: Trajectory, ledger: Ledger, about: st
         sentence=stopped,
         numbers=tuple(facts),
         chapters=(
-            Chapter("The motion", (energies,)),
+            Chapter("Motion and energies", (replace(energies, tall=True),)),
             *motion_plots(run, mechanism),
             Chapter("Where the energy went", tuple(others)),
         ),

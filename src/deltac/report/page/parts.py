@@ -297,11 +297,12 @@ class Told:
 
 @dataclass(frozen=True, eq=False)
 class Chapter:
-    """Parts under a heading. With `aside` the scene stands beside the first of them."""
+    """Parts under a heading and a `lead`, a sentence; the first part of a page has the scene beside it."""
 
     heading: str
     parts: tuple[Part, ...] = ()
     findings: tuple[Told, ...] = ()
+    lead: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,398 @@
+"""SDFormat files (Gazebo, Drake): links, joints and inertias, read from the XML itself.
+
+Read is one model, of a file of its own or the only one of a world: links with their inertias, joints of the
+kinds revolute, continuous, prismatic, ball, universal, screw and fixed with damping, spring and poses in
+any frame (SDFormat 1.4 to 1.11, http://sdformat.org/spec). The body frame is the link's. What does work and
+has no counterpart here (contact, limits, dry friction, plugins) is named in the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.errors import FileError, InputError, ModelError, closest, shown
+from deltac.files import read_text
+from deltac.importers.report import ImportReport, Remark
+from deltac.importers.urdf import axis_turn, check_depth
+from deltac.mechanism import joints
+from deltac.mechanism.bodies import Body, body
+from deltac.mechanism.joints import Joint
+from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
+
+GRAVITY = (0.0, 0.0, -9.8)
+"""Where no world says otherwise (m/s²); SDFormat's default."""
+
+KINDS = ("revolute", "continuous", "prismatic", "ball", "universal", "screw", "fixed")
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_WORLD, _MODEL = ("world", "__root__"), ("__model__", "")
+
+Pose = tuple[Array, Array]
+"""Rotation (3, 3) and place (3,) of a frame in another."""
+
+
+def read_sdf(path: Path) -> tuple[Mechanism, ImportReport]:
+    """The mechanism of an SDFormat file, and a report.
+
+    Raises InputError for a file that is none, has no or several models, or what cannot be read as a tree.
+    """
+    try:
+        text = read_text(path, "model")
+    except InputError as error:
+        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise ModelError(f"model file {path.name!r} has a document type; SDFormat needs none")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ModelError(f"model file {path.name!r} is no XML: {error}") from None
+    check_depth(root, path.name)
+    models = [*root.findall("model"), *root.findall("world/model")]
+    if root.tag != "sdf" or len(models) != 1:
+        raise ModelError(
+            f"model file {path.name!r}: found <{root.tag}> with {len(models)} models, expected <sdf> with one"
+        )
+    return _Reader(path.name, models[0], root.find("world")).read()
+
+
+class _Reader:
+    """Reads one model."""
+
+    def __init__(self, file: str, model: Element, world: Element | None) -> None:
+        self.file, self.model, self.world = file, model, world
+        for tag in ("include", "model"):
+            if model.find(tag) is not None:
+                raise ModelError(
+                    f"{file}: <{tag}> within a model is not read; write one flat model"
+                )
+        self.links = self.named("link")
+        self.joints = self.named("joint")
+        self.frames = self.named("frame")
+        if not self.links:
+            raise ModelError(f"{file}: the model has no links")
+        self.ignored: list[Remark] = []
+        self.assumed: list[Remark] = []
+        self.poses: dict[str, Pose] = {}
+
+    def named(self, tag: str) -> dict[str, Element]:
+        """The elements of a kind by name."""
+        found: dict[str, Element] = {}
+        for element in self.model.findall(tag):
+            name = element.get("name", "")
+            if not name or name in found:
+                raise ModelError(
+                    f"{self.file}: <{tag}> {shown(name)} has no name, or stands there twice"
+                )
+            found[name] = element
+        return found
+
+    def read(self) -> tuple[Mechanism, ImportReport]:
+        """The mechanism and what there is to say of it."""
+        carrier: dict[str, str] = {}
+        for name, joint in self.joints.items():
+            child = self.end(joint, "child")
+            if child in carrier:
+                raise ModelError(
+                    f"{self.file}: joints {carrier[child]!r} and {name!r} carry link {child!r}: closed "
+                    f"loops are "
+                    "not read; cut one, and add a loop constraint in Python"
+                )
+            carrier[child] = name
+        static = (self.model.findtext("static") or "").strip() in ("true", "1")
+        made: list[Joint] = []
+        waiting = list(self.links)
+        done = {GROUND}
+        while waiting:
+            ready = [link for link in waiting if self.parent(link, carrier) in done]
+            if not ready:
+                raise ModelError(f"{self.file}: links {waiting} hang on each other in a circle")
+            for link in ready:
+                made.append(self.carried(link, carrier.get(link), static))
+                done.add(link)
+                waiting.remove(link)
+        self.left_out()
+        gravity = GRAVITY
+        if self.world is not None and (told := self.world.findtext("gravity")) is not None:
+            x, y, z = self.numbers(told, 3, "gravity")
+            gravity = (x, y, z)
+        else:
+            self.assumed.append(
+                Remark("world", "gravity is 9.8 m/s² downwards, SDFormat's default")
+            )
+        mechanism = Mechanism(
+            [self.body(name, link) for name, link in self.links.items()],
+            made,
+            gravity=gravity,
+            name=self.model.get("name") or self.file,
+        )
+        moving = sum(bool(joint.speeds) for joint in made)
+        read = Remark("tree", f"{len(self.links)} links, {moving} moving joints")
+        starts = {"model": mechanism.state(self.start(made))}
+        return mechanism, ImportReport(
+            self.file, (read,), tuple(self.ignored), tuple(self.assumed), starts=starts
+        )
+
+    def parent(self, link: str, carrier: Mapping[str, str]) -> str:
+        if link not in carrier:
+            return GROUND
+        return self.end(self.joints[carrier[link]], "parent")
+
+    def end(self, joint: Element, tag: str) -> str:
+        """The link at one end of a joint."""
+        name = (joint.findtext(tag) or "").strip()
+        if name in _WORLD and tag == "parent":
+            return GROUND
+        if name in self.frames:
+            name = self.attached(name)
+        if name not in self.links:
+            raise ModelError(
+                f"{self.file}: joint {joint.get('name')!r}: its {tag} {shown(name)} is no link"
+                f"{closest(name, self.links)}"
+            )
+        return name
+
+    def attached(self, frame: str) -> str:
+        """The link that a frame is attached to."""
+        seen = set()
+        while frame in self.frames and frame not in seen:
+            seen.add(frame)
+            frame = self.frames[frame].get("attached_to", "")
+        return frame
+
+    def body(self, name: str, link: Element) -> Body:
+        inertial = link.find("inertial")
+        where = f"link {name!r}"
+        mass = 1.0 if inertial is None else self.number(inertial, "mass", 1.0, where)
+        R, centre = (np.eye(3), np.zeros(3)) if inertial is None else self.pose(inertial, where)
+        moments = inertial.find("inertia") if inertial is not None else None
+        if inertial is None:
+            self.assumed.append(Remark(name, "no <inertial>: 1 kg and 1 kg·m², SDFormat's default"))
+        default = dict.fromkeys(("ixx", "iyy", "izz"), 1.0)
+        xx, xy, xz, yy, yz, zz = (
+            default.get(key, 0.0)
+            if moments is None
+            else self.number(moments, key, default.get(key, 0.0), where)
+            for key in _MOMENTS
+        )
+        tensor = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        return body(
+            name, mass=mass, inertia=((tensor + tensor.T) / 2).tolist(), mass_centre=centre.tolist()
+        )
+
+    def carried(self, link: str, name: str | None, static: bool) -> Joint:
+        """The joint that carries a link; a root floats freely, or stands if the model is static."""
+        R_link, p_link = self.world_pose(link)
+        if name is None:
+            if static:
+                return joints.fixed(
+                    f"{link}_fixed",
+                    GROUND,
+                    link,
+                    position=p_link.tolist(),
+                    rotation=R_link.tolist(),
+                )
+            self.assumed.append(
+                Remark(
+                    link,
+                    "no joint carries it: it floats freely",
+                    f"free joint {link!r}, its pose is the start",
+                )
+            )
+            return joints.free(link, link)
+        joint = self.joints[name]
+        kind = joint.get("type", "")
+        if kind not in KINDS:
+            raise ModelError(
+                f"{self.file}: joint {name!r}: type {shown(kind)} is not read{closest(kind, KINDS)}"
+            )
+        parent = self.end(joint, "parent")
+        R_parent, p_parent = (
+            (np.eye(3), np.zeros(3)) if parent == GROUND else self.world_pose(parent)
+        )
+        R_joint, p_joint = self.world_pose(name)
+        place: dict[str, Any] = {
+            "position": (R_parent.T @ (p_joint - p_parent)).tolist(),
+            "rotation": (R_parent.T @ R_joint).tolist(),
+            "child_position": (R_link.T @ (p_joint - p_link)).tolist(),
+            "child_rotation": (R_link.T @ R_joint).tolist(),
+        }
+        axes = [self.axis(name, joint, tag, R_joint, R_parent) for tag in ("axis", "axis2")]
+        options = self.dynamics(name, joint)
+        match kind:
+            case "fixed":
+                return joints.fixed(name, parent, link, **place)
+            case "ball":
+                return joints.spherical(name, parent, link, **place)
+            case "universal":
+                return joints.universal(name, parent, link, axes[0], axes[1], **place)
+            case "screw":
+                pitch = self.screw_pitch(name, joint)
+                return joints.screw(name, parent, link, axes[0], pitch=pitch, **place, **options)
+            case "prismatic":
+                return joints.prismatic(name, parent, link, axes[0], **place, **options)
+        return joints.revolute(name, parent, link, axes[0], **place, **options)
+
+    def screw_pitch(self, name: str, joint: Element) -> float:
+        """Metres a radian: `screw_thread_pitch` is metres a turn, the old `thread_pitch` radians a metre."""
+        if joint.find("screw_thread_pitch") is not None:
+            return self.number(joint, "screw_thread_pitch", 1.0, f"joint {name!r}") / (2 * np.pi)
+        return -1.0 / self.number(joint, "thread_pitch", 1.0, f"joint {name!r}")
+
+    def axis(
+        self, name: str, joint: Element, tag: str, R_joint: Array, R_parent: Array
+    ) -> list[float]:
+        """The unit vector of an axis, in the joint's frame."""
+        element = joint.find(tag)
+        where = f"joint {name!r}: {tag}"
+        if element is None:
+            return [0.0, 0.0, 1.0]
+        xyz = element.find("xyz")
+        direction = np.array(self.numbers(xyz.text if xyz is not None else "0 0 1", 3, where))
+        frame = xyz.get("expressed_in", "") if xyz is not None else ""
+        old = (element.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
+        if frame or old:
+            R = np.eye(3) if old and not frame else self.world_pose(frame)[0]
+            R = self.model_pose()[0] if frame in _MODEL and (frame or old) else R
+            direction = R_joint.T @ R @ direction
+        size = float(np.linalg.norm(direction))
+        if not size > 0.0:
+            raise ModelError(f"{self.file}: {where} is zero, expected a direction")
+        values: list[float] = (direction / size).tolist()
+        return values
+
+    def dynamics(self, name: str, joint: Element) -> dict[str, float]:
+        """Damping and spring of a joint of one axis; its limits and dry friction go into the report."""
+        found: dict[str, float] = {}
+        for axis in joint.findall("axis"):
+            where = f"joint {name!r}"
+            dynamics, limit = axis.find("dynamics"), axis.find("limit")
+            if dynamics is not None:
+                if damping := self.number(dynamics, "damping", 0.0, where):
+                    found["damping"] = damping
+                if stiffness := self.number(dynamics, "spring_stiffness", 0.0, where):
+                    found |= {
+                        "stiffness": stiffness,
+                        "rest": self.number(dynamics, "spring_reference", 0.0, where),
+                    }
+                if self.number(dynamics, "friction", 0.0, where):
+                    self.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+            if limit is not None and any(
+                abs(self.number(limit, key, 1e16, where)) < 1e15 for key in ("lower", "upper")
+            ):
+                self.ignored.append(_logged(name, "limits", f"limit {name}"))
+            if axis.find("mimic") is not None:
+                self.ignored.append(_logged(name, "mimic joint", f"constraint {name}"))
+        return found
+
+    def left_out(self) -> None:
+        """What else does work: contacts and plugins."""
+        colliding = [n for n, link in self.links.items() if link.find("collision") is not None]
+        if colliding:
+            self.ignored.append(
+                _logged(
+                    "collisions", f"contact of {len(colliding)} links", "contact <link1>:<link2>"
+                )
+            )
+        for plugin in self.model.iter("plugin"):
+            name = plugin.get("name") or plugin.get("filename") or "plugin"
+            self.ignored.append(_logged(name, "plugin", "applied <plugin>"))
+
+    def start(self, made: list[Joint]) -> dict[str, float]:
+        """The model's own pose: of links that float."""
+        values: dict[str, float] = {}
+        for joint in made:
+            if joint.kind == "free":
+                R, p = self.world_pose(joint.name)
+                values |= {f"{joint.name}.{axis}": float(x) for axis, x in zip("xyz", p)}
+                values |= {f"{joint.name}.q{part}": x for part, x in zip("wxyz", _quaternion(R))}
+        return values
+
+    # -- poses ------------------------------------------------------------------------------------
+
+    def model_pose(self) -> Pose:
+        return self.pose(self.model, "model")
+
+    def world_pose(self, name: str, seen: tuple[str, ...] = ()) -> Pose:
+        """Where a link, joint or frame is in the world."""
+        if name in self.poses:
+            return self.poses[name]
+        if name in _WORLD:
+            return np.eye(3), np.zeros(3)
+        if name in _MODEL:
+            return self.model_pose()
+        if name in seen:
+            raise ModelError(f"{self.file}: the poses of {', '.join(seen)} refer to each other")
+        kinds = {"link": self.links, "joint": self.joints, "frame": self.frames}
+        kind = next((tag for tag, known in kinds.items() if name in known), None)
+        if kind is None:
+            known = [n for group in kinds.values() for n in group]
+            raise ModelError(f"{self.file}: unknown frame {shown(name)}{closest(name, known)}")
+        element = kinds[kind][name]
+        pose = element.find("pose")
+        default = {
+            "link": "__model__",
+            "joint": (element.findtext("child") or "").strip(),
+            "frame": element.get("attached_to", "__model__"),
+        }[kind]
+        base = pose.get("relative_to") or default if pose is not None else default
+        R, p = self.world_pose(base, (*seen, name))
+        turned, moved = self.pose(element, name)
+        self.poses[name] = R @ turned, p + R @ moved
+        return self.poses[name]
+
+    def pose(self, element: Element, where: str) -> Pose:
+        """The pose that an element tells: x y z and roll, pitch, yaw, or a quaternion."""
+        pose = element.find("pose")
+        if pose is None or not (pose.text or "").strip():
+            return np.eye(3), np.zeros(3)
+        if pose.get("rotation_format") == "quat_xyzw":
+            x, y, z, *quaternion = self.numbers(pose.text, 7, where)
+            qx, qy, qz, qw = np.array(quaternion) / np.linalg.norm(quaternion)
+            R = np.array(
+                [
+                    [1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)],
+                    [2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)],
+                    [2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)],
+                ]
+            )
+            return R, np.array([x, y, z])
+        x, y, z, *angles = self.numbers(pose.text, 6, where)
+        if pose.get("degrees") in ("true", "1"):
+            angles = [float(np.deg2rad(angle)) for angle in angles]
+        roll, pitch, yaw = angles
+        return axis_turn(2, yaw) @ axis_turn(1, pitch) @ axis_turn(0, roll), np.array([x, y, z])
+
+    def number(self, element: Element, tag: str, default: float, where: str) -> float:
+        text = element.findtext(tag)
+        return default if text is None else self.numbers(text, 1, f"{where}: {tag}")[0]
+
+    def numbers(self, text: str | None, count: int, where: str) -> list[float]:
+        """So many finite numbers; InputError for anything else."""
+        try:
+            values = [float(word) for word in (text or "").split()]
+        except ValueError:
+            values = []
+        if len(values) != count or not np.isfinite(values).all():
+            raise ModelError(
+                f"{self.file}: {where} is {shown(text)}, expected {count} finite numbers"
+            )
+        return values
+
+
+def _quaternion(R: Array) -> Iterator[float]:
+    """The quaternion of a rotation, scalar first."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(R).as_quat()
+    yield from (float(w), float(x), float(y), float(z))
+
+
+def _logged(element: str, what: str, channel: str) -> Remark:
+    return Remark(element, what, f"its force must come from the log: channel '{channel}'")

@@ -1,0 +1,193 @@
+"""What a check says of code that it cannot read: formulas, accelerations solved by hand, whole causes.
+
+The two-link arm is written here by hand, in Spong's angles, and every mistake is put in on purpose: what must
+be said is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis.check.numbers import formula
+
+P = {"m1": 1.1, "m2": 0.93, "l1": 1.05, "c1": 0.52, "c2": 0.41, "I1": 0.083, "I2": 0.33, "g": 9.81}
+
+ARM = dc.Mechanism(
+    [
+        dc.body("upper", "m1", (0.9, 0.9, "I1"), (0, "-c1", 0)),
+        dc.body("lower", "m2", (0.9, 0.9, "I2"), (0, "-c2", 0)),
+    ],
+    [
+        dc.revolute("a", "ground", "upper"),
+        dc.revolute("b", "upper", "lower", position=(0, "-l1", 0)),
+    ],
+    gravity=(0, "-g", 0),
+    parameters=P,
+)
+
+
+def parts(q: Any, u: Any, p: dict[str, float], small: bool = False) -> tuple[Any, Any]:
+    """M and f of M u̇ = f."""
+    m1, m2, l1, c1, c2, I1, I2, g = (p[n] for n in ("m1", "m2", "l1", "c1", "c2", "I1", "I2", "g"))
+    sin: Callable[[Any], Any] = (lambda x: x) if small else np.sin
+    c, h = np.cos(q[1]), m2 * l1 * c2 * np.sin(q[1])
+    M12 = I2 + m2 * (c2**2 + l1 * c2 * c)
+    M = np.array(
+        [
+            [I1 + I2 + m1 * c1**2 + m2 * (l1**2 + c2**2 + 2 * l1 * c2 * c), M12],
+            [M12, I2 + m2 * c2**2],
+        ]
+    )
+    lower = m2 * c2 * g * sin(q[0] + q[1])
+    f1 = h * (2 * u[0] * u[1] + u[1] ** 2) - (m1 * c1 + m2 * l1) * g * sin(q[0]) - lower
+    return M, np.array([f1, -h * u[0] ** 2 - lower])
+
+
+def arm(t: Any, q: Any, u: Any, **changed: float) -> Any:
+    return np.linalg.solve(*parts(q, u, P | changed))
+
+
+def rows(term: Callable[[Any, Any], tuple[float, float]]) -> Callable[..., Any]:
+    """The arm with something added to f."""
+
+    def rhs(t: Any, q: Any, u: Any) -> Any:
+        M, f = parts(q, u, P)
+        return np.linalg.solve(M, f + np.array(term(q, u)))
+
+    return rhs
+
+
+def told(rhs: Callable[..., Any]) -> list[Any]:
+    found = dc.check_equations(ARM, rhs)
+    assert found.verdict.kind == "equation-error"
+    return [match for blame in found.blame for match in (blame.solved or blame.terms)]
+
+
+G1 = P["m2"] * P["l1"] * P["g"]
+G2 = P["m2"] * P["c2"] * P["g"]
+
+
+@pytest.mark.parametrize(
+    ("term", "symbols", "formulas"),
+    [
+        (lambda q, u: (G1 * (1 - 1 / P["g"]) * np.sin(q[0]), 0), "-g*l1*m2*sin(a)", "1/g"),
+        (lambda q, u: (G1 * (1 - P["c2"] / P["l1"]) * np.sin(q[0]), 0), "-g*l1*m2*sin(a)", "c2/l1"),
+        (lambda q, u: (G1 * (1 - P["l1"]) * np.sin(q[0]), 0), "-g*l1*m2*sin(a)", "l1"),
+    ],
+)
+def test_factors_are_formulas_in_the_models_parameters(
+    term: Callable[[Any, Any], tuple[float, float]], symbols: str, formulas: str
+) -> None:
+    (match,) = told(rows(term))
+    assert (match.symbols, match.formula) == (symbols, formulas)
+
+
+def test_a_function_of_the_state_may_be_the_factor() -> None:
+    """One angle for the sum of both, and a cosine forgotten in M."""
+    (match,) = told(rows(lambda q, u: (0, G2 * (np.sin(q[0] + q[1]) - np.sin(q[0])))))
+    assert match.ratio == "sin(a)/sin(b + a)" and match.factor == pytest.approx(1.0)
+
+
+def test_one_summand_of_a_moment_of_inertia_is_named() -> None:
+    def rhs(t: Any, q: Any, u: Any) -> Any:
+        M, f = parts(q, u, P)
+        M[1, 1] = P["I2"]
+        return np.linalg.solve(M, f)
+
+    (match,) = told(rhs)
+    assert match.symbols == "-c2**2*m2*u̇.b" and match.factor == pytest.approx(0.0, abs=1e-6)
+
+
+def test_terms_are_named_in_accelerations_that_were_solved_for_by_hand() -> None:
+    """Cramer's rule with a wrong sign in one numerator, and with a wrong determinant."""
+
+    def by_hand(sign: float, denominator: float) -> Callable[..., Any]:
+        def rhs(t: Any, q: Any, u: Any) -> Any:
+            M, f = parts(q, u, P)
+            det = M[0, 0] * M[1, 1] - denominator * M[0, 1] ** 2
+            whole = M[0, 0] * M[1, 1] - M[0, 1] ** 2
+            return np.array(
+                [
+                    (M[1, 1] * f[0] - M[0, 1] * f[1]) / det,
+                    (M[0, 0] * f[1] - sign * M[0, 1] * f[0]) / whole,
+                ]
+            )
+
+        return rhs
+
+    found = dc.check_equations(ARM, by_hand(-1.0, 1.0))
+    assert [blame.speed for blame in found.blame] == ["b"]
+    (match,) = found.blame[0].solved
+    assert match.part == "what drives equation 1 (a)" and match.factor == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("rhs", "kind", "words"),
+    [
+        (lambda t, q, u: arm(t, q, u, I2=0.4), "parameter-value", "I2 = 0.4"),
+        (lambda t, q, u: arm(t, q, u, c1=0.41, c2=0.52), "parameter-value", "c1 and c2"),
+        (
+            lambda t, q, u: arm(t, q + [np.pi, 0], u),
+            "coordinates",
+            "a is measured from elsewhere, π",
+        ),
+        (
+            lambda t, q, u: arm(t, q * [1, -1], u * [1, -1]) * [1, -1],
+            "coordinates",
+            "the other way",
+        ),
+        (
+            lambda t, q, u: np.degrees(arm(t, np.radians(q), np.radians(u))),
+            "coordinates",
+            "all coordinates are in degrees",
+        ),
+        (lambda t, q, u: arm(t, q[::-1], u[::-1])[::-1], "coordinates", "in the order b, a"),
+        (
+            lambda t, q, u: np.array([1, 1.0]) * np.cumsum(arm(t, *unsummed(q, u))),
+            "coordinates",
+            "absolute",
+        ),
+        (
+            lambda t, q, u: np.linalg.solve(*parts(q, u, P, small=True)),
+            "linearised",
+            "small coordinates",
+        ),
+        (
+            lambda t, q, u: np.linalg.solve(*parts(0 * q, 0 * u, P)) - STIFF @ q,
+            "linearised",
+            "linear in the state",
+        ),
+    ],
+)
+def test_causes_of_a_function_as_a_whole(rhs: Callable[..., Any], kind: str, words: str) -> None:
+    found = dc.check_equations(ARM, rhs)
+    causes = [f for f in found.verdict.findings if f.weight == "cause"]
+    assert [f.kind for f in causes] == [kind]
+    assert words in causes[0].what
+
+
+def unsummed(q: Any, u: Any) -> tuple[Any, Any]:
+    """Relative angles and rates from absolute ones."""
+    return np.diff(q, prepend=0.0), np.diff(u, prepend=0.0)
+
+
+STIFF = np.linalg.solve(
+    parts(np.zeros(2), np.zeros(2), P)[0],
+    np.array([[P["m1"] * P["c1"] * P["g"] + G1 + G2, G2], [G2, G2]]),
+)
+
+
+def test_numbers_as_formulas() -> None:
+    known = {"l1": 1.2, "l2": 0.7, "g": 9.81, "m": 2.0}
+    assert formula(1 / 9.81, known) is not None
+    found = formula(0.7 / 1.2, known, "g*l1*m*sin(a)")
+    assert found is not None and found.text == "l2/l1"
+    assert (
+        formula(0.7 / 1.2, known, "g*l2*m*sin(a)") is None
+    )  # what it divides by is not in the term
+    assert formula(0.123456, known) is None and formula(1.0 + 1e-7, known) is None

@@ -357,6 +357,13 @@ def test_1988_asks_for_independent_speeds() -> None:
         dc.simulate(BAR, START, 0.1, 1e-2, record=("kane-levinson-1988",))
 
 
+def test_results_of_solvers_hold_no_assembly() -> None:
+    t = np.linspace(0.0, 0.1, 5)
+    with pytest.raises(dc.InputError) as caught:
+        dc.Trajectory.from_scipy((t, np.zeros((5, 2))), BAR, coordinates=CRANK)
+    assert caught.value.code == "E-MODEL"
+
+
 def test_implicit_solvers_refuse_fewer_coordinates() -> None:
     with pytest.raises(dc.InputError) as caught:
         dc.simulate(BAR, START, 0.1, 1e-2, "implicit-midpoint", equations=BY_HAND)

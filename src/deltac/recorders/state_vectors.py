@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.dynamics.system import System, trace
-from deltac.errors import LogError, WrongType
+from deltac.errors import LogError, ModelError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.simulation.equations import (
@@ -61,6 +61,12 @@ def trajectory_of_states(
         order = given.order if order is None else order
     system = trace(mechanism)
     symbols = state_symbols(system, chosen)
+    if symbols.own is not None and symbols.own.told is not None:
+        raise ModelError(
+            f"coordinates: {', '.join(symbols.coordinates)} leave the other joints of {mechanism.name!r} to "
+            "assembly, which results of a solver do not hold; let deltac.simulate(model, equations=...) "
+            "integrate these equations, or give a map with laws for all joints"
+        )
     names = state_names(symbols.coordinates, symbols.speeds)
     t, y, told = _states(source, len(names))
     if y.shape != (len(t), len(names)):

@@ -125,8 +125,7 @@ class Repair(Report, also=("right",)):
             return
         if self.unread:
             yield (
-                f"It cannot be read ({self.unread}). So single edits of its text were tried by running them; "
-                "missing terms and pairs of edits were not."
+                f"It cannot be read ({self.unread}). So single edits of its text were tried by running them."
             )
         where = ", ".join(self.equations)
         wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
@@ -172,7 +171,11 @@ class Repair(Report, also=("right",)):
         tested = "random states"
         if self.varied:
             tested += f", and at other values of {', '.join(self.varied)}"
-        if self.certain:
+        if self.unread:
+            lines.append(
+                "Tested by running them at random states: other formulas may agree there too."
+            )
+        elif self.certain:
             lines.append(f"Tested at {tested}; no other formula was found.")
         else:
             lines.append(

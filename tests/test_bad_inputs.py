@@ -71,7 +71,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "equal steps": ("E-VALUE", lambda: dc.study(M, S, 0.2, steps=(0.01, 0.01, 0.01))),
     "logs and steps": ("E-VALUE", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
     # equations
-    "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations(M, lambda t, q, u: [[9.81]])),
+    "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations(M, lambda t, q, u: 9.81)),
     "scalar in a run": ("E-VALUE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, q, u: 9.81)),
     "scalar of (t, y)": ("E-SOURCE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, y: 9.81)),
     "no function": ("E-VALUE", lambda: dc.Equations(1)),  # type: ignore

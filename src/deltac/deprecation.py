@@ -25,7 +25,7 @@ from functools import wraps
 from importlib import import_module
 from typing import Any, TypeVar
 
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 
@@ -62,7 +62,7 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
         for old in names.keys() & kwargs.keys():
             new = names[old]
             if new in kwargs:
-                raise InputError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
+                raise ArgumentsError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
             warn_renamed(f"{name}({old}=…)", f"{name}({new}=…)")
             kwargs[new] = kwargs.pop(old)
         return function(*args, **kwargs)

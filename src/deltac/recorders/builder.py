@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, PackageError, RecordingError
 from deltac.trajectories import Provenance, Trajectory
 
 
@@ -18,7 +18,7 @@ def simulator(module: str, extra: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise InputError(
+        raise PackageError(
             f"recording {extra} runs needs the Python module {module!r}, which is not installed "
             f'({error}); run: pip install "deltac[{extra}]"'
         ) from None
@@ -75,7 +75,7 @@ class TrajectoryBuilder:
             InputError: an array of the wrong size, or accelerations in some rows only.
         """
         if self._rows and (udot is None) != (self._rows[0][3] is None):
-            raise InputError(
+            raise RecordingError(
                 f"row {len(self)}, t = {t:g} s: accelerations must be given in every row or in none"
             )
         row = len(self._rows)

@@ -32,7 +32,11 @@ BAD: dict[str, tuple[Callable[[], Any], str, str]] = {
     "right-hand side a scalar": (lambda: simulate(equations=lambda t, q, u: 1.0), "E-SOURCE", "u̇"),
     "equal steps": (lambda: dc.study(P, steps=[0.1, 0.1, 0.1]), "E-VALUE", "half"),
     "negative step": (lambda: dc.study(P, steps=[0.1, -0.1]), "E-VALUE", "positive"),
-    "log and model swapped": (lambda: dc.audit("run.csv", P.name), "E-ARGUMENTS", "the model comes"),
+    "log and model swapped": (
+        lambda: dc.audit("run.csv", P.name),
+        "E-ARGUMENTS",
+        "the model comes",
+    ),
     "no such problem": (lambda: dc.audit("pendulm", "run.csv"), "E-NAME", "pendul"),
     "no such log": (lambda: dc.audit(P, "missing.csv"), "E-FILE", "missing.csv"),
     "log of another type": (lambda: dc.audit(P, 3), "E-TYPE", "Trajectory"),

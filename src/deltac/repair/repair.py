@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.function import Caller
 from deltac.errors import InputError
@@ -79,6 +80,7 @@ PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
 
+@checked
 @interruptible()
 def repair_equations(
     model: ModelLike,

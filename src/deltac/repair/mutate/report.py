@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -158,6 +159,7 @@ def _examples(trials: Sequence[Trial]) -> str:
     return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
 
 
+@checked
 @interruptible()
 def mutate_equations(
     model: ModelLike,

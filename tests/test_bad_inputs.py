@@ -61,7 +61,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     # runs
     "trillion steps": ("E-LIMIT", lambda: dc.simulate(M, S, 1e6, 1e-6)),
     "negative duration": ("E-VALUE", lambda: dc.simulate(M, S, -1, 0.01)),
-    "no duration": ("E-VALUE", lambda: dc.simulate(M, S)),
+    "no duration": ("E-ARGUMENTS", lambda: dc.simulate(M, S)),
     "step of zero": ("E-VALUE", lambda: dc.simulate(M, S, 1, 0)),
     "no step": ("E-SOLVER", lambda: dc.simulate(M, S, 1.0)),
     "step that does not divide": ("E-SOLVER", lambda: dc.simulate(M, S, 1.0, 0.3)),
@@ -70,7 +70,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "record as text": ("E-VALUE", lambda: dc.simulate(M, S, 0.1, 0.01, record="wang")),  # type: ignore
     "unknown testing function": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, record=("wong",))),
     "equal steps": ("E-VALUE", lambda: dc.study(M, S, 0.2, steps=(0.01, 0.01, 0.01))),
-    "logs and steps": ("E-VALUE", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
+    "logs and steps": ("E-ARGUMENTS", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
     "h for step": ("E-NAME", lambda: dc.simulate(M, S, 0.1, h=0.01)),  # type: ignore
     "solvers of a study": ("E-NAME", lambda: dc.study(M, S, 0.2, solvers="ode4")),  # type: ignore
     "record of an ensemble": ("E-NAME", lambda: dc.simulate_ensemble(M, [S], 0.1, 0.01, recrd=())),  # type: ignore
@@ -79,9 +79,9 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "option of a sweep": ("E-NAME", lambda: dc.sweep(M, stepp=0.1)),
     # equations
     "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations(M, lambda t, q, u: 9.81)),
-    "scalar in a run": ("E-VALUE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, q, u: 9.81)),
+    "scalar in a run": ("E-SOURCE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, q, u: 9.81)),
     "scalar of (t, y)": ("E-SOURCE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, y: 9.81)),
-    "no function": ("E-VALUE", lambda: dc.Equations(1)),  # type: ignore
+    "no function": ("E-TYPE", lambda: dc.Equations(1)),  # type: ignore
     "unknown form": ("E-VALUE", lambda: dc.Equations(lambda t, y: y, form="pde")),
     "unknown order": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, equations=MISNAMED)),
     # models
@@ -93,19 +93,19 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "xacro": ("E-MODEL", lambda: dc.load_model("arm.urdf.xacro")),
     "OpenSim's model": ("E-MODEL", lambda: dc.load_model("leg.osim")),
     # audits
-    "log and model swapped": ("E-VALUE", lambda: dc.audit("run.csv", "arm.xml")),
+    "log and model swapped": ("E-ARGUMENTS", lambda: dc.audit("run.csv", "arm.xml")),
     "run and model swapped": ("E-TYPE", lambda: dc.audit(run(), M)),  # type: ignore
     "number as a log": ("E-TYPE", lambda: dc.audit(M, 5)),
     "missing log": ("E-FILE", lambda: dc.audit(M, "no.csv")),
     "tolerance of 5": ("E-VALUE", lambda: dc.audit(M, run(), tolerance=5)),
-    "log of another model": ("E-VALUE", lambda: dc.audit(M, run(coordinates=("knee",), speeds=("knee",)))),
+    "log of another model": ("E-LOG", lambda: dc.audit(M, run(coordinates=("knee",), speeds=("knee",)))),
     "misspelt channel": ("E-NAME", lambda: dc.balance(M, run()).work["gravty"]),
     "unknown parameter": ("E-NAME", lambda: bob(parameters={"mass": 1.0}).parameters["mas"]),
     "misspelt column": ("E-NAME", lambda: run().coordinate("hing")),
     "time that stands": ("E-LOG", lambda: run(t=np.zeros(21))),
     "row not finite": ("E-LOG", lambda: run(q=np.full((21, 1), np.nan))),
     "beyond physics": ("E-LOG", lambda: dc.audit(M, run(q=np.full((21, 1), 1e60)))),
-    "replay of a run": ("E-VALUE", lambda: dc.audit(M, run(), replay=True)),
+    "replay of a run": ("E-ARGUMENTS", lambda: dc.audit(M, run(), replay=True)),
 }  # fmt: skip
 
 

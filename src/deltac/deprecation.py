@@ -27,7 +27,7 @@ from importlib import import_module
 from typing import Any
 
 from deltac.arguments import Target, refuse_misfits
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError
 
 
 def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) -> None:
@@ -64,7 +64,7 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
         for old in names.keys() & kwargs.keys():
             new = names[old]
             if new in kwargs:
-                raise InputError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
+                raise ArgumentsError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
             warn_renamed(f"{name}({old}=…)", f"{name}({new}=…)")
             kwargs[new] = kwargs.pop(old)
         try:

@@ -94,7 +94,7 @@ class SolverError(InputError):
 
 
 class SourceError(InputError):
-    """Equations or a controller written by hand that raise, return no u̇, or cannot be read."""
+    """Equations, a controller or a model in Python that raise, return no u̇, or cannot be read."""
 
     _code = "E-SOURCE"
 
@@ -103,6 +103,30 @@ class PackageError(InputError):
     """An optional package that is not installed; the message says how to install it."""
 
     _code = "E-PACKAGE"
+
+
+class ArgumentsError(InputError):
+    """Arguments that cannot be given together or in this order, or one that the others call for."""
+
+    _code = "E-ARGUMENTS"
+
+
+class RecordingError(InputError):
+    """A recorder or monitor that missed a step, got rows out of order, or cannot account for a force."""
+
+    _code = "E-RECORDING"
+
+
+class SpecificationError(InputError):
+    """A description of a sweep or of audits that contradicts itself, lacks an entry, or has a bad one."""
+
+    _code = "E-SPEC"
+
+
+class ProcessLost(InputError):
+    """A process that the work ran in, or the scheduler of all, has ended or does not answer."""
+
+    _code = "E-DIED"
 
 
 class SuspicionWarning(UserWarning):

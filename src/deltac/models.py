@@ -17,9 +17,11 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from deltac.arguments import checked
 from deltac.errors import (
+    ArgumentsError,
     FileError,
     InputError,
     ModelError,
+    SourceError,
     StateError,
     UnknownName,
     WrongType,
@@ -166,7 +168,7 @@ class Model:
         if duration is not None:
             return duration
         if self.problem is None:
-            raise InputError("duration: say how long the motion lasts, in seconds")
+            raise ArgumentsError("duration: say how long the motion lasts, in seconds")
         return self.problem.duration
 
 
@@ -269,7 +271,7 @@ def _named(text: str) -> Model:
     if path.suffix == ".py":
         raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
     if path.suffix.lower() in import_module("deltac.trajectories.formats.files").FORMATS:
-        raise InputError(
+        raise ArgumentsError(
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
     raise UnknownName(
@@ -333,7 +335,7 @@ def _written(mechanism: Mechanism, path: Path) -> State:
     except (InputError, ValueError) as error:
         raise InputError(f"state {path}: {error}") from None
     if not isinstance(found, dict) or not found.keys() <= {"t", "q", "u"}:
-        raise InputError(
+        raise FileError(
             f"state {path}: expected tables q and u, and perhaps t, found {found!s:.80}"
         )
     return mechanism.state(found.get("q"), found.get("u"), found.get("t", 0.0))
@@ -354,8 +356,12 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
         spec.loader.exec_module(module)
     except KeyboardInterrupt:
         raise
+    except InputError as error:
+        raise InputError(f"{what} {path} cannot be run: {error}") from error
     except BaseException as error:  # a script may call sys.exit()
-        raise InputError(f"{what} {path} cannot be run: {type(error).__name__}: {error}") from error
+        raise SourceError(
+            f"{what} {path} cannot be run: {type(error).__name__}: {error}"
+        ) from error
     finally:
         sys.path.pop(0)
     if not hasattr(module, name):
@@ -381,9 +387,9 @@ def _made(function: Callable[[], Any], text: str) -> Model:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise InputError(f"model {text} failed: {type(error).__name__}: {error}") from error
+        raise SourceError(f"model {text} failed: {type(error).__name__}: {error}") from error
     if isinstance(made, str) and ".py:" in made:
-        raise InputError(f"model {text} returned {made!r}; name that function itself")
+        raise WrongType(f"model {text} returned {made!r}; name that function itself")
     try:
         return load_model(made)
     except InputError as error:

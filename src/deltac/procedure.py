@@ -18,7 +18,7 @@ from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
 from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.study import Study, study
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.equations import Equations
@@ -169,7 +169,7 @@ def examine(
     if duration is None and loaded.problem is not None:
         duration = loaded.problem.duration
     if duration is None and equations is None and log is None:
-        raise InputError(
+        raise ArgumentsError(
             "examine: the model has no duration, and there are neither equations nor a log; give duration= "
             "in seconds, equations= or log="
         )

@@ -232,7 +232,7 @@ def test_dask(lost: str, plan: Path, undisturbed: pl.DataFrame, tmp_path: Path) 
             os.kill(scheduler if lost == "scheduler" else workers[0], signal.SIGKILL)
         said = process.communicate(timeout=200)
     if lost == "scheduler":
-        assert process.returncode == 2 and "E-VALUE" in said[1] and "is gone" in said[1], said
+        assert process.returncode == 2 and "E-DIED" in said[1] and "is gone" in said[1], said
         process = start(plan, "--out", folder)
         said = process.communicate(timeout=200)
     assert process.returncode == 0, said

@@ -25,7 +25,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
-from deltac.errors import InputError
+from deltac.errors import InputError, StateError
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
@@ -213,7 +213,7 @@ def _start(motion: EquationsOfMotion) -> State:
     u = onto_speeds(motion, state.t, q, state.u[free.u])
     phi, psi = motion.violation(state.t, q, u)
     if not float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)) < 1e-9:
-        raise InputError(
+        raise StateError(
             f"the constraints of {mechanism.name!r} cannot be met near coordinates of zero; give a state, or "
             "let deltac.assemble find one from a guess"
         )

@@ -15,7 +15,7 @@ from deltac.arrays import Array
 from deltac.dynamics.constraints import Scene, contact_point
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.spatial import SX
-from deltac.errors import InputError, closest
+from deltac.errors import UnknownName, closest
 from deltac.mechanism.constraints import Rolling
 from deltac.mechanism.quantities import vector
 from deltac.models import ModelLike, StateLike
@@ -55,7 +55,7 @@ class Kinematics:
         """Where a wheel, disc or sphere that rolls (`rolling`) touches its plane, m."""
         rolling = {c.name: c for c in self.instants.mechanism.constraints if isinstance(c, Rolling)}
         if constraint not in rolling:
-            raise InputError(
+            raise UnknownName(
                 f"contact_point: no rolling constraint is called {constraint!r}"
                 f"{closest(constraint, rolling)}"
             )

@@ -23,7 +23,7 @@ from deltac.dynamics.equations_of_motion import (
 )
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
-from deltac.errors import InputError
+from deltac.errors import ModelError, StateError, WrongType
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike
 from deltac.results import Report, Section, Table, number
@@ -156,7 +156,7 @@ def linearise(
     """
     at = instants(model, state, inputs)
     if not at.single:
-        raise InputError("state: expected a State to linearise about, found a Trajectory")
+        raise WrongType("state: expected a State to linearise about, found a Trajectory")
     return _linearised(equations_of_motion(at.mechanism), at)
 
 
@@ -180,7 +180,7 @@ def equilibrium(
     """
     at = instants(model, guess, inputs)
     if not at.single:
-        raise InputError("guess: expected a State, found a Trajectory")
+        raise WrongType("guess: expected a State, found a Trajectory")
     mechanism, motion = at.mechanism, equations_of_motion(at.mechanism)
     free, rows = mechanism.free, motion.rows
     t, p = float(at.t[0]), len(mechanism.free.u)
@@ -191,7 +191,7 @@ def equilibrium(
     _, psi = motion.violation(t, q, u)
     if float(np.abs(psi).max(initial=0.0)) > VIOLATED:
         worst = rows.names[int(np.argmax(np.abs(psi)))]
-        raise InputError(
+        raise ModelError(
             f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can rest; hold it still"
         )
     f, slopes = _residual(motion), _slopes(motion)
@@ -236,7 +236,7 @@ def equilibrium(
     if not float(np.abs(off).max(initial=0.0)) < AT_REST:
         k = int(np.argmax(left)) if p else 0
         name = mechanism.speeds[int(free.u[k])].name
-        raise InputError(
+        raise StateError(
             f"equilibrium: none found from this guess; {left[k] * size:.3g} N or N·m remain on {name!r}. "
             "Give another guess, or something that holds it"
         )
@@ -266,7 +266,7 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     off = np.abs(np.concatenate([phi, psi]))
     if len(off) and not float(off.max()) <= VIOLATED:
         worst = rows.names[int(off.argmax()) % len(rows)]
-        raise InputError(
+        raise StateError(
             f"state: it violates constraint {worst!r} by {off.max():.3g} m or rad (per s); "
             "deltac.assemble(mechanism, state) finds a consistent state nearby"
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError, closest
+from deltac.errors import ArgumentsError, InputError, StateError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
@@ -48,13 +48,13 @@ def instants(
     t, q, u = np.atleast_1d(at.t), np.atleast_2d(at.q), np.atleast_2d(at.u)
     nq, nu = len(mechanism.coordinates), len(mechanism.speeds)
     if q.shape[1] != nq or u.shape[1] != nu:
-        raise InputError(
+        raise StateError(
             f"state: it has {q.shape[1]} coordinates and {u.shape[1]} speeds; the mechanism "
             f"{mechanism.name!r} has {nq} and {nu}"
         )
     if isinstance(at, Trajectory):
         if inputs is not None:
-            raise InputError("inputs: a run has its motors' values itself; leave them out")
+            raise ArgumentsError("inputs: a run has its motors' values itself; leave them out")
         return Instants(mechanism, t, q, u, _logged(mechanism, at), at.udot, single)
     held = np.concatenate([np.zeros(0), *_held(mechanism, inputs or {}).values()])
     return Instants(mechanism, t, q, u, held[None, :], None, single)
@@ -75,7 +75,7 @@ def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> dict[str, Array]:
     names = [motor.name for motor in mechanism.motors]
     for name in given:
         if name not in names:
-            raise InputError(
+            raise UnknownName(
                 f"inputs: no joint torque without a law is called {name!r}{closest(name, names)}"
             )
     values: dict[str, Array] = {}

@@ -30,7 +30,7 @@ from deltac.cli.sweep import (
     deliver_fleet,
     fleet_progress,
 )
-from deltac.errors import FileError, InputError
+from deltac.errors import ArgumentsError, FileError, InputError
 from deltac.results import Report, Table, number, plain
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def command(
     fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
     of_one = (explain, explain_log, draft_mapping, figure, episode)
     if (len(logs) > 1 or fleet) and any(of_one):
-        raise InputError(
+        raise ArgumentsError(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
@@ -133,7 +133,7 @@ def command(
             lambda address, path: write_case(plan, address, path),
         )
     if len(logs) > 1 and page is not None:
-        raise InputError("--report of several logs is of their table: add --out DIR")
+        raise ArgumentsError("--report of several logs is of their table: add --out DIR")
     log = Path(logs[0])
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)

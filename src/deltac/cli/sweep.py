@@ -23,7 +23,7 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError, FileError
 
 if TYPE_CHECKING:
     from deltac.fleets.result import Fleet
@@ -93,9 +93,9 @@ def command(
 
         deliver_fleet(fleet_status(status), form, page)
     if plan is None:
-        raise InputError("say what is swept: deltac sweep SWEEP.toml, or --status DIR")
+        raise ArgumentsError("say what is swept: deltac sweep SWEEP.toml, or --status DIR")
     if plan.suffix.lower() != ".toml":
-        raise InputError(
+        raise FileError(
             f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
         )
     from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan, write_case

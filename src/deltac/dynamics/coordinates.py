@@ -13,7 +13,7 @@ from deltac.dynamics.constraints import Rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.errors import InputError, ModelError, UnknownName, closest
+from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 
 KEPT = 1e-7
@@ -51,7 +51,7 @@ class OwnCoordinates:
     def own_state(self, system: System) -> tuple[SX, SX]:
         """q′ and u′ in the mechanism's symbols (t, q, u); InputError if the map has no inverse."""
         if self.inverse is None:
-            raise InputError(
+            raise ModelError(
                 "the coordinate map is not linear with as many coordinates, so its inverse is unknown; "
                 "give inverse= with each own coordinate as a law of the mechanism's q.<coordinate>"
             )
@@ -140,7 +140,7 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
         known = u
     else:
         if not _all_rates(system):
-            raise InputError(
+            raise ModelError(
                 "the coordinate map has no u=, but the speeds of spherical and free joints are not the "
                 "rates of their coordinates; give u= with each of the mechanism's speeds"
             )
@@ -160,7 +160,7 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
         u = known
     Y = ca.jacobian(u, own_u)
     if ca.depends_on(Y, own_u):
-        raise InputError("the coordinate map's u= must be linear in its own speeds u.<name>")
+        raise ModelError("the coordinate map's u= must be linear in its own speeds u.<name>")
     Z = ca.substitute(u, own_u, ca.SX.zeros(own_u.shape[0]))
     if not mapped:
         own_qdot = ca.mtimes(W, u)

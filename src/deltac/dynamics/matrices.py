@@ -21,7 +21,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.dynamics.textbook.constrained import ConstrainedTextbook
 from deltac.dynamics.textbook.kinematics import along, is_prescribed
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
 
 ILL_CHOSEN = 1e-7
@@ -205,7 +205,7 @@ class _Book(ConstrainedTextbook):
         for name in self.independent:
             if name not in self._free_names:
                 near = closest(name, self._free_names)
-                raise InputError(f"independent: no free speed is called {name!r}{near}")
+                raise UnknownName(f"independent: no free speed is called {name!r}{near}")
         return tuple(self._free_names.index(name) for name in dict.fromkeys(self.independent))
 
     @cached_property

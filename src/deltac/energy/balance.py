@@ -34,7 +34,7 @@ from deltac.energy.terms import (
     variants,
 )
 from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
-from deltac.errors import InputError, ModelError
+from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -215,7 +215,7 @@ def residuals(
     mechanism = load_model(model).mechanism
     _require_trajectory(run)
     if run.udot is None:
-        raise InputError("residuals need the accelerations u̇ of the run; it has none")
+        raise LogError("residuals need the accelerations u̇ of the run; it has none")
     log = LoggedForces.of(run)
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
@@ -238,16 +238,16 @@ def _require_trajectory(run: object) -> None:
     elif hasattr(run, "member"):
         remedy = "; use ensemble.member(k)"
     found = repr(run) if isinstance(run, str) else type(run).__name__
-    raise InputError(f"run: expected a Trajectory, found {found}{remedy}")
+    raise WrongType(f"run: expected a Trajectory, found {found}{remedy}")
 
 
 def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
         return "in-loop" if any(n in run.integrals for n in TESTING_FUNCTIONS) else "samples"
     if work not in WORK:
-        raise InputError(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
+        raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
     if work == "in-loop" and not run.integrals:
-        raise InputError(
+        raise LogError(
             "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
         )
     return work
@@ -290,7 +290,7 @@ def _chosen(
         )
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in run.integrals:
-                raise InputError(
+                raise LogError(
                     f"the power of {name!r} was not integrated in the loop (there are: "
                     f"{', '.join(run.integrals)}); simulate with testing=, or use work='samples'"
                 )
@@ -299,7 +299,7 @@ def _chosen(
         chosen = ("liu-huston", "wang") if testing is None else testing
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in ("liu-huston", "wang"):
-                raise InputError(
+                raise ArgumentsError(
                     f"{name!r} has no discrete work: its power is no force times speed; use "
                     "'liu-huston', 'wang', or work='samples'"
                 )

@@ -15,7 +15,7 @@ from deltac.dynamics.system import trace
 from deltac.energy.sampling.samples import Samples, Smooth, row_blocks, spline_rate
 from deltac.energy.sampling.segments import Rows
 from deltac.energy.terms import LoggedForces, columns
-from deltac.errors import InputError, closest
+from deltac.errors import LogError, closest
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
 from deltac.mechanism.joints import KINDS
@@ -33,7 +33,7 @@ def checked_samples(
     """
     _check_names(mechanism, run)
     if len(run) < 2:
-        raise InputError("the run has a single sample; a balance needs at least two")
+        raise LogError("the run has a single sample; a balance needs at least two")
     free = mechanism.free
     q, u = columns(run.q, free.q), columns(run.u, free.u)
     basis = {"u̇": "measured"}
@@ -91,15 +91,15 @@ def _check_names(mechanism: Mechanism, run: Rows) -> None:
     ):
         for name in theirs:
             if name not in ours:
-                raise InputError(
+                raise LogError(
                     f"the run has a {what} {name!r} that mechanism {mechanism.name!r} does not"
                     f"{closest(name, ours)}"
                 )
         missing = [name for name in ours if name not in theirs]
         if missing:
-            raise InputError(f"the run lacks the {what}(s) {', '.join(map(repr, missing))}")
+            raise LogError(f"the run lacks the {what}(s) {', '.join(map(repr, missing))}")
         if tuple(theirs) != tuple(ours):
-            raise InputError(
+            raise LogError(
                 f"the {what}s of the run are in another order than the mechanism's: {', '.join(theirs)}; "
                 f"expected {', '.join(ours)}"
             )

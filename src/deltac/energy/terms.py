@@ -30,7 +30,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.sampling.segments import Rows
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
 from deltac.mechanism.channels import ChannelName
@@ -179,7 +179,7 @@ def _written_out(
         if part.name in forces:
             parts.append(Channel(part.name, forces.pop(part.name), part.potential, part.explicit))
         elif part.logged:
-            raise InputError(
+            raise LogError(
                 f"the run holds no force of channel {part.name!r}, and the joint torque has no law; add "
                 f"columns force.{part.name}.<speed> to the log"
             )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from deltac.arguments import checked
-from deltac.errors import FileError, InputError, closest
+from deltac.errors import FileError, InputError, UnknownName, closest
 from deltac.files import read_text
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
@@ -301,7 +301,7 @@ def plan_audits(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     if work not in (None, "in-loop", "samples", "discrete"):
         ways = ("in-loop", "samples", "discrete")
-        raise InputError(f"unknown way to take the work, {work!r}{closest(str(work), ways)}")
+        raise UnknownName(f"unknown way to take the work, {work!r}{closest(str(work), ways)}")
     loaded = load_model(model)
     known = as_mapping(mapping)  # first: one that is none is no error of a log
     text = None if mapping is None else read_text(mapping)
@@ -340,7 +340,7 @@ def write_case(plan: AuditPlan, address: str, path: Path) -> None:
     task = plan.task
     found = [log for log, other in zip(plan.logs, plan.addresses) if other == address]
     if not found:
-        raise InputError(f"address {address}: there is no such log")
+        raise UnknownName(f"address {address}: there is no such log")
     log = found[0]
     (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
     if isinstance(run, InputError):

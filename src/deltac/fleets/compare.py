@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltac.arguments import checked
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 from deltac.fleets.result import shown_cell
 from deltac.fleets.rows import FAILED
 from deltac.fleets.store import Store
@@ -157,7 +157,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
 def _judged(store: Store) -> polars.DataFrame:
     frame = store.table()
     if not len(frame) or "verdict" not in frame.columns:
-        raise InputError(f"{store.folder}: there are no rows yet")
+        raise FileError(f"{store.folder}: there are no rows yet")
     points = [
         n
         for n in frame.columns

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import SpecificationError
 from deltac.fleets.spec import Range, SweepSpec
 from deltac.limits import Limits, require_memory
 
@@ -59,16 +59,16 @@ def lay_out(spec: SweepSpec) -> Design:
     chosen = {name: getattr(spec.vary, name) for name in ("model", "solver", "step", "duration")}
     for name, values in chosen.items():
         if values is not None and getattr(spec, name) is not None:
-            raise InputError(
+            raise SpecificationError(
                 f"{name} is given once for all runs and varied too; leave out one of them"
             )
         if values is not None and len(set(values)) < len(values) and spec.design.kind != "list":
-            raise InputError(f"vary.{name}: a value is there twice: {values}")
+            raise SpecificationError(f"vary.{name}: a value is there twice: {values}")
     axes = {f"{g}.{n}": axis for g in GROUPS for n, axis in getattr(spec.vary, g).items()}
     for name in axes:
         group, _, own = name.partition(".")
         if own in getattr(spec, group):
-            raise InputError(
+            raise SpecificationError(
                 f"{name} is given once for all runs and varied too; leave out one of them"
             )
     if spec.design.kind == "list":
@@ -82,7 +82,7 @@ def lay_out(spec: SweepSpec) -> Design:
     count = spec.design.points
     if spec.design.kind == "grid":
         if count is not None:
-            raise InputError(
+            raise SpecificationError(
                 "design.points: a grid has as many points as its axes make; leave it out"
             )
         columns = [_grid_values(name, axis) for name, axis in axes.items()]
@@ -104,7 +104,9 @@ def _grid_values(name: str, axis: list[float] | Range) -> Array:
     if isinstance(axis, list):
         return np.array(axis, dtype=np.float64)
     if axis.count is None:
-        raise InputError(f"vary.{name}: a range in a grid needs count = …, or give the values")
+        raise SpecificationError(
+            f"vary.{name}: a range in a grid needs count = …, or give the values"
+        )
     if axis.count == 1:
         return np.array([axis.low])
     space = np.geomspace if axis.scale == "log" else np.linspace
@@ -117,9 +119,9 @@ def _drawn(spec: SweepSpec, axes: Mapping[str, Any], settings: int) -> Array:
 
     kind, count = spec.design.kind, spec.design.points
     if count is None:
-        raise InputError(f"design.points: say how many points the design {kind!r} has")
+        raise SpecificationError(f"design.points: say how many points the design {kind!r} has")
     if not axes:
-        raise InputError(
+        raise SpecificationError(
             f"design {kind!r} draws parameters and states, and none is varied: add vary.parameter, vary.q or "
             "vary.u, or take kind = 'grid'"
         )
@@ -145,7 +147,7 @@ def _drawn(spec: SweepSpec, axes: Mapping[str, Any], settings: int) -> Array:
 
 def _listed(spec: SweepSpec, chosen: Mapping[str, Any], axes: Mapping[str, Any]) -> Design:
     if spec.design.points is not None:
-        raise InputError(
+        raise SpecificationError(
             "design.points: a list has as many points as values are given; leave it out"
         )
     given: dict[str, Any] = {f"vary.{n}": v for n, v in chosen.items() if v is not None}
@@ -155,10 +157,10 @@ def _listed(spec: SweepSpec, chosen: Mapping[str, Any], axes: Mapping[str, Any])
     }
     sizes = {name: len(values) for name, values in given.items()}
     if not sizes:
-        raise InputError("a list without points: nothing is varied; add values under vary")
+        raise SpecificationError("a list without points: nothing is varied; add values under vary")
     if len(set(sizes.values())) > 1:
         told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        raise InputError(
+        raise SpecificationError(
             f"a list takes the k-th value of everything, but {told}; give equally many"
         )
     count = next(iter(sizes.values()))

@@ -16,7 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from deltac.errors import InputError, PackageError
+from deltac.errors import PackageError, ProcessLost
 from deltac.fleets.isolation import Failure, Workers, isolated
 from deltac.kernels.parallel import cores
 
@@ -114,7 +114,7 @@ def dask_crew(address: str) -> Iterator[Crew]:
     try:
         client = Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(
+        raise ProcessLost(
             f"scheduler {address!r} does not answer: {error}. Start one by 'dask scheduler' and its workers "
             "by 'dask worker ADDRESS', or leave --scheduler out to use the cores of this machine"
         ) from error

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError, ProcessLost
 from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
 from deltac.fleets.isolation import Failure
 from deltac.fleets.result import Fleet, summarise
@@ -42,7 +42,7 @@ def run_fleet(
         InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made stay.
     """
     if executor is not None and execution.scheduler is not None:
-        raise InputError("give executor= or scheduler=, not both")
+        raise ArgumentsError("give executor= or scheduler=, not both")
     with store.locked():
         done = store.done()
         if retry_failed:
@@ -99,7 +99,7 @@ def _crew(execution: Execution, executor: Executor | None, folder: Path) -> Iter
             with dask_crew(execution.scheduler) as crew:
                 yield crew
         except SchedulerLost as lost:
-            raise InputError(
+            raise ProcessLost(
                 f"{lost}. What was done is in {folder}; run it again, with a scheduler or without, and it "
                 "goes on there"
             ) from None

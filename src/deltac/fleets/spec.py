@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from deltac.errors import InputError, UnknownName, closest, listed
+from deltac.errors import InputError, SpecificationError, UnknownName, closest, listed
 from deltac.files import read_text
 from deltac.limits import parse_toml
 
@@ -120,7 +120,7 @@ class Execution(_Strict):
         except ValidationError as error:
             (one, *_) = error.errors(include_url=False)
             name = ".".join(map(str, one["loc"]))
-            raise InputError(f"{name}: {_words(one)}, found {one['input']!r:.60}") from None
+            raise SpecificationError(f"{name}: {_words(one)}, found {one['input']!r:.60}") from None
 
 
 class SweepSpec(_Strict):

@@ -102,12 +102,12 @@ class Store:
         if (folder / HEAD).exists():
             before = Store.open(folder).head
             if (before.get("kind"), before.get("name")) != (kind, name):
-                raise InputError(
+                raise FileError(
                     f"{folder} holds the {before.get('kind')} {before.get('name')!r}, this is the {kind} "
                     f"{name!r}. Choose another folder by --out, or remove that one"
                 )
         elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(
+            raise FileError(
                 f"{folder} is there already, and no folder of results; choose another one by --out"
             )
         with _refusals(folder):
@@ -130,7 +130,7 @@ class Store:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise InputError(
+                raise FileError(
                     f"{self.folder}: another process is at work there; wait for it ('deltac sweep --status "
                     f"{self.folder}' says how far it is), or choose another folder by --out"
                 ) from None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.errors import InputError, UnknownName, closest
+from deltac.errors import ArgumentsError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
@@ -73,7 +73,7 @@ def plan_sweep(
     tasks = []
     for setting in design.settings:
         if setting.model is None:
-            raise InputError("model: say what is swept, model = … or vary.model = [ … ]")
+            raise SpecificationError("model: say what is swept, model = … or vary.model = [ … ]")
         if setting.model not in loaded:
             loaded[setting.model] = load_model(named.get(setting.model, setting.model))
         tasks.append(_task(spec, setting, loaded[setting.model], design.axes))
@@ -84,7 +84,7 @@ def _spec(source: Any, options: Mapping[str, Any]) -> tuple[SweepSpec, dict[str,
     """The plan as validated values, and the models that were handed over as objects."""
     if isinstance(source, str | Path) and Path(source).suffix.lower() == ".toml":
         if options:
-            raise InputError(
+            raise ArgumentsError(
                 f"{source} says what is swept; change {', '.join(options)} there, or give the model itself"
             )
         return read_spec(source), {}
@@ -98,7 +98,9 @@ def _spec(source: Any, options: Mapping[str, Any]) -> tuple[SweepSpec, dict[str,
         else:
             label = load_model(one).mechanism.name
             if label in named:
-                raise InputError(f"two models are called {label!r}; give them different names")
+                raise SpecificationError(
+                    f"two models are called {label!r}; give them different names"
+                )
             named[label] = one
     values = {k: v for k, v in options.items() if v is not None}
     values["vary"] = _nested(values.get("vary") or {})
@@ -163,7 +165,9 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
         step = problem.step
     if solver.takes_steps:
         if step is None:
-            raise InputError(f"step: say which step (s) solver {solver.name!r} takes, step = …")
+            raise SpecificationError(
+                f"step: say which step (s) solver {solver.name!r} takes, step = …"
+            )
         whole_steps(duration, step, 1)
     return Task(
         verb=spec.verb,
@@ -336,7 +340,7 @@ def run_only(plan: Plan, address: str) -> polars.DataFrame:
 
     found = [k for k, other in enumerate(plan.addresses) if other.startswith(address)]
     if not address or not found:
-        raise InputError(f"--only {address}: the sweep has no run of this address; see the table")
+        raise UnknownName(f"--only {address}: the sweep has no run of this address; see the table")
     return polars.read_parquet(io.BytesIO(plan.piece(found[:1])()))
 
 
@@ -350,7 +354,7 @@ def write_case(plan: Plan, address: str, path: Path) -> None:
 
     found = [k for k, other in enumerate(plan.addresses) if other == address]
     if not found:
-        raise InputError(f"address {address}: the sweep has no such run")
+        raise UnknownName(f"address {address}: the sweep has no such run")
     task = plan.tasks[int(plan.design.setting[found[0]])]
     mechanism, run = motion(task, plan.design.values[found[:1]])
     audit(mechanism, run, tolerance=task.tolerance).report(path)

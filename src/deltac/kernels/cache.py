@@ -38,7 +38,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 from deltac.files import UNFINISHED, appearing, remove_abandoned
 from deltac.kernels.simd import processor
 
@@ -125,7 +125,7 @@ def clear_cache() -> None:
     files = _files(folder, FINISHED) + _files(folder, UNFINISHED)
     errors = [error for file, _, _ in files if (error := _removed(file))]
     if errors:
-        raise InputError(
+        raise FileError(
             f"the kernel cache in {folder} cannot be cleared: {len(errors)} of {len(files)} files cannot be "
             f"removed ({errors[0]})"
         )

@@ -7,7 +7,7 @@ import os
 from typing import Any, Protocol
 
 from deltac.arrays import Array
-from deltac.errors import InputError, UnknownName, closest
+from deltac.errors import PackageError, UnknownName, closest
 
 EVALUATORS = ("heyoka", "casadi")
 
@@ -37,7 +37,7 @@ def evaluator_name() -> str:
         raise UnknownName(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
     installed = importlib.util.find_spec("heyoka") is not None
     if forced == "heyoka" and not installed:
-        raise InputError(
+        raise PackageError(
             "DELTAC_EVALUATOR='heyoka', and heyoka is not installed; "
             "install it, or unset the variable to use casadi"
         )

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import UnknownName
 from deltac.mechanism.bodies import disc, frame, sphere
 from deltac.mechanism.constraints import rolling
 from deltac.mechanism.joints import free, prismatic, revolute
@@ -41,7 +41,7 @@ def problem(told: Told = "laws") -> Problem:
 def make(told: Told, *, rising: bool) -> Problem:
     """The problem, on a table that may rise and sink by h = A (1 − cos wt) while it turns."""
     if told not in ("laws", "body"):
-        raise InputError(f"ball on a table: told is {told!r}; known: 'laws', 'body'")
+        raise UnknownName(f"ball on a table: told is {told!r}; known: 'laws', 'body'")
     mechanism = _mechanism(told, rising)
     start = _kinetic(0.0)
     reference = []

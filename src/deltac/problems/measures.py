@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Kind, Reference
@@ -45,7 +45,7 @@ def row_at(run: Trajectory, t: float) -> int:
     """The row whose time is `t` up to rounding; InputError if there is none."""
     row = int(np.abs(run.t - t).argmin())
     if abs(run.t[row] - t) > 1e-9 * max(1.0, abs(t)):
-        raise InputError(
+        raise LogError(
             f"the trajectory has no row at t = {t} s (the nearest is at {run.t[row]} s); simulate "
             "long enough, with a step that divides that time"
         )
@@ -72,7 +72,7 @@ def period(name: str) -> Measure:
         t, q, u = run.t, run.coordinate(name), run.speed(name)
         upward = np.flatnonzero((q[:-1] < 0.0) & (q[1:] >= 0.0))
         if len(upward) < 2:
-            raise InputError(f"coordinate {name!r} does not pass upward through zero twice")
+            raise LogError(f"coordinate {name!r} does not pass upward through zero twice")
         first, second = (_root(t[k : k + 2], q[k : k + 2], u[k : k + 2]) for k in upward[:2])
         return second - first
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.errors import InputError, UnknownName
 from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import motion_constraint
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -69,7 +69,7 @@ def problem(
     Raises InputError for an unknown drive, a wrong number of values, and a start against the drive.
     """
     if drive not in (None, *DRIVES):
-        raise InputError(
+        raise UnknownName(
             f"triple pendulum: drive is {drive!r}; known: None, {', '.join(map(repr, DRIVES))}"
         )
     theta, omega = _three(start, "start"), _three(rates, "rates")

@@ -9,7 +9,7 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_recorder import IMPLICIT, integrator_names
@@ -60,7 +60,7 @@ class BatchRecorder:
         names = {value: name for name, value in integrator_names().items()}
         self._solver = names[self._mujoco.mjtIntegrator(model.opt.integrator)]
         if self._solver == "rk4":
-            raise InputError(
+            raise RecordingError(
                 "with RK4 a batch holds the forces of the last stage, not those of its rows; record with "
                 "euler or implicitfast"
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import InputError, PackageError, RecordingError
 from deltac.trajectories import Provenance, Trajectory
 
 
@@ -19,7 +19,7 @@ def simulator(module: str, extra: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise InputError(
+        raise PackageError(
             f"recording {extra} runs needs the Python module {module!r}, which is not installed "
             f'({error}); run: pip install "deltac[{extra}]"'
         ) from None
@@ -77,7 +77,7 @@ class TrajectoryBuilder:
             InputError: an array of the wrong size, or accelerations in some rows only.
         """
         if self._rows and (udot is None) != (self._rows[0][3] is None):
-            raise InputError(
+            raise RecordingError(
                 f"row {len(self)}, t = {t:g} s: accelerations must be given in every row or in none"
             )
         row = len(self._rows)

@@ -15,7 +15,7 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import InputError, ModelError
+from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
@@ -196,7 +196,7 @@ class DrakeRecorder(Recorder):
             if gone < 1.0 - 1e-6:
                 return  # a step of something else in the diagram
             if gone > 1.0 + 1e-6:
-                raise InputError(f"Drake's plant made {gone:g} steps at once at t = {t:g} s")
+                raise RecordingError(f"Drake's plant made {gone:g} steps at once at t = {t:g} s")
             forces = self._live
             if plant.has_sampled_output_ports():
                 forces = {**self._actuators_of(context), **self._contacts(context)}

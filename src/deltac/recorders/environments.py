@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from deltac.errors import InputError, WrongType
+from deltac.errors import RecordingError, WrongType
 from deltac.recorders.mujoco_recorder import MujocoRecorder, record_mujoco
 from deltac.trajectories import Trajectory
 
@@ -39,7 +39,7 @@ class _Recording:
     def step(self, action: Any) -> Any:
         """Step the environment, and record every step of MuJoCo in it."""
         if self._recorder is None:
-            raise InputError("step() before reset(): reset the environment first")
+            raise RecordingError("step() before reset(): reset the environment first")
         found = self.env.step(action)
         self._recorder.sample()
         return found
@@ -47,7 +47,7 @@ class _Recording:
     def trajectory(self) -> Trajectory:
         """What was recorded since the last reset, at the rate of MuJoCo's steps."""
         if self._recorder is None:
-            raise InputError("nothing is recorded yet: reset the environment, and step it")
+            raise RecordingError("nothing is recorded yet: reset the environment, and step it")
         return self._recorder.trajectory()
 
 

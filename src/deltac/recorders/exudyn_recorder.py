@@ -10,7 +10,7 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.channels import ChannelName
 from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
@@ -88,7 +88,7 @@ class ExudynRecorder(Recorder):
         self._joints, self._forces, self._accelerations = joints, forces, accelerations
         count = np.size(self._output("CoordinatesTotal"))
         if count != len(joints):
-            raise InputError(
+            raise ModelError(
                 f"node {node} of the Exudyn system has {count} coordinates, for {len(joints)} joints: "
                 f"{', '.join(joints)}"
             )
@@ -99,7 +99,7 @@ class ExudynRecorder(Recorder):
         }
         for name, rows in self._rows_of.items():
             if not rows:
-                raise InputError(
+                raise ModelError(
                     f"{name}: object {constraints[name.element]} of the Exudyn system has no algebraic "
                     "equations"
                 )

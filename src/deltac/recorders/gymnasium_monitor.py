@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import mujoco
 
-from deltac.errors import InputError
+from deltac.errors import WrongType
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.mujoco_monitor import MujocoMonitor
 
@@ -24,7 +24,7 @@ class MonitoredEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.monitor = monitor
         self._base = env.unwrapped
         if not hasattr(self._base, "_step_mujoco_simulation"):
-            raise InputError(
+            raise WrongType(
                 f"{type(self._base).__name__} is no gymnasium.envs.mujoco.MujocoEnv: nobody sees its physics "
                 "steps from outside; in its own loop call monitor.mujoco(model, data).update() after each"
             )

@@ -14,7 +14,14 @@ from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy.live import SUMS, Given, LiveKernels, live_kernels
 from deltac.energy.sampling.quadrature import ORDERS
-from deltac.errors import DeltacError, InputError, UnknownName
+from deltac.errors import (
+    ArgumentsError,
+    DeltacError,
+    InputError,
+    RecordingError,
+    StateError,
+    UnknownName,
+)
 from deltac.mechanism.channels import ChannelName
 from deltac.models import ModelLike, load_model
 from deltac.recorders.builder import simulator
@@ -158,7 +165,9 @@ class Monitor:
         kernels = self._kernels
         assert kernels is not None
         if (udot is not None) != kernels.given.rated:
-            raise InputError(f"t = {t:g} s: accelerations must be given in every row or in none")
+            raise RecordingError(
+                f"t = {t:g} s: accelerations must be given in every row or in none"
+            )
         acting = {name: _sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
         if not acting.keys() <= self._order.keys():
             self._extend(forces, held)
@@ -179,7 +188,7 @@ class Monitor:
         Raises InputError where there is no such row: only the last one can be taken back, and not the first.
         """
         if not self._pending or self._pair is None:
-            raise InputError("there is no step to be taken back: reject() follows an update()")
+            raise RecordingError("there is no step to be taken back: reject() follows an update()")
         self._pending = False
         self.rows -= 1
         self.t = float(self._x[0])
@@ -264,7 +273,7 @@ class Monitor:
         )
         both = set(given.forces) & set(given.held)
         if both:
-            raise InputError(f"channels given both as forces and as held: {', '.join(both)}")
+            raise ArgumentsError(f"channels given both as forces and as held: {', '.join(both)}")
         q = _sized("q", q, len(self.mechanism.coordinates))
         self._origin = (float(t), q[self.mechanism.free.q])
         self._set_up(given)
@@ -336,7 +345,7 @@ class Monitor:
         if not self.rows:
             return self._row_before
         if t < self.t or not isfinite(t):
-            raise InputError(
+            raise RecordingError(
                 f"t = {t:g} s comes after {self.t:g} s: times must not decrease; call reset() where a new "
                 "motion starts"
             )
@@ -388,7 +397,7 @@ class Monitor:
         kernels.step.single(x, y)
         E, K, V = (y.item(self._at[name]) for name in "EKV")
         if not isfinite(E):
-            raise InputError(f"t = {t:g} s: the energy of the first row is {E}")
+            raise StateError(f"t = {t:g} s: the energy of the first row is {E}")
         sources = len(SUMS) + len(kernels.channels)
         self._start = self._sums[sources:].copy()
         self._sums_before[:] = 0.0

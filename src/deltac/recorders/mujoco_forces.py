@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import RecordingError
 from deltac.importers.names import (
     actuator_names,
     body_names,
@@ -348,7 +348,7 @@ def _solver_residual(model: Model, data: Data) -> Array | None:
     if data.nefc and size > SOLVED * scale:
         return np.asarray(residual)
     if size > ROUNDING * scale:
-        raise InputError(
+        raise RecordingError(
             f"MuJoCo's accelerations do not belong to its forces at t = {data.time:g} s: {size:.3g} of "
             f"{scale:.3g} N or N·m is left over, without any constraint"
         )
@@ -373,7 +373,7 @@ class _Remainders:
             return
         dof = int(np.abs(left).argmax())
         joint = self.elements.joints[self.model.dof_jntid[dof]]
-        raise InputError(
+        raise RecordingError(
             f"the {group} forces of MuJoCo do not add up: {left[dof]:.6g} is left over on joint "
             f"{joint!r} (dof {dof}), of {total[dof]:.6g}. Some element of the model acts in a way that "
             "the recorder does not know; record it without (disable flags), or report the model."

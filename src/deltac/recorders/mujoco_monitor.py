@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import InputError
+from deltac.errors import ModelError, RecordingError
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
 from deltac.mechanism.channels import ChannelName
 from deltac.recorders.builder import simulator
@@ -38,7 +38,7 @@ class MujocoMonitor:
         mechanism = monitor.mechanism
         names = (tuple(coordinate_names(model)), tuple(speed_names(model)))
         if names != (mechanism.coordinates.names, mechanism.speeds.names):
-            raise InputError(
+            raise ModelError(
                 f"the MuJoCo model has the speeds {', '.join(names[1])}; the monitor's mechanism "
                 f"{mechanism.name!r} has {', '.join(mechanism.speeds.names)}; make the monitor of the same "
                 "model: Monitor(model)"
@@ -114,7 +114,7 @@ class MujocoMonitor:
         model, data, monitor = self._model, self._data, self.monitor
         t, h = data.time, model.opt.timestep
         if abs(t - monitor.t - h) > 1e-6 * h:
-            raise InputError(
+            raise RecordingError(
                 f"update() at t = {t:g} s: {(t - monitor.t) / h:g} steps were made since {monitor.t:g} s, "
                 "expected 1; call it after each mj_step, and restart() after a reset"
             )

@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
-from deltac.errors import InputError, UnknownName, WrongType, closest
+from deltac.errors import (
+    InputError,
+    ModelError,
+    RecordingError,
+    StateError,
+    UnknownName,
+    WrongType,
+    closest,
+)
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism.channels import ChannelName
@@ -116,7 +124,7 @@ class MujocoRecorder:
         if channels not in CHANNELS:
             raise UnknownName(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
         if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
-            raise InputError(
+            raise ModelError(
                 "the model lets bodies fall asleep, and what MuJoCo holds of those is old: switch it off "
                 "(model.opt.enableflags &= ~mujoco.mjtEnableBit.mjENBL_SLEEP)"
             )
@@ -153,11 +161,11 @@ class MujocoRecorder:
         model, data, before = self._model, self._data, self._before
         trouble = self.trouble()
         if trouble:
-            raise InputError(f"{trouble}; the samples before that are kept: use trajectory()")
+            raise RecordingError(f"{trouble}; the samples before that are kept: use trajectory()")
         h = float(model.opt.timestep)
         taken = (data.time - before.time) / h
         if not 0.5 < taken < MOST_SKIPPED or abs(taken - round(taken)) > 1e-6:
-            raise InputError(
+            raise RecordingError(
                 f"sample() at t = {data.time:g} s: {taken:g} steps were taken since the sample at "
                 f"{before.time:g} s, expected a whole number from 1 on; call it after mj_step (thin out "
                 "later, with run.every), and make a new recorder after a reset"
@@ -215,7 +223,7 @@ class MujocoRecorder:
         if not rows:  # it broke off in its first step: there is the start, and why
             start = self._before
             if not np.isfinite([*start.qpos, *start.qvel]).all():
-                raise InputError(f"nothing was recorded: {message}")
+                raise RecordingError(f"nothing was recorded: {message}")
             builder.add(float(start.time), np.array(start.qpos), np.array(start.qvel))
             return builder.trajectory(self._provenance(False, (), message))
         implicit = any(row.corrected for row in rows)
@@ -279,7 +287,7 @@ class MujocoRecorder:
             scale = max(1.0, float(np.abs(reached).max(initial=0.0)))
             self._off = max(self._off, off)
             if not off <= REPLAY * scale:
-                raise InputError(
+                raise RecordingError(
                     f"sample() at t = {self._data.time:g} s: the step taken again from the last sample "
                     f"ends with a {name} that is off by {off:.3g}. Between the samples the state, the "
                     "model or (after the step) the inputs were changed: sample right after mj_step, and "
@@ -425,7 +433,7 @@ def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
         if isinstance(model, str | Path):
             return simulated_model(model, base)
     except ValueError as error:
-        raise InputError(f"MuJoCo cannot read the model {model!s}: {error}") from None
+        raise ModelError(f"MuJoCo cannot read the model {model!s}: {error}") from None
     raise WrongType(
         f"model: found {type(model).__name__}, expected an mjModel, an mjSpec or the path of a file"
     )
@@ -519,7 +527,7 @@ def _set_state(model: Any, data: Any, state: State) -> None:
     """Give the data a mechanism's state; its columns are in MuJoCo's order where they are as many."""
     q, u = np.asarray(state.q), np.asarray(state.u)
     if q.shape != data.qpos.shape or u.shape != data.qvel.shape:
-        raise InputError(
+        raise StateError(
             f"the state has {q.size} coordinates and {u.size} speeds, the MuJoCo model {data.qpos.size} "
             f"and {data.qvel.size} ({', '.join(coordinate_names(model)[:6])} …; "
             f"{', '.join(speed_names(model)[:6])} …): give state= as an mjData of this model"

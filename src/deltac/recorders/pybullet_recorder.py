@@ -14,7 +14,7 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import InputError, ModelError
+from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
@@ -86,7 +86,7 @@ class PybulletRecorder(Recorder):
         self._body, self._of = body, {"physicsClientId": client}
         engine = p.getPhysicsEngineParameters(**self._of)
         if engine["numSubSteps"] > 1:
-            raise InputError(
+            raise RecordingError(
                 f"PyBullet makes {engine['numSubSteps']} substeps a step, of which it shows only the last; "
                 "set numSubSteps=0 and a smaller time step"
             )
@@ -155,7 +155,7 @@ class PybulletRecorder(Recorder):
         forces: Forces = {}
         for name in torques or {}:
             if name not in self._at:
-                raise InputError(
+                raise UnknownName(
                     f"torques: the body has no joint {name!r}; it has {', '.join(self._at)}"
                 )
         for name, place in self._at.items():

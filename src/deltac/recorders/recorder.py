@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError, LogError, closest
+from deltac.errors import LogError, RecordingError, UnknownName, closest
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.models import ModelLike, load_model
@@ -57,7 +57,7 @@ class Columns:
         names = names or {}
         for name in names:
             if name not in {joint.name for joint in joints}:
-                raise InputError(
+                raise UnknownName(
                     f"names: the simulator has no joint {name!r}"
                     f"{closest(name, [joint.name for joint in joints])}"
                 )
@@ -170,7 +170,7 @@ class Recorder:
 
     def _trajectory(self, provenance: Provenance) -> Trajectory:
         if self.monitor is not None:
-            raise InputError("the rows went to the monitor; record without one to keep them")
+            raise RecordingError("the rows went to the monitor; record without one to keep them")
         return self._builder.trajectory(provenance)
 
     @property

@@ -15,7 +15,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.report.style import (
     BESIDE,
     BLACK,
@@ -74,14 +74,14 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
             draw = DRAWN[kind.__name__]
             break
     else:
-        raise InputError(
+        raise WrongType(
             f"{type(result).__name__} has no picture; those of {', '.join(sorted(DRAWN))} have one. "
             "explain() tells it in words"
         )
     taken = list(inspect.signature(draw).parameters)[1:]
     for option in options:
         if option not in taken:
-            raise InputError(
+            raise UnknownName(
                 f"plot of {type(result).__name__}: there is no option {option!r}"
                 f"{closest(option, taken)}"
             )
@@ -101,7 +101,7 @@ def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Fi
     known = {*run.coordinates, *run.speeds}
     for name in chosen or ():
         if name not in known:
-            raise InputError(
+            raise UnknownName(
                 f"plot: no coordinate or speed is called {name!r}{closest(name, known)}"
             )
     made = blank(6.4, run.provenance.model or run.provenance.simulator, beside=BESIDE)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import ModelError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.report.page.geometry import Form
@@ -54,7 +54,7 @@ def still(
         motion = _standing(mechanism, mechanism.state() if motion is None else motion)
     found = scene(mechanism, [("", motion)])
     if found is None:
-        raise InputError(f"mechanism {mechanism.name!r} has no bodies to draw")
+        raise ModelError(f"mechanism {mechanism.name!r} has no bodies to draw")
     with styled():
         figure = blank(size[1], title, width=size[0])
         figure.subplots_adjust(

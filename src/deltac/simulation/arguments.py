@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.recursions import crba
-from deltac.errors import InputError, LimitError, SolverError, StateError
+from deltac.errors import (
+    ArgumentsError,
+    InputError,
+    LimitError,
+    ModelError,
+    SolverError,
+    StateError,
+)
 from deltac.limits import Limits
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
@@ -43,7 +50,7 @@ def check_request(
             "Make it by mechanism.state(...)"
         )
     if not len(mechanism.free.u):
-        raise InputError(
+        raise ModelError(
             f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
         )
     if step is not None:
@@ -52,12 +59,12 @@ def check_request(
         raise SolverError(f"solver {solver.name!r} takes fixed steps; give step= in seconds")
     motors = [motor.name for motor in mechanism.motors]
     if motors and controller is None:
-        raise InputError(
+        raise ArgumentsError(
             f"joint torque {motors[0]!r} has no law; give simulate a controller that sets it, or the "
             "joint torque a law"
         )
     if controller is not None and not motors:
-        raise InputError(
+        raise ArgumentsError(
             "a controller was given, but no joint torque waits for its value; leave out the law of the "
             "joint torques that it shall set"
         )
@@ -67,7 +74,7 @@ def check_request(
             "fixed-step solver such as 'ode5', or Controller(..., hold=False)"
         )
     if controller is not None and equations is not None:
-        raise InputError(
+        raise ArgumentsError(
             "equations by hand and a controller were both given; let the equations take the controller "
             "in, or use the mechanism's own dynamics"
         )
@@ -79,7 +86,7 @@ def check_events(mechanism: Mechanism, equations: Equations | None, switches: bo
         return False
     hits = [event.name for event in mechanism.events if not isinstance(event, Event)]
     if hits and equations is not None and equations.coordinates is not None:
-        raise InputError(
+        raise ArgumentsError(
             f"impact or stop {hits[0]!r} and equations by hand in coordinates of their own cannot be "
             "combined; write the equations in the mechanism's coordinates, or leave them out"
         )
@@ -96,7 +103,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
     if watching:
-        raise InputError(
+        raise ArgumentsError(
             "Projection(energy=True) cannot be combined with events (impacts, stops, switches): an impact "
             "loses energy that a correction would put back; leave one of them out"
         )

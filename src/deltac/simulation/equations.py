@@ -71,7 +71,7 @@ class Equations:
 
     def __post_init__(self) -> None:
         if not callable(self.rhs):
-            raise InputError(f"{self.name}: rhs is {self.rhs!r}, expected a function of (t, q, u)")
+            raise WrongType(f"{self.name}: rhs is {self.rhs!r}, expected a function of (t, q, u)")
         if self.form not in (None, "ode"):
             raise InputError(
                 f"{self.name}: form is {self.form!r}; expected 'ode' for a function of (t, y) that returns "
@@ -82,7 +82,7 @@ class Equations:
         """u̇ as a float array; InputError for a result of another shape."""
         value = np.asarray(self.rhs(t, q, u), dtype=np.float64)
         if value.shape != u.shape:
-            raise InputError(
+            raise SourceError(
                 f"{self.name}: rhs returned an array of shape {value.shape} for u of shape {u.shape}; "
                 "expected u̇ in the shape of u"
             )
@@ -291,7 +291,7 @@ def motor_values(controller: Controller, system: System, t: float, q: Array, u: 
     values = np.empty(system.inputs.shape[0])
     for name, place in places.items():
         if name not in answer:
-            raise InputError(f"the controller returned no value for joint torque {name!r}")
+            raise SourceError(f"the controller returned no value for joint torque {name!r}")
         value = np.atleast_1d(np.asarray(answer[name], dtype=np.float64))
         if value.shape != (place.stop - place.start,) or not np.isfinite(value).all():
             raise StateError(
@@ -366,20 +366,20 @@ def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:
         entries = [ca.SX(entry) for entry in np.asarray(traced, dtype=object).ravel()]
     except Exception as error:  # whatever a user's function raises on symbols
         if equations.compiled:
-            raise InputError(
+            raise SourceError(
                 f"{equations.name}: rhs cannot be traced ({type(error).__name__}: {error}); use only "
                 "arithmetic and NumPy's elementary functions, or leave compiled=None"
             ) from error
         return None
     if len(entries) != u.shape[0]:
-        raise InputError(
+        raise SourceError(
             f"{equations.name}: rhs returned {len(entries)} accelerations, expected {u.shape[0]}"
         )
     expression = ca.vertcat(*entries)
     if _agrees(equations, ca.Function("rhs", [t, q, u], [expression]), q.shape[0], u.shape[0]):
         return expression
     if equations.compiled:
-        raise InputError(
+        raise SourceError(
             f"{equations.name}: rhs gives other values when traced than when called; it has a branch, "
             "a memory or a random element. Leave compiled=None"
         )

@@ -34,7 +34,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import testing_functions
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError, InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -285,7 +285,7 @@ def build_flow(
     held = own is None or own.removal is not None
     projecting = bound is not None and held and isinstance(constraints, Projection)
     if correcting and own is not None and bound is not None:
-        raise InputError(
+        raise ArgumentsError(
             f"{written.equations.name if written else 'equations'}: the energy of equations in own "
             "coordinates of a mechanism with constraints is not corrected; use constraints='projection'"
         )

@@ -15,7 +15,7 @@ from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords, warn_renamed
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import InputError, warn_user
+from deltac.errors import ArgumentsError, InputError, warn_user
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -404,7 +404,7 @@ def _as_before(
         )
     if old.get("correct") is not None:
         if constraints not in ("projection", Projection()):
-            raise InputError(
+            raise ArgumentsError(
                 "correct='energy' goes with projection; write constraints=deltac.Projection(energy=True)"
             )
         constraints = Projection(energy=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.verdict import Finding, percent
-from deltac.errors import InputError, LogError
+from deltac.errors import ArgumentsError, InputError, LogError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.recorders.mujoco_recorder import compiled_model
 from deltac.recorders.replay import Replay, replay_mujoco
@@ -28,7 +28,7 @@ def replayed(
     Raises InputError for a model or a log that cannot be stepped.
     """
     if not isinstance(log, str | Path):
-        raise InputError("replay is of log files with states and controls; this log is no file")
+        raise ArgumentsError("replay is of log files with states and controls; this log is no file")
     try:
         own = compiled_model(model)
     except InputError as error:

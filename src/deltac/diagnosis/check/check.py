@@ -32,7 +32,7 @@ from deltac.diagnosis.residuals.states import (
     states_along,
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
-from deltac.errors import InputError
+from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
@@ -233,7 +233,7 @@ def check_equations(
         chosen = chosen_map(loaded, coordinates)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
-        raise InputError(
+        raise ModelError(
             f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
             "that equations of motion could tell"
         )
@@ -252,7 +252,7 @@ def check_equations(
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
         shown = ", ".join(f"{n} = {x:.6g}" for n, x in drawn.describe(0).items())
-        raise InputError(
+        raise SourceError(
             f"{equations.name} returned values that are not finite at all {len(drawn)} states, for "
             f"example at {shown}: u̇ = {udot[:, 0].tolist()}"
         )
@@ -435,7 +435,7 @@ def _fitting(kane: Kane, states: States) -> States:
     if kane.assembled and names == (kane.told_names, kane.speed_names):
         return from_told(kane, states)
     if names != (kane.coordinate_names, kane.speed_names):
-        raise InputError(
+        raise StateError(
             f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "
             f"{', '.join(kane.coordinate_names)}. Draw them with the same coordinates="
         )

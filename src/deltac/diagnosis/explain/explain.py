@@ -26,7 +26,7 @@ from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.diagnosis.residuals.one_step import one_step
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError, ModelError
 from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -187,10 +187,10 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     if not isinstance(log, Trajectory):
         log = read_trajectory(log, mapping, mechanism)
     elif mapping is not None:
-        raise InputError("mapping= is for log files; this log is a Trajectory already")
+        raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
     run, _ = in_model_order(mechanism, log)
     if not len(mechanism.free.u):
-        raise InputError(
+        raise ModelError(
             "every joint of the model is prescribed: no equation of motion is left to explain"
         )
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""

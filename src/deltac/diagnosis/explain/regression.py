@@ -27,7 +27,7 @@ from deltac.diagnosis.explain.columns import (
 from deltac.diagnosis.measurements.digits import resolution, white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.spatial import SX, Inertia
-from deltac.errors import InputError
+from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -311,7 +311,7 @@ def prepare(
     Raises InputError for a log of too few rows.
     """
     if len(run) < LEAST_ROWS:
-        raise InputError(
+        raise LogError(
             f"the log has {len(run)} samples; an explanation needs {LEAST_ROWS} at least, and many more to "
             "tell causes apart: log a longer or a finer run"
         )
@@ -409,7 +409,7 @@ def _stretches(
         pieces += [rows[s : s + length] for s in starts]
     kept = [p for p in pieces if len(p) >= LEAST_ROWS]
     if not kept:
-        raise InputError(
+        raise LogError(
             f"the log has no {LEAST_ROWS} consecutive samples between its gaps: log without gaps"
         )
     return [_Stretch.of(everything.take(p)) for p in kept]

@@ -14,7 +14,7 @@ from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
-from deltac.errors import InputError, LogError, closest
+from deltac.errors import ArgumentsError, LogError, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
@@ -73,7 +73,7 @@ def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.n
         if missing:
             lines.append("in the model only: " + ", ".join(map(repr, missing[:4])) + _more(missing))
         lines.append("Rename the columns with a mapping file, or take the model of this log")
-        raise InputError(". ".join(lines))
+        raise LogError(". ".join(lines))
     return np.array([theirs.index(name) for name in ours.names], dtype=np.intp)
 
 
@@ -129,7 +129,7 @@ def read_log(
     """
     if isinstance(source, Trajectory):
         if mapping is not None:
-            raise InputError("mapping= is for log files; this log is a Trajectory already")
+            raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
         return _whole(mechanism, source, work, measured=measured)
     if not isinstance(source, str | Path):
         return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
@@ -221,7 +221,7 @@ def _refuse_undefined(ledger: Ledger) -> None:
     for name, values in named.items():
         undefined = np.flatnonzero(~np.isfinite(values))
         if undefined.size:
-            raise InputError(
+            raise LogError(
                 f"the energy of {name!r} is {values[undefined[0]]} at t = {ledger.t[undefined[0]]:g} s: the "
                 "model has no energy in the state logged there (a quaternion of length zero, a singular "
                 "configuration, or forces out of all bounds). Repair or cut the log there"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
-from deltac.errors import InputError, UnknownName, closest
+from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
@@ -81,17 +81,17 @@ def families(
     names = _suited(mechanism, ours, in_mujoco=in_mujoco) if solvers is None else list(solvers)
     outside = [n for n in names if n.startswith(MUJOCO)]
     if outside and not in_mujoco:
-        raise InputError(
+        raise SolverError(
             f"recommend: {outside[0]!r} needs a MuJoCo model (.xml, .urdf, MjModel), but the model is "
             f"{mechanism.name or 'a mechanism'!r}"
         )
     if theirs is not None and not outside:
-        raise InputError(
+        raise WrongType(
             "controller: found a function, which MuJoCo's integrators take; our own solvers take a "
             "Controller(function of t, q, u)"
         )
     if equations is not None and outside:
-        raise InputError("recommend: MuJoCo's integrators cannot take equations by hand")
+        raise ArgumentsError("recommend: MuJoCo's integrators cannot take equations by hand")
     found, notes = [], []
     for name in names:
         if name in outside:
@@ -107,7 +107,7 @@ def families(
         else:
             found.append(_own(solver, mechanism, state, duration, equations, ours, deadline))
     if not found:
-        raise InputError(f"recommend: nothing to choose from; {'; '.join(notes)}")
+        raise SolverError(f"recommend: nothing to choose from; {'; '.join(notes)}")
     return found, tuple(notes)
 
 

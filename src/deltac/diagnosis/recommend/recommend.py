@@ -24,7 +24,7 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
-from deltac.errors import InputError
+from deltac.errors import InputError, SolverError
 from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.equations import Controller, Equations
@@ -125,7 +125,7 @@ def recommend(
     if trials.idle and not trials.still:
         search.notes.append("no energy is exchanged: |ΔC| is judged beside the kinetic energy")
     if len(search.refused) == len(found):
-        raise InputError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
+        raise SolverError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
     found_advice = search.advice(duration, notes)
     lacking = not_simulated(loaded.import_report)
     if lacking and found_advice.solver and not found_advice.solver.startswith(MUJOCO):

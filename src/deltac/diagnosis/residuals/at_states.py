@@ -30,7 +30,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import applicable, testing_functions
-from deltac.errors import InputError
+from deltac.errors import InputError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
@@ -142,7 +142,7 @@ class EquationTest:
         finite = np.isfinite(known.bias).all(axis=0) & np.isfinite(known.force).all(axis=0)
         if not finite.all():
             k = int(np.argmin(finite))
-            raise InputError(
+            raise StateError(
                 f"the equations of {self.kane.mechanism.name!r} have no finite terms at state "
                 f"{dict(self.states.describe(k))}; leave it out"
             )
@@ -153,7 +153,7 @@ class EquationTest:
         ):
             if off.max(initial=0.0) > 1e3 * ON_CONSTRAINTS:
                 row, k = divmod(int(np.argmax(off)), off.shape[1])
-                raise InputError(
+                raise StateError(
                     f"constraint {self.kane.rows.names[row]!r} is off by {off[row, k]:.3g} {unit} at "
                     f"{level} level at state {dict(self.states.describe(k))}; either the state or "
                     "the coordinate map does not satisfy it"

@@ -21,7 +21,7 @@ from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternio
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.spatial import SX
-from deltac.errors import InputError
+from deltac.errors import InputError, LogError, ModelError, StateError
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
@@ -153,7 +153,7 @@ def draw(
         found.append(_draw_once(kane, scales, rng, count, window))
     total = sum(map(len, found))
     if total < count:
-        raise InputError(
+        raise StateError(
             f"only {total} of {count} random states of {kane.mechanism.name!r} are admissible: the others "
             "do not meet the constraints, or the coordinate map is singular there; hand over states="
         )
@@ -180,7 +180,7 @@ def from_told(kane: Kane, states: States) -> States:
     q, good = assembled_at(kane, states.t, states.q)
     if not good.all():
         k = int(np.argmin(good))
-        raise InputError(
+        raise StateError(
             f"the mechanism cannot be assembled at state {dict(states.describe(k))}, or only beyond a "
             f"singular configuration of {kane.mode}"
         )
@@ -235,7 +235,7 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
         ("speeds", kane.mechanism.speeds.names, run.speeds),
     ):
         if tuple(theirs) != ours:
-            raise InputError(
+            raise LogError(
                 f"the run's {what} are {', '.join(theirs)}; those of {kane.mechanism.name!r} are "
                 f"{', '.join(ours)}"
             )
@@ -243,7 +243,7 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
     t, q, u = run.t[rows], run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T
     own_q = kane.own_coordinates(t, q)
     if own_q is None:
-        raise InputError(
+        raise ModelError(
             "the coordinate map is not linear with as many coordinates, so its inverse is unknown; give it "
             "inverse="
         )

@@ -17,7 +17,7 @@ from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_l
 from deltac.diagnosis.measurements.digits import EPS, resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
-from deltac.errors import DeltacError, InputError
+from deltac.errors import DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
@@ -157,7 +157,7 @@ def logged(mechanism: Mechanism, logs: Sequence[Any], mapping: Any) -> list[Stud
         elif isinstance(source, Trajectory):
             run = source
         else:
-            raise InputError(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+            raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
         runs.append(_balanced(mechanism, run, _step_of(run), trusted=False))
     return sorted(runs, key=lambda r: -r.step)
 

@@ -35,7 +35,7 @@ from deltac.diagnosis.study.runs import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.dynamics.system import trace
-from deltac.errors import InputError
+from deltac.errors import ArgumentsError, InputError, SolverError, SourceError, WrongType
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -222,7 +222,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
         udot = caller(start)[:, 0]
         if not np.isfinite(udot).all():
             at = ", ".join(f"{name} = {x:.6g}" for name, x in start.describe(0).items())
-            raise InputError(
+            raise SourceError(
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
                 f"{udot.tolist()}. State: {at}"
             )
@@ -538,7 +538,7 @@ def study(
     if logs:
         given = simulator is not None or steps is not None or tolerances is not None
         if given or solver:
-            raise InputError(
+            raise ArgumentsError(
                 "logs= are runs already: leave out steps, tolerances, solver and simulator"
             )
         runs = logged(loaded.mechanism, logs, mapping)
@@ -546,7 +546,7 @@ def study(
         findings: list[Finding] = []
     else:
         if tolerances is not None and steps is not None:
-            raise InputError("give steps= or tolerances=, not both")
+            raise ArgumentsError("give steps= or tolerances=, not both")
         adaptive = tolerances is not None
         wanted = tolerances if steps is None else steps
         if wanted is None:
@@ -554,7 +554,7 @@ def study(
         values, findings = checked_steps(wanted, "tolerance" if adaptive else "step")
         if simulator is not None:
             if solver or equations is not None or controller is not None:
-                raise InputError(
+                raise ArgumentsError(
                     "simulator= makes the runs by itself: leave out solver, equations and controller"
                 )
             maker = _of_user(simulator, order)
@@ -563,7 +563,7 @@ def study(
             solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
             if isinstance(solver, str) and solver.startswith(MUJOCO):
                 if equations is not None or isinstance(controller, Controller):
-                    raise InputError(
+                    raise ArgumentsError(
                         "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
                         "controller=, a function of (model, data)"
                     )
@@ -638,11 +638,11 @@ def _own(
     options = solver_options(solver)
     found = find_solver(options.name)
     if adaptive and found.takes_steps:
-        raise InputError(
+        raise SolverError(
             f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
         )
     if not adaptive and not found.takes_steps:
-        raise InputError(
+        raise SolverError(
             f"solver {found.name!r} chooses its own steps: give tolerances= in place of steps="
         )
 
@@ -675,7 +675,7 @@ def _of_user(simulator: Simulator, order: int | None) -> _Maker:
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
-        raise InputError("give steps=, three or more, each half of the one before")
+        raise ArgumentsError("give steps=, three or more, each half of the one before")
     h, duration = loaded.problem.step, loaded.problem.duration
     coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
     return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)
@@ -702,7 +702,7 @@ def _mujoco_start(loaded: Model, state: Any) -> Any:
 def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
     if given is None or isinstance(given, Controller):
         return given
-    raise InputError(
+    raise WrongType(
         "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
         "function of (model, data)"
     )
@@ -712,7 +712,7 @@ def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:
     """Who made the logs, as the finest says itself."""
 
     def none(step: float) -> Trajectory:
-        raise InputError("logs are runs already")
+        raise ArgumentsError("logs are runs already")
 
     source = next((r.run.provenance for r in reversed(runs) if r.run is not None), None)
     if source is None:
@@ -727,4 +727,4 @@ def _some(runs: Sequence[StudyRun]) -> None:
     """InputError unless there is a run to judge."""
     if not any(entry.usable for entry in runs):
         told = "; ".join(dict.fromkeys(entry.failure for entry in runs))
-        raise InputError(f"no step gave a run that can be judged: {told}")
+        raise SolverError(f"no step gave a run that can be judged: {told}")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.errors import InputError
+from deltac.errors import FileError, InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
@@ -238,7 +238,7 @@ def _with_suite(
 ) -> MutationReport:
     """The report with what the user's own tests see of some of the mistakes."""
     if source.path is None:
-        raise InputError(f"{source.name} is no file: there is nothing that tests could load")
+        raise FileError(f"{source.name} is no file: there is nothing that tests could load")
     wrong = [
         k for k, t in enumerate(report.trials) if t.reason not in ("equivalent", "coincidence")
     ]

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltac.errors import InputError
+from deltac.errors import LimitError, SourceError, UnknownName
 
 LARGEST = 200 * 1024**2
 """Bytes of a project that is copied."""
@@ -71,14 +71,14 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
     """
     words = tuple(shlex.split(command))
     if not words or shutil.which(words[0]) is None:
-        raise InputError(
+        raise UnknownName(
             f"tests {command!r}: no such command; expected one such as 'pytest tests/'"
         )
     path = file.resolve()
     root = next((p for p in path.parents if any((p / m).exists() for m in MARKS)), path.parent)
     size = sum(p.stat().st_size for p in _files(root))
     if size > LARGEST:
-        raise InputError(
+        raise LimitError(
             f"the project {root} has {size / 1024**2:.0f} MB, more than are copied ({LARGEST // 1024**2}); "
             "run the command where the equations and their tests are alone"
         )
@@ -91,13 +91,13 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
         text = path.read_text(encoding="utf-8")
         start = time.monotonic()
         if not suite.passes(text):
-            raise InputError(
+            raise SourceError(
                 f"tests {command!r}: they fail on {file.name} as it is; let them pass first"
             )
         seconds = 3.0 * (time.monotonic() - start) + PATIENCE
         suite = Suite(words, folder, suite.file, suite.environment, seconds)
         if suite.passes("raise ImportError('not to be loaded')\n" + text):
-            raise InputError(
+            raise SourceError(
                 f"tests {command!r}: they pass although {file.name} cannot be loaded: they do not use "
                 "it, or use an installed copy. Run them from the project's own files"
             )

@@ -253,7 +253,7 @@ def formed(source: Source, target: Target) -> Source:
     if found is None:
         if failures:
             raise failures[0]
-        raise InputError(
+        raise SourceError(
             f"{source.name}: {source.qualified} takes the arguments ({', '.join(names)}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"
         )

@@ -14,7 +14,7 @@ from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence, row_names
-from deltac.errors import InputError, closest
+from deltac.errors import InputError, StateError, UnknownName, closest
 from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -67,7 +67,7 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
     u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
     for name in pinned:
         if name not in q_free and name not in u_free:
-            raise InputError(
+            raise UnknownName(
                 f"pinned: unknown coordinate {name!r}{closest(name, [*q_free, *u_free])}"
             )
     equations = equations_of_motion(mechanism)
@@ -123,7 +123,7 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
 
 def _unmet(rows: Rows, values: Array, level: str, unit: str) -> InputError:
     worst = int(np.argmax(np.abs(values)))
-    return InputError(
+    return StateError(
         f"the constraints cannot be met at {level} level from this guess: {rows.names[worst]!r} is off by "
         f"{abs(values[worst]):.3g} {unit} at best. Either they contradict each other (or what is pinned), "
         "or the guess is too far away"

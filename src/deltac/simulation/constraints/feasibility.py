@@ -10,7 +10,7 @@ from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence
-from deltac.errors import InputError
+from deltac.errors import ModelError, SolverError, StateError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Equations
@@ -48,26 +48,26 @@ def constraint_start(
     """
     constraints = keeping(constraints)
     if solver.family == "implicit" and isinstance(constraints, Baumgarte):
-        raise InputError(
+        raise SolverError(
             f"solver {solver.name!r} meets the constraints themselves, so {constraints!r} has nothing to act "
             "on; use constraints='projection' or None"
         )
     if not mechanism.constraints:
         return ()
     if isinstance(constraints, Projection) and solver.family == "scipy" and solver.multistep:
-        raise InputError(
+        raise SolverError(
             f"solver {solver.name!r} remembers earlier steps, so its states cannot be projected; use "
             "'Radau' or 'DOP853', or constraints=deltac.Baumgarte(alpha, beta)"
         )
     motion = equations_of_motion(mechanism, vary)
     q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
     if told := violated(motion.rows, *motion.violation(state.t, q, u, p)):
-        raise InputError(
+        raise StateError(
             f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
     found = independence(motion, state.t, q, p)
     if found.margin < NEARLY_DEPENDENT and not found.singular:
-        raise InputError(
+        raise StateError(
             f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
             f"{', '.join(dict.fromkeys(motion.rows.names))} is independent of the others only to "
             f"{found.margin:.1g} of itself, so that no motion can be trusted, with it or without it. "
@@ -75,11 +75,11 @@ def constraint_start(
             "exact; else move it away from them"
         )
     if found.freedom == 0 and equations is None:
-        raise InputError(
+        raise ModelError(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
         )
     if found.singular:
-        raise InputError(
+        raise StateError(
             f"the start of {mechanism.name!r} is a singular configuration: its constraints are dependent "
             "there, and more than one motion may begin; give it a state nearby to choose"
         )
@@ -112,7 +112,7 @@ def check_members(
         k = int(bad[0])
         own = ", ".join(f"{name}={value:g}" for name, value in zip(names, p[:, k]))
         its = f"mechanism.with_parameters({own})" if own else "mechanism"
-        raise InputError(
+        raise StateError(
             f"states: member {k} violates {violated(motion.rows, phi[:, k], psi[:, k])} at its start; "
             f"deltac.assemble({its}, state) finds a consistent state nearby"
         )

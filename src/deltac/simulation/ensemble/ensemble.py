@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.arrays import Array
 from deltac.caching import LRUCache, derived
 from deltac.deprecation import renamed_keywords
-from deltac.errors import InputError
+from deltac.errors import InputError, ModelError
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, spread
@@ -167,7 +167,7 @@ def simulate_ensemble(
     duration = positive(duration, "duration")
     threads = None if threads is None else count(threads, "threads")
     if mechanism.events:
-        raise InputError(
+        raise ModelError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )

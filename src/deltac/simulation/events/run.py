@@ -13,7 +13,7 @@ from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
-from deltac.errors import DeltacError, InputError
+from deltac.errors import DeltacError, StateError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
@@ -348,7 +348,7 @@ def check_apart(run: EventRun, t: float, x: Array) -> None:
         pair = f"{happening.first.body!r} and {happening.second.body!r}"
         where = f" ({point.label})" if point.label else ""
         what = f"the shapes of {pair} overlap{where} at the start: impact"
-    raise InputError(
+    raise StateError(
         f"{what} {point.name!r} by {-gaps[worst]:.6g} m or rad at t = {t:g} s; start from a state in which "
         "the gap is zero or positive"
     )

@@ -23,7 +23,7 @@ from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
-from deltac.errors import InputError, warn_user
+from deltac.errors import StateError, warn_user
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
@@ -259,7 +259,7 @@ def _check_overlaps(mechanism: Mechanism, state: State) -> None:
         if -worst.gap > allowed:
             pair = f"{element.first.body!r} and {element.second.body!r}"
             at = f" ({worst.label})" if worst.label else ""
-            raise InputError(
+            raise StateError(
                 f"the start: the shapes of {pair} of contact {element.name!r} overlap by "
                 f"{-worst.gap:.4g} m{at}, more than {allowed:.4g} m; move them apart, or say "
                 f"contact(..., deepest={-worst.gap * 1.01:.2g}) if that is meant"

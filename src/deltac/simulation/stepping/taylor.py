@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import InputError
+from deltac.errors import PackageError, SolverError
 from deltac.interrupts import waiting
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow
@@ -56,7 +56,7 @@ class TaylorSteps:
         try:
             import heyoka as hy
         except ImportError:
-            raise InputError(
+            raise PackageError(
                 "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
             ) from None
         self._flow, self._tolerance = flow, tolerance
@@ -184,7 +184,7 @@ def _require_smooth(flow: Flow, function: Any) -> None:
     for joint in flow.system.mechanism.joints:
         if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in joint.motion):
             where = f"the motion of joint {joint.name!r}"
-    raise InputError(
+    raise SolverError(
         f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
         "where, a comparison; the spring of a quaternion). Use switches=True, 'ode5' or 'DOP853'"
     )

@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from deltac.errors import InputError, LogError, UnknownName, closest, listed
+from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
@@ -62,7 +62,7 @@ def interpret(
     """
     if raw.header is not None:
         if mapping is not None:
-            raise InputError(
+            raise ArgumentsError(
                 "the log has deltac's own metadata, which say all that a mapping could; leave the "
                 "mapping out"
             )
@@ -383,7 +383,7 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     Raises InputError for a log of deltac's own, which needs none.
     """
     if raw.header is not None:
-        raise InputError(
+        raise ArgumentsError(
             "the log has deltac's own metadata, which say all that a mapping could; it needs none"
         )
     sources, _ = _sources(raw, None, names)

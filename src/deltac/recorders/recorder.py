@@ -159,7 +159,7 @@ class Recorder:
         """A step between two states, with forces held over it; u̇ is that of the speeds by default."""
         if self.monitor is not None:
             # What corrected the step is the integrator's, and is not excused.
-            acted = {n: f for n, f in forces.items() if not n.startswith("correction ")}
+            acted = {n: f for n, f in forces.items() if ChannelName.parse(n).kind != "correction"}
             if not self.monitor.rows:
                 self.monitor.update(*before, held=acted)
             self.monitor.update(*after, held=acted)

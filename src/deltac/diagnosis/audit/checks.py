@@ -26,6 +26,7 @@ from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory, suspicions
@@ -47,7 +48,7 @@ def differing_channels(
     found: list[Finding] = []
     told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
     for name, logged in terms.forces.items():
-        kind = name.partition(" ")[0]
+        kind = name.kind
         own = terms.own.get(name)
         if ledger.basis.get(name) != "measured" or (own is None and kind not in PASSIVE):
             continue
@@ -226,7 +227,7 @@ def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> lis
     if (share > 0.95 or (~active).sum() < 5) and not upward:
         return []
     when = _intervals(terms.t, active)
-    logged = [name for name in run.forces if name.partition(" ")[0] in ("contact", "limit")]
+    logged = [name for name in run.forces if name.kind in ("contact", "limit")]
     return [
         Finding(
             "missing-contact",
@@ -395,7 +396,9 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     missing: list[str] = []
     for name in dict.fromkeys(channels):
         generic = name.partition("<")[0]
-        if name.partition(" ")[0] in looked_for and not any(a.startswith(generic) for a in acted):
+        if ChannelName.parse(name).kind in looked_for and not any(
+            a.startswith(generic) for a in acted
+        ):
             continue
         if name not in run.forces and not (
             "<" in name and any(f.startswith(generic) for f in run.forces)
@@ -446,8 +449,7 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
 def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     """A run of another program without events, of a model in which things hit each other."""
     names = [event.name for event in mechanism.events if event.impulsive]
-    channels = (*run.forces, *run.integrals)
-    held = run.events or any(name.partition(" ")[0] == "impact" for name in channels)
+    held = run.events or any(name.kind == "impact" for name in (*run.forces, *run.works))
     if not names or held or run.provenance.simulator == "deltac":
         return []
     return [

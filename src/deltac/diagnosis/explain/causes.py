@@ -450,7 +450,7 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
             unit = "N·m/rad" if turning else "N/m"
             yield from one("stiffness", spring.joint, at, [1.0 / k], "stiffness", k, unit)
             continue
-        kind = "actuator-gear" if name.startswith("actuator ") else "channel-factor"
+        kind = "actuator-gear" if name.kind == "actuator" else "channel-factor"
         yield from one(kind, name, at, [1.0], "factor", 1.0, "1", origin=origin)
         first, second = (places(Column("delay", name, k)) for k in range(2))
         if first is not None and second is not None:

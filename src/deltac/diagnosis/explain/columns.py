@@ -217,7 +217,7 @@ def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
     at = symbols.system.free_u
     found: dict[Column, SX] = {}
     for part in symbols.parts:
-        kind = part.name.partition(" ")[0]
+        kind = part.name.kind
         if part.name == "gravity" or kind == "correction":
             continue
         found[Column("channel", part.name)] = part.force[at]

@@ -194,7 +194,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
             "every joint of the model is prescribed: no equation of motion is left to explain"
         )
     told = " ".join(str(r) for r in loaded.import_report.ignored) if loaded.import_report else ""
-    own = [n for n in run.forces if n.partition(" ")[0] in PASSIVE and f"'{n}'" not in told]
+    own = [n for n in run.forces if n.kind in PASSIVE and f"'{n}'" not in told]
     run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
     derived = "udot" in run.provenance.derived
     known = run.udot is not None and not derived

@@ -59,9 +59,7 @@ def foreign_channels(
     """
     told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
     asked = [
-        n
-        for n, f in run.forces.items()
-        if n.partition(" ")[0] in OF_MODELS and f"'{n}'" not in told and f.any()
+        n for n, f in run.forces.items() if n.kind in OF_MODELS and f"'{n}'" not in told and f.any()
     ]
     if not asked:
         return {}

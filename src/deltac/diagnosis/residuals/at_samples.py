@@ -15,6 +15,7 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -61,8 +62,8 @@ class EquationTerms:
     q: Array
     u: Array
     udot: Array
-    forces: Mapping[str, Array]
-    own: Mapping[str, Array]
+    forces: ByChannel
+    own: ByChannel
     residual: Array
     scale: Array
     precision: Array
@@ -185,8 +186,10 @@ def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
     rows = np.unique(np.linspace(0, len(run) - 1, min(len(run), MOST_ROWS)).astype(np.intp))
     samples = everything.take(rows)
     found = evaluator(samples)
-    forces = {n.removeprefix("force "): x for n, x in found.items() if n.startswith("force ")}
-    own = {n.removeprefix("own "): x for n, x in found.items() if n.startswith("own ")}
+    forces, own = (
+        {ChannelName.parse(n.removeprefix(w)): x for n, x in found.items() if n.startswith(w)}
+        for w in ("force ", "own ")
+    )
     residual = total(found)
     magnitude = np.sum([np.abs(x) for x in _terms(found)], axis=0)
     scale = np.sqrt(np.mean(magnitude**2, axis=0))

@@ -170,7 +170,7 @@ class Functions:
         damped = [
             p.force[at]
             for p in symbols.parts
-            if p.name.startswith("damper ") and p.name not in log.places
+            if p.name.kind == "damper" and p.name not in log.places
         ]
         damping = ca.SX(sum(damped, start=ca.SX.zeros(len(at))))
         bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))[at]
@@ -870,7 +870,7 @@ def _groups(model: Model) -> dict[str, list[int]]:
     many = len(model.log.columns) > 6
     for name, where in model.log.columns.items():
         if where.stop > where.start:
-            key = name.partition(" ")[0] if many else name
+            key = name.kind if many else name
             found.setdefault(f"force {key}", []).extend(range(where.start, where.stop))
     return found
 

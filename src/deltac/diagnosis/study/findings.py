@@ -229,7 +229,7 @@ def of_impacts(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
 
 def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     """Speeds that jump between two rows, as in an impact that no channel holds."""
-    if len(run) < 5 or any(n.partition(" ")[0] in ("impact", "contact") for n in run.forces):
+    if len(run) < 5 or any(n.kind in ("impact", "contact") for n in run.forces):
         return
     change = np.abs(np.diff(run.u, axis=0))
     top = _by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])

@@ -312,7 +312,7 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
 
 def corrections(ledger: Ledger) -> dict[str, Array]:
     """Work (T,) of each channel by which a simulator corrected its own state, from zero on."""
-    return {n: w - w[0] for n, w in ledger.work.items() if n.startswith("correction ")}
+    return {n: w - w[0] for n, w in ledger.work.items() if n.kind == "correction"}
 
 
 def without_corrections(ledger: Ledger, function: str) -> Array:

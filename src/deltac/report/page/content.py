@@ -22,6 +22,7 @@ from deltac.diagnosis.study.study import Study
 from deltac.diagnosis.verdict import MEANINGS, Judged
 from deltac.energy import Ledger
 from deltac.errors import DeltacError
+from deltac.mechanism.channels import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model
 from deltac.procedure import TITLES, Examination
@@ -556,14 +557,8 @@ def _instant(finding: Finding, ledger: Ledger | None, run: Trajectory | None) ->
 
 def _element(finding: Finding) -> str:
     """The joint, body or element of a finding: of a channel, its element."""
-    kind, space, element = finding.element.partition(" ")
-    return element if space and kind in _KINDS else finding.element
-
-
-_KINDS = {
-    *("spring", "damper", "friction", "actuator", "applied", "prescribed", "constraint", "contact"),
-    *("limit", "impact", "correction", "gravity"),
-}
+    kind, _, element = finding.element.partition(" ")
+    return element if element and kind in KINDS else finding.element
 
 
 def _motion(beside: Beside) -> Iterator[Chapter]:

@@ -236,7 +236,7 @@ def candidate_forms(
 def as_told(
     found: Iterable[StateForm], form: str | None, order: tuple[int, ...] | None
 ) -> list[StateForm]:
-    """Of some forms those that are as the user says: of a state vector ("ode"), with entries in that order."""
+    """Of some forms those that the user tells: of a state vector ("ode"), its entries in that order."""
     kept = list(found)
     if form == "ode" or order is not None:
         kept = [one for one in kept if "state" in one.arguments]

@@ -251,8 +251,9 @@ def formed(source: Source, target: Target) -> Source:
     motors = len(target.mechanism.motors)
     said, order = source.told
     test = target.test()
-    order = None if order is None else told_order(order, test.kane.told_names, test.states.speeds)
-    candidates = as_told(forms(names, needed, nq, nu, motors), said, order)
+    entries = test.kane.told_names, test.states.speeds
+    places = None if order is None else told_order(order, *entries)
+    candidates = as_told(forms(names, needed, nq, nu, motors), said, places)
     found = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if found is None:
         if failures:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -70,6 +71,12 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "unknown testing function": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, record=("wong",))),
     "equal steps": ("E-VALUE", lambda: dc.study(M, S, 0.2, steps=(0.01, 0.01, 0.01))),
     "logs and steps": ("E-ARGUMENTS", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
+    "h for step": ("E-NAME", lambda: dc.simulate(M, S, 0.1, h=0.01)),  # type: ignore
+    "solvers of a study": ("E-NAME", lambda: dc.study(M, S, 0.2, solvers="ode4")),  # type: ignore
+    "record of an ensemble": ("E-NAME", lambda: dc.simulate_ensemble(M, [S], 0.1, 0.01, recrd=())),  # type: ignore
+    "solver twice": ("E-TYPE", lambda: dc.simulate(M, S, 0.1, 0.01, "ode4", solver="ode4")),  # type: ignore
+    "solver of letters": ("E-NAME", lambda: dc.recommend(M, S, 0.2, solvers="odee4")),
+    "option of a sweep": ("E-NAME", lambda: dc.sweep(M, stepp=0.1)),
     # equations
     "scalar right-hand side": ("E-SOURCE", lambda: dc.check_equations(M, lambda t, q, u: 9.81)),
     "scalar in a run": ("E-SOURCE", lambda: dc.simulate(M, S, 0.1, 0.01, equations=lambda t, q, u: 9.81)),
@@ -93,6 +100,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "tolerance of 5": ("E-VALUE", lambda: dc.audit(M, run(), tolerance=5)),
     "log of another model": ("E-LOG", lambda: dc.audit(M, run(coordinates=("knee",), speeds=("knee",)))),
     "misspelt channel": ("E-NAME", lambda: dc.balance(M, run()).work["gravty"]),
+    "unknown parameter": ("E-NAME", lambda: bob(parameters={"mass": 1.0}).parameters["mas"]),
     "misspelt column": ("E-NAME", lambda: run().coordinate("hing")),
     "time that stands": ("E-LOG", lambda: run(t=np.zeros(21))),
     "row not finite": ("E-LOG", lambda: run(q=np.full((21, 1), np.nan))),
@@ -107,6 +115,32 @@ def test_slips_in_python(slip: str) -> None:
     with pytest.raises(dc.InputError) as refused:
         call()
     assert refused.value.code == code
+
+
+FUNCTIONS = [n for n in dc.__all__ if inspect.isfunction(getattr(dc, n)) and n != "sweep"]
+"""The public functions; those of a sweep are options of its plan."""
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, "Trajectory", "State", "Equations", "Monitor"])
+def test_arguments_are_named(name: str) -> None:
+    with pytest.raises(dc.InputError) as refused:
+        getattr(dc, name)(no_such_argument=1)
+    assert refused.value.code == "E-NAME"
+
+
+def test_a_type_error_inside_stays_one() -> None:
+    def broken(t: float, q: Any, u: Any) -> Any:
+        return 1.0 + None  # type: ignore[operator]
+
+    with pytest.raises(dc.InputError) as refused:
+        dc.check_equations(M, broken)
+    assert refused.value.code == "E-SOURCE"
+
+
+def test_a_study_of_tolerances_speaks_of_tolerances() -> None:
+    found = dc.study(M, S, 1.0, solver="ode5-adaptive", tolerances=(1e-3, 1e-4, 1e-5))
+    assert found.measures.knob == "tolerance"
+    assert "steps" not in str(found)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_old_and_new_together_are_refused():
 
 
 def test_an_unknown_keyword_is_still_an_error():
-    with pytest.raises(TypeError):
+    with pytest.raises(InputError, match="controller"):
         run(0.1, speed=2)
 
 

@@ -14,6 +14,8 @@ from functools import update_wrapper
 from threading import Lock
 from typing import Any, Concatenate, Generic, NoReturn, ParamSpec, TypeVar
 
+from deltac.errors import UnknownName, closest
+
 T = TypeVar("T")
 K = TypeVar("K")
 Owner = TypeVar("Owner", bound="Once")
@@ -89,6 +91,9 @@ class FrozenDict(dict[K, T]):
             "these entries cannot be changed: what was made of them is kept. Make a new object instead, by "
             "Mechanism.with_parameters(...) or dataclasses.replace(...)"
         )
+
+    def __missing__(self, name: K) -> NoReturn:
+        raise UnknownName(f"unknown name {name!r}{closest(str(name), map(str, self))}")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     update = setdefault = pop = popitem = clear = _refuse

@@ -19,15 +19,15 @@ What is more than a new name (an argument that has become an option of something
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from functools import wraps
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any
 
+from deltac.arguments import Target, refuse_misfits
 from deltac.errors import ArgumentsError
-
-Target = TypeVar("Target", bound=Callable[..., Any])
 
 
 def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) -> None:
@@ -44,7 +44,7 @@ def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) ->
 def renamed_keywords(**names: str) -> Callable[[Target], Target]:
     """Let a function, or a class when it is made, take keyword arguments by their old names too.
 
-    `names` maps old names to new ones. InputError where a call gives both.
+    `names` maps old names to new ones. InputError where a call gives both, or what is no argument.
     """
 
     def decorate(target: Target) -> Target:
@@ -57,6 +57,8 @@ def renamed_keywords(**names: str) -> Callable[[Target], Target]:
 
 
 def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
+    signature = inspect.signature(function)
+
     @wraps(function)
     def renaming(*args: Any, **kwargs: Any) -> Any:
         for old in names.keys() & kwargs.keys():
@@ -65,7 +67,11 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
                 raise ArgumentsError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
             warn_renamed(f"{name}({old}=…)", f"{name}({new}=…)")
             kwargs[new] = kwargs.pop(old)
-        return function(*args, **kwargs)
+        try:
+            return function(*args, **kwargs)
+        except TypeError:
+            refuse_misfits(name, signature, args, kwargs)
+            raise
 
     return renaming  # type: ignore[return-value]
 

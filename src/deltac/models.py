@@ -15,6 +15,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
+from deltac.arguments import checked
 from deltac.errors import (
     ArgumentsError,
     FileError,
@@ -171,6 +172,7 @@ class Model:
         return self.problem.duration
 
 
+@checked
 def load_model(source: ModelLike) -> Model:
     """The model that `source` means: the one door of all verbs, in Python and on the command line.
 

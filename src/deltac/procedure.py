@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from deltac.analysis.classify import Classification, classify
+from deltac.arguments import checked
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
@@ -134,6 +135,7 @@ TITLES = {
 }
 
 
+@checked
 def examine(
     model: ModelLike,
     state: StateLike = None,

@@ -108,7 +108,7 @@ def test_arguments_of_version_0_1_say_what_to_write(
     now = dc.simulate(PENDULUM, state, **given, **new)
     np.testing.assert_array_equal(before.q, now.q)
     assert set(before.integrals) == set(now.integrals)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'steps'"):
+    with pytest.raises(dc.InputError, match="did you mean 'step'"):
         dc.simulate(PENDULUM, state, **given, steps=3)
 
 

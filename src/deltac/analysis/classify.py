@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -130,6 +131,7 @@ class Classification(Report, also=("kind",)):
         yield f"at the state: {energies}"
 
 
+@checked
 def classify(model: ModelLike, state: StateLike = None) -> Classification:
     """Scleronomic or rheonomic, catastatic or not, holonomic or not; what is redundant, and what is constant.
 

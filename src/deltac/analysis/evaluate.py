@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.model import Instants, instants
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
@@ -66,6 +67,7 @@ class Evaluation(Record):
     driving: Array
 
 
+@checked
 def evaluate(
     model: ModelLike,
     state: StateLike | Trajectory = None,

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.model import Instants, instants
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.constraints import Scene, contact_point
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
@@ -80,6 +81,7 @@ class Kinematics:
         return np.ascontiguousarray(values.T[0] if at.single else values.T)
 
 
+@checked
 def kinematics(model: ModelLike, state: StateLike | Trajectory = None) -> Kinematics:
     """Positions, velocities and orientations of a model's bodies at a state or along a run.
 

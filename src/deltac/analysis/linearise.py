@@ -12,6 +12,7 @@ import numpy as np
 
 from deltac.analysis.evaluate import evaluated
 from deltac.analysis.model import Instants, instants
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.equations_of_motion import (
@@ -139,6 +140,7 @@ class Equilibrium(Report):
         yield from self.linearisation.sections()
 
 
+@checked
 def linearise(
     model: ModelLike, state: StateLike = None, *, inputs: Mapping[str, Any] | None = None
 ) -> Linearisation:
@@ -158,6 +160,7 @@ def linearise(
     return _linearised(equations_of_motion(at.mechanism), at)
 
 
+@checked
 def equilibrium(
     model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, Any] | None = None
 ) -> Equilibrium:

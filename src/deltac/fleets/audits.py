@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError, UnknownName, closest
 from deltac.files import read_text
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
@@ -168,6 +169,7 @@ def _fingerprint(source: str) -> str:
 # --- the fleet -------------------------------------------------------------------------------------
 
 
+@checked
 @interruptible()
 def audit_many(
     model: ModelLike,

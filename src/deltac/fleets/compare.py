@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.fleets.result import shown_cell
 from deltac.fleets.rows import FAILED
@@ -87,6 +88,7 @@ class Comparison(Report):
             yield Table(heads, rows)
 
 
+@checked
 def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) -> Comparison:
     """Compare two folders of results of the same runs or logs, before and after a change.
 

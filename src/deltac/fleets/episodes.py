@@ -21,7 +21,7 @@ from deltac.models import Model
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import naming, read_raw, read_trajectory
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.formats.raw import Collector, RawLog, checked
+from deltac.trajectories.formats.raw import Collector, RawLog, checked_raw
 from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
@@ -128,7 +128,7 @@ def read_episodes(
                 if name not in raws:
                     raise LogError(f"there is no episode {name!r} any more; run it again")
                 with naming(f"episode {name}"):
-                    found.append(to_trajectory(checked(raws[name]), mapping, known))
+                    found.append(to_trajectory(checked_raw(raws[name]), mapping, known))
         except InputError as error:
             found.append(error)
     return found

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
+from deltac.arguments import checked
 from deltac.fleets.rows import FAILED
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
@@ -242,6 +243,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
     )
 
 
+@checked
 def fleet_status(folder: str | Path) -> Fleet:
     """What is in a folder of results, finished or not, also while another process writes there.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.errors import ArgumentsError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.execution import Work
@@ -209,6 +210,7 @@ def _addresses(design: Design, tasks: Sequence[Task]) -> Iterator[str]:
         yield found.hexdigest()
 
 
+@checked
 @interruptible()
 def sweep(
     source: ModelLike | Mapping[str, Any],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from deltac.arguments import checked
 from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
@@ -15,6 +16,7 @@ PLANE, SPHERE, CAPSULE, BOX = 0, 2, 3, 6
 """Values of `mjtGeom`."""
 
 
+@checked
 def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], tuple[Remark, ...]]:
     """The shapes of a model's geoms by their names, for contacts, and remarks on those left out.
 

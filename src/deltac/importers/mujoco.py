@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
 from deltac.files import read_bytes
 from deltac.importers.equalities import read_equalities
@@ -286,6 +287,7 @@ def _logged(element: str, what: str, channel: str) -> Remark:
 # --- MJCF, URDF and MuJoCo models as mechanisms: `read_mechanism` --------------------------------
 
 
+@checked
 def read_mechanism(
     source: Any, *, equality: str = "log", base: str = "fixed"
 ) -> tuple[Mechanism, ImportReport]:

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.deprecation import renamed_keywords
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
@@ -22,6 +23,7 @@ from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import Equations
 
 
+@checked
 def equations_from_sympy(
     method: Any,
     coordinates: Mapping[str, Any] | None = None,

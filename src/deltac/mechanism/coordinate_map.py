@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from deltac.arguments import checked
 from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
@@ -26,6 +27,7 @@ PARALLEL = 1e-12
 """Axes whose components differ by less are parallel: rounding of unit vectors."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class CoordinateMap:
     """A user's own coordinates q′ and generalized speeds u′, and how the mechanism's follow.
@@ -176,6 +178,7 @@ def _cover(
         raise ModelError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")
 
 
+@checked
 def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
     """Own coordinates in which hinges in series with parallel axes are told by absolute angles.
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypedDict, Unpack
 
+from deltac.arguments import Target
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import (
@@ -25,7 +26,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Constructor, Part, Scope, constructor, require_name
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor, require_name
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,7 @@ class JointOptions(TypedDict, total=False):
     motion: Any
 
 
-def _joint_constructor(made: Constructor) -> Constructor:
+def _joint_constructor(made: Target) -> Target:
     return constructor(made, options=_joint)
 
 

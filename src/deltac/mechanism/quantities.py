@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+from deltac.arguments import checked
 from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.laws import as_law
 
@@ -89,6 +90,7 @@ def as_rotation(value: Any, where: str) -> Matrix:
     return (a, b, c)
 
 
+@checked
 def rotation_matrix(axis: str | Sequence[float], angle: float) -> Matrix:
     """The matrix of a turn by `angle` (rad, right-handed) about `axis`: for joints, shapes, loops."""
     n = unit_vector(axis, "rotation")

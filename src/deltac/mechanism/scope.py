@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from typing import Any, ClassVar, TypeVar
+from functools import cached_property
+from typing import Any, ClassVar
 
+from deltac.arguments import checked
 from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
@@ -101,58 +101,8 @@ class Scope:
             )
 
 
-Constructor = TypeVar("Constructor", bound=Callable[..., Any])
-
-
-def constructor(made: Constructor, options: Callable[..., Any] | None = None) -> Constructor:
-    """A function or class that makes a part: wrong arguments are an InputError that names the closest one.
-
-    The keyword arguments of `options` take the place of ``**options`` in its signature, which `help`,
-    `inspect` and editors show.
-    """
-    signature = inspect.signature(made)
-    if options is not None:
-        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        offered = inspect.signature(options).parameters.values()
-        more = [p for p in offered if p.kind is p.KEYWORD_ONLY]
-        signature = signature.replace(parameters=[*own, *more])
-    if isinstance(made, type):
-        made.__init__ = _checked(made.__init__, made.__name__, signature, skip=1)  # type: ignore[misc]
-        return made
-    checked = _checked(made, made.__name__, signature)
-    checked.__signature__ = signature  # type: ignore[attr-defined]
-    return checked
-
-
-def _checked(
-    made: Constructor, name: str, signature: inspect.Signature, skip: int = 0
-) -> Constructor:
-    """The function with its arguments checked, but for the first `skip` ones."""
-
-    @wraps(made)
-    def checked(*args: Any, **kwargs: Any) -> Any:
-        for given in kwargs:
-            if given not in signature.parameters:
-                hint = closest(given, signature.parameters)
-                raise UnknownName(f"{name}: unknown argument {given!r}{hint}")
-        try:
-            signature.bind(*args[skip:], **kwargs)
-        except TypeError as error:
-            raise WrongType(f"{name}: {error}; write {name}{_short(signature)}") from None
-        return made(*args, **kwargs)
-
-    return checked  # type: ignore[return-value]
-
-
-def _short(signature: inspect.Signature) -> str:
-    """A signature without annotations: ``(name, mass, length, along='x', …)``."""
-    told = []
-    for p in signature.parameters.values():
-        if p.kind is p.KEYWORD_ONLY:
-            told.append("…")
-            break
-        told.append(p.name if p.default is p.empty else f"{p.name}={p.default!r}")
-    return f"({', '.join(told)})"
+constructor = checked
+"""The decorator of functions and classes that make parts."""
 
 
 def require_name(name: object, what: str, where: str) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from deltac.arguments import checked
 from deltac.errors import StateError, SuspicionWarning, UnknownName, closest
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.joints import Joint
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class State:
     """Time t (s), coordinates q (nq,) and speeds u (nu,) of all joints; made by `Mechanism.state`.

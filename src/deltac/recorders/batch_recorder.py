@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
@@ -22,6 +23,7 @@ FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_con
 OPTIONAL = ("qfrc_fluid", "qfrc_gravcomp")
 
 
+@checked
 def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None) -> BatchRecorder:
     """Record a batch of MJX or of MuJoCo Warp: call `sample` with the data after each step.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import InputError, PackageError, RecordingError
 from deltac.trajectories import Provenance, Trajectory
@@ -30,6 +31,7 @@ def simulator(module: str, extra: str) -> Any:
 # forces.
 
 
+@checked
 class TrajectoryBuilder:
     """Rows of a log, one `add` a sample.
 

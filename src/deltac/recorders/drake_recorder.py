@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
@@ -48,6 +49,7 @@ ROUNDING = 1e-9
 """What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
 
 
+@checked
 def record_drake(
     simulation: Any,
     plant: Plant,

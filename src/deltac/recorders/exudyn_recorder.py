@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import ModelError
 from deltac.mechanism.channels import ChannelName
@@ -20,6 +21,7 @@ System: TypeAlias = Any
 Force: TypeAlias = Callable[[float, Array, Array], Sequence[float] | Array]
 
 
+@checked
 def record_exudyn(
     mbs: System,
     node: int,

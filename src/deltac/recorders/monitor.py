@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy.live import SUMS, Given, LiveKernels, live_kernels
@@ -48,6 +49,7 @@ class BoundExceeded(DeltacError):
         )
 
 
+@checked
 class Monitor:
     """ΔC of a running simulation, with its error bar and the works of the channels, row by row.
 

@@ -19,6 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.errors import (
@@ -90,6 +91,7 @@ def integrator_names() -> dict[str, Any]:
     return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
 
 
+@checked
 def record_mujoco(model: Model, data: Data, channels: str = "all") -> MujocoRecorder:
     """A recorder for a loop of your own: call its `sample` after each ``mj_step``, or each few of them.
 

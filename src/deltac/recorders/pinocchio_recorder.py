@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import InputError, ModelError
 from deltac.models import ModelLike
@@ -30,6 +31,7 @@ KINDS = {
 """Pinocchio's kind of a joint -> ours; "continuous" has the cosine and sine of its angle in q."""
 
 
+@checked
 def record_pinocchio(
     pin_model: Model,
     model: ModelLike | None = None,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
@@ -37,6 +38,7 @@ ROUNDING = 1e-9
 """What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
 
 
+@checked
 def record_pybullet(
     body: int,
     model: ModelLike | None = None,

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.function import Caller
 from deltac.errors import InputError
@@ -35,7 +36,7 @@ from deltac.repair.tracing.program import (
     reading,
 )
 from deltac.repair.tracing.samples import RIGHT, Target
-from deltac.repair.tracing.source import Source, innermost, read_source
+from deltac.repair.tracing.source import Source, innermost, read_source, source_of
 from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
 from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
@@ -79,6 +80,7 @@ PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
 
+@checked
 @interruptible()
 def repair_equations(
     model: ModelLike,
@@ -109,13 +111,12 @@ def repair_equations(
             loops, classes, or calls that are not understood; file and line are named.
     """
     found = load_model(model)
-    if isinstance(rhs, Equations):
-        chosen = rhs.coordinates if coordinates is None else chosen_map(found, coordinates)
-        rhs = rhs.rhs
+    if coordinates is None and isinstance(rhs, Equations):
+        chosen = rhs.coordinates
     else:
         chosen = chosen_map(found, coordinates)
     return repair_source(
-        read_source(rhs), Target(found.mechanism, chosen, seed, found.first), time_limit
+        source_of(rhs), Target(found.mechanism, chosen, seed, found.first), time_limit
     )
 
 
@@ -134,7 +135,7 @@ def repair_loaded(
     """
     found = load_model(model)
     equations = function if isinstance(function, Equations) else Equations(function)
-    plain = equations.rhs
+    plain, told = equations.rhs, (equations.form, equations.order)
     if coordinates is None and isinstance(function, Equations):
         chosen = function.coordinates
     else:
@@ -142,7 +143,7 @@ def repair_loaded(
     target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
     try:
-        source = read_source(text)
+        source = replace(read_source(text), told=told)
         if python is not None:
             source = replace(source, outside=dict(python.__globals__))
         _as_run(source, plain, target)
@@ -152,7 +153,7 @@ def repair_loaded(
             raise
         if python is not None:
             with contextlib.suppress(InputError):
-                source = read_source(plain)
+                source = replace(read_source(plain), told=told)
                 _as_run(source, plain, target)
                 return repair_source(source, target, time_limit)
         ran = _by_running(read_source(text), equations, target, time_limit, str(refused))

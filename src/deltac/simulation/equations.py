@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
@@ -41,6 +42,7 @@ from deltac.simulation.state_form import (
 from deltac.trajectories.columns import QUATERNION
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Equations of motion u̇ = rhs(t, q, u), in place of the mechanism's own.
@@ -256,6 +258,7 @@ def _some_states(coordinates: Sequence[str], nu: int) -> list[tuple[float, Array
     return states
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Controller:
     """A Python function that sets motors: `function(t, q, u)` -> {name of joint torque: value}.

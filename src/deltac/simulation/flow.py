@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arguments import checked
 from deltac.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
@@ -41,6 +42,7 @@ from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
 
+@checked
 @dataclass(frozen=True)
 class Projection:
     """After each step q and u are brought onto the constraints, by the least change in the mass metric.
@@ -53,6 +55,7 @@ class Projection:
     energy: bool = False
 
 
+@checked
 @dataclass(frozen=True)
 class Baumgarte:
     """Constraints on the level of accelerations, ψ̇ + 2α ψ + β² φ = 0; α and β in 1/s (Baumgarte 1972)."""

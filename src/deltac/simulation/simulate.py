@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arguments import named, unknown_argument
 from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords, warn_renamed
@@ -387,7 +389,7 @@ def _as_before(
     """Solver, record and constraints as arguments of version 0.1 say them, each with a warning."""
     for name in old:
         if name not in _RENAMED:
-            raise TypeError(f"simulate() got an unexpected keyword argument {name!r}")
+            raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
         warn_renamed(f"simulate({name}=…)", *_RENAMED[name], stacklevel=3)
     wanted = Record.of(record)
     wanted = Record(

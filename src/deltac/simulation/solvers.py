@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
 
+from deltac.arguments import checked
 from deltac.errors import InputError, SolverError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
@@ -266,6 +267,7 @@ def _number(value: float) -> float:
         return math.nan
 
 
+@checked
 def solver_names() -> tuple[str, ...]:
     """The names of all solvers, without aliases."""
     return tuple(SOLVERS)

@@ -230,11 +230,19 @@ def candidate_forms(
         found = found if form == "ode" or told is not None else [PLAIN]
     else:
         found = list(forms(*known, len(coordinates), len(speeds), motors))
-    if form == "ode" or told is not None:
-        found = [one for one in found if "state" in one.arguments]
-    if told is not None:
-        found = list(dict.fromkeys(replace(one, order=told) for one in found))
-    return found
+    return as_told(found, form, told)
+
+
+def as_told(
+    found: Iterable[StateForm], form: str | None, order: tuple[int, ...] | None
+) -> list[StateForm]:
+    """Of some forms those that the user tells: of a state vector ("ode"), its entries in that order."""
+    kept = list(found)
+    if form == "ode" or order is not None:
+        kept = [one for one in kept if "state" in one.arguments]
+    if order is not None:
+        kept = list(dict.fromkeys(replace(one, order=order) for one in kept))
+    return kept
 
 
 def likeliest(

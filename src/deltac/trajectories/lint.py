@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arguments import checked
 from deltac.errors import LogError
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory
@@ -88,6 +89,7 @@ class _Fit:
         return self.good and not usual.good and misfit < 0.2 * usual_misfit
 
 
+@checked
 def suspicions(
     run: Trajectory, mechanism_names: MechanismNames | Mechanism | None = None
 ) -> list[Suspicion]:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arguments import checked
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -133,6 +134,7 @@ class Provenance:
         return _rebuild(self, **{name: dict(getattr(self, name)) for name in MAPPINGS})
 
 
+@checked
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Trajectory(Shown):
     """Samples of a motion; immutable, validated, rows in time order.

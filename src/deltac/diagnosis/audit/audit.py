@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.audit import checks
@@ -230,6 +231,7 @@ _BEYOND_TOLERANCE = (
 )
 
 
+@checked
 @interruptible()
 def audit(
     model: ModelLike,

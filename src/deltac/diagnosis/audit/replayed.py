@@ -71,7 +71,7 @@ def _finding(found: Replay) -> Finding:
             f"{len(found.t) - 1} times, {steps}; largest miss {percent(float(found.missed.max()))} of what "
             f"changes "
             "from row to row",
-            "Nothing is to be done",
+            "",
         )
     first = int(departs[0])
     worst = float(found.missed[departs - 1].max())

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
@@ -31,6 +32,7 @@ ROUNDED = 50.0
 """A residual may be this many times what the last digit written of its accelerations means."""
 
 
+@checked
 def write_states(
     model: ModelLike,
     path: str | Path,
@@ -62,6 +64,7 @@ def write_states(
     return states
 
 
+@checked
 def check_table(
     model: ModelLike,
     path: str | Path,

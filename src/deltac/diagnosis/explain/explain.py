@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.explain.columns import evaluate
 from deltac.diagnosis.explain.regression import (
@@ -156,6 +157,7 @@ UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
 
+@checked
 @interruptible()
 def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
     """Name the few changes of a model that explain what a log leaves of its equations of motion.

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import FileError, PackageError, SourceError
 
@@ -30,6 +31,7 @@ EVENTS = 100
 """Iterations of a unit's events before it starts."""
 
 
+@checked
 def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any, Any], Array]:
     """The equations of motion that an FMU has, as a function of (t, y) with y = (coordinates, speeds).
 

@@ -186,7 +186,7 @@ def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, 
         "read-in-parts",
         "the log is large and was balanced in parts; statistics other than works and ΔC are of some rows",
         f"{len(kept)} rows were kept",
-        "Nothing is to be done",
+        "",
     )
     return Log(kept, first, ledger, (*findings, note))
 

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -63,6 +64,7 @@ FAR = 1e6
 """No coordinate or speed of an admissible state is larger than this, in its natural scale."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class States:
     """States at which equations are tested, batch last, as a hand-written rhs takes them.

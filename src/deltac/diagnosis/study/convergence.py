@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import InputError
 
@@ -107,6 +108,7 @@ def order_text(found: Convergence) -> str:
     return f"{found.order:.{digits}f} ± {error:.{digits}f}"
 
 
+@checked
 def observed_order(
     steps: Sequence[float], values: Array | Sequence[float], floor: float | Sequence[float] = 0.0
 ) -> Convergence:

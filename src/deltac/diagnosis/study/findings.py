@@ -63,9 +63,9 @@ def of_comparison(
             "horizon",
             f"the motions at {knob}s {coarse:g} to {fine:g} diverge at t = {compared.horizon:.4g} s, and "
             "convergence is judged up to there",
-            "from there on their states differ by more than a tenth of their ranges: coarse steps, or a "
+            f"from there on their states differ by more than a tenth of their ranges: coarse {knob}s, or a "
             "chaotic motion, in which every error grows exponentially",
-            "If smaller steps diverge hardly later, the motion is chaotic: no step predicts it for "
+            f"If smaller {knob}s diverge hardly later, the motion is chaotic: no {knob} predicts it for "
             "longer",
         )
 

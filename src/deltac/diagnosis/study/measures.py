@@ -265,6 +265,11 @@ class StudyMeasures:
     findings: tuple[Finding, ...] = field(default=())
 
     @property
+    def knob(self) -> str:
+        """What was varied from run to run: "step" or "tolerance"."""
+        return "step" if self.unit else "tolerance"
+
+    @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
         return self.tolerance * self.energy_exchanged

@@ -171,7 +171,7 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
         order = "" if m.state.order is None else f", which falls at order {order_text(m.state)}"
         more.append(
             "the inaccuracy of this motion, because this method conserves energy by construction: the "
-            f"finest two steps differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
+            f"finest two {m.knob}s differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
         )
     return (*LIMITS, *more)
 
@@ -206,7 +206,7 @@ def _falling(m: StudyMeasures) -> str:
 def _unresolved_motion(m: StudyMeasures) -> str:
     if m.resolved or len(m.steps) < 3:
         return ""
-    return " The steps do not resolve the motion: its runs do not come closer as they are refined."
+    return f" The {m.knob}s do not resolve the motion: its runs do not come closer as they are refined."
 
 
 def _hidden(m: StudyMeasures) -> tuple[str, ...]:
@@ -214,7 +214,7 @@ def _hidden(m: StudyMeasures) -> tuple[str, ...]:
     bound = max(m.energy.limit, m.energy.limit_error)
     if m.equations_right or not math.isfinite(bound):
         return ()
-    return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these steps",)
+    return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these {m.knob}s",)
 
 
 def _small(m: StudyMeasures, *, idle: bool = False) -> str:
@@ -231,22 +231,23 @@ def _small(m: StudyMeasures, *, idle: bool = False) -> str:
 def _unstable(m: StudyMeasures) -> str:
     return (
         "The error is the integrator's: the equations are right, yet even the finest run blows up. Take "
-        "smaller steps, or an implicit method."
+        f"smaller {m.knob}s, or an implicit method."
     )
 
 
 def _mended(m: StudyMeasures) -> str:
     assert m.nominal is not None
     return (
-        f"ΔC falls with the step, yet the motion converges at order {order_text(m.state)} where the method "
-        f"promises {m.nominal}: non-smooth forces do this, and so do wrong forces that the projection "
+        f"ΔC falls with the {m.knob}, yet the motion converges at order {order_text(m.state)} where the "
+        f"method promises {m.nominal}: non-smooth forces do this, and so do wrong forces that the projection "
         "onto the constraints hides"
     )
 
 
 def _unsettled(m: StudyMeasures) -> str:
     return (
-        f"ΔC falls with the step ({_amount(m)}), but the motion does not converge at these steps, and a "
+        f"ΔC falls with the {m.knob} ({_amount(m)}), but the motion does not converge at these {m.knob}s, "
+        "and a "
         "mistake could hide behind their error"
     )
 
@@ -255,10 +256,10 @@ def _coarse(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
         return (
             f"The error is the integrator's, for the equations are right; {_amount(m)}. {_few(m)}: study "
-            "three steps, each half of the one before."
+            f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the one before."
         )
     return (
-        f"The error is the integrator's: the equations are right, yet nothing converges at these steps; "
+        f"The error is the integrator's: the equations are right, yet nothing converges at these {m.knob}s; "
         f"{_amount(m)}. Take smaller ones."
     )
 
@@ -267,8 +268,8 @@ def _wrong_equations(m: StudyMeasures) -> str:
     limit = m.energy.limit
     if m.energy.trend == "tends to a limit":
         return (
-            f"The error does not vanish as the step is refined: it tends to {limit:.2g} J. The equations, "
-            "the forces or the model are wrong."
+            f"The error does not vanish as the {m.knob} is refined: it tends to {limit:.2g} J. The "
+            "equations, the forces or the model are wrong."
         )
     return (
         "The motion does not obey the model's equations, at any step; the equations, the forces or the "
@@ -302,14 +303,18 @@ def _energy(m: StudyMeasures) -> str:
 
 
 def _count(m: StudyMeasures) -> str:
-    return "only one step was compared" if len(m.steps) == 1 else "only two steps were compared"
+    return (
+        f"only one {m.knob} was compared"
+        if len(m.steps) == 1
+        else f"only two {m.knob}s were compared"
+    )
 
 
 def _few(m: StudyMeasures) -> str:
     """Why fewer than three steps say little."""
     if len(m.steps) == 1:
-        return "One step gives no order"
-    return "Two steps cannot confirm an order"
+        return f"One {m.knob} gives no order"
+    return f"Two {m.knob}s cannot confirm an order"
 
 
 def _state(m: StudyMeasures) -> str:
@@ -317,10 +322,10 @@ def _state(m: StudyMeasures) -> str:
     if m.state.order is not None:
         return f"The motion converges at order {order_text(m.state)}{nominal}"
     if m.state.trend == "at its floor":
-        return "The motions at all steps agree to rounding"
+        return f"The motions at all {m.knob}s agree to rounding"
     if len(m.steps) < 3:
         return f"{_few(m)}{nominal}"
-    return f"The motion does not converge at these steps{nominal}"
+    return f"The motion does not converge at these {m.knob}s{nominal}"
 
 
 def _equations(m: StudyMeasures) -> str:
@@ -332,7 +337,7 @@ def _equations(m: StudyMeasures) -> str:
         return "The equations of motion close at the samples: no mistake shows"
     worst = percent(max(m.residuals.relative.max(initial=0.0), m.residuals.by_step[-1]))
     how = (
-        f"; that falls with the step at order {m.residuals.order:.1f}"
+        f"; that falls with the {m.knob} at order {m.residuals.order:.1f}"
         if m.residuals.order > 0.0 and not m.residuals.stays
         else ""
     )
@@ -352,7 +357,7 @@ def _why(m: StudyMeasures) -> str:
             f"ΔC seems to tend to {m.energy.limit:.2g} J, but the motion itself does not converge as the "
             "method should, so that may be chance"
         )
-    return "ΔC neither falls nor tends to a limit at these steps"
+    return f"ΔC neither falls nor tends to a limit at these {m.knob}s"
 
 
 def _advice(m: StudyMeasures) -> str:

@@ -148,10 +148,11 @@ class Study(
     def summary(self) -> str:
         """Verdict, and the energy error at the finest step beside the tolerance."""
         m = self.measures
+        runs = f"{len(self.runs)} {m.knob}s"
         if self.energy_exchanged < STILL * m.scale:  # a share of rounding would tell nothing
             return (
                 f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which none is "
-                f"exchanged, at the finest of {len(self.runs)} steps of {self.solver} (confidence "
+                f"exchanged, at the finest of {runs} of {self.solver} (confidence "
                 f"{self.verdict.confidence})"
             )
         sign = ">" if self.relative > self.tolerance else "≤"
@@ -159,7 +160,7 @@ class Study(
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {len(self.runs)} steps of "
+            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {runs} of "
             f"{self.solver}{order} (confidence {self.verdict.confidence})"
         )
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -19,7 +20,7 @@ from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.mutate.suite import copied
 from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
-from deltac.repair.tracing.source import Source, read_source
+from deltac.repair.tracing.source import Source, source_of
 from deltac.results import Record, Report, Section, Table
 from deltac.simulation.equations import Equations
 
@@ -158,6 +159,7 @@ def _examples(trials: Sequence[Trial]) -> str:
     return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
 
 
+@checked
 @interruptible()
 def mutate_equations(
     model: ModelLike,
@@ -192,13 +194,12 @@ def mutate_equations(
             the function as it is, or do not load it.
     """
     found = load_model(model)
-    if isinstance(rhs, Equations):
-        chosen = rhs.coordinates if coordinates is None else chosen_map(found, coordinates)
-        rhs = rhs.rhs
+    if coordinates is None and isinstance(rhs, Equations):
+        chosen = rhs.coordinates
     else:
         chosen = chosen_map(found, coordinates)
     target = Target(found.mechanism, chosen, seed, found.first)
-    source = read_source(rhs)
+    source = source_of(rhs)
     program = read(source, target)
     varied = program.varied
     source = program.source

@@ -18,7 +18,7 @@ from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
-from deltac.simulation.state_form import StateForm, forms, likeliest
+from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""
@@ -249,7 +249,12 @@ def formed(source: Source, target: Target) -> Source:
         return rates if parts[0][1].rates else rates[:0], accelerations
 
     motors = len(target.mechanism.motors)
-    found = likeliest(forms(names, needed, nq, nu, motors), evaluate, some.rates, some.acceleration)
+    said, order = source.told
+    test = target.test()
+    entries = test.kane.told_names, test.states.speeds
+    places = None if order is None else told_order(order, *entries)
+    candidates = as_told(forms(names, needed, nq, nu, motors), said, places)
+    found = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if found is None:
         if failures:
             raise failures[0]

@@ -13,7 +13,8 @@ from typing import Any
 
 from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
-from deltac.simulation.state_form import StateForm
+from deltac.simulation.equations import Equations
+from deltac.simulation.state_form import Order, StateForm
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,6 +28,7 @@ class Source:
     outside   values of names that the module's text does not give: of closures and of live modules
     root      the function itself, of a running session; None where it is found by its name
     form      how it takes the state; None where that has not been found out
+    told      what the user says of that: "ode" or None, and the order of the state's entries or None
     """
 
     name: str
@@ -36,6 +38,7 @@ class Source:
     outside: dict[str, Any] = field(default_factory=dict)
     root: Any = None
     form: StateForm | None = None
+    told: tuple[str | None, Order] = (None, None)
 
     @cached_property
     def module(self) -> ast.Module:
@@ -147,6 +150,16 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     if first not in names and not stars:
         raise UnknownName(f"{file}: no function {first!r}{closest(first, sorted(names))}")
     return source
+
+
+def source_of(rhs: str | Path | Callable[..., Any] | Equations) -> Source:
+    """The source of what a user hands over as equations of motion, with what is told of its state.
+
+    Raises InputError as `read_source`.
+    """
+    if isinstance(rhs, Equations):
+        return replace(read_source(rhs.rhs), told=(rhs.form, rhs.order))
+    return read_source(rhs)
 
 
 def _of_function(function: Callable[..., Any]) -> Source:

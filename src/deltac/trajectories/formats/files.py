@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.files import appearing, opened
 from deltac.limits import Limits, require_memory
@@ -22,7 +23,7 @@ from deltac.trajectories.formats.matlab import read_mat, write_mat
 from deltac.trajectories.formats.npz import read_npz, write_npz
 from deltac.trajectories.formats.opensim import read_opensim
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
-from deltac.trajectories.formats.raw import RawLog, checked
+from deltac.trajectories.formats.raw import RawLog, checked_raw
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
 from deltac.trajectories.formats.recognition import arrays_named
 from deltac.trajectories.formats.records import read_json, read_json_lines
@@ -99,6 +100,7 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
         raise OSError(f"{path} cannot be written: {error}") from error
 
 
+@checked
 def read_trajectory(
     path: str | Path,
     mapping: LogMapping | str | Path | None = None,
@@ -155,7 +157,7 @@ def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
     source = Path(path)
     if is_bag_folder(source):
-        return checked(read_bag(source))
+        return checked_raw(read_bag(source))
     form = _format(path)
     with opened(source) as file:
         start = file.read(4096)
@@ -165,7 +167,7 @@ def read_raw(path: str | Path) -> RawLog:
     Limits.current().check("bytes", size, "the file has")
     if form.copies:
         require_memory(size * form.copies, f"{size / 1e9:.1f} GB")
-    return checked(form.read(source))
+    return checked_raw(form.read(source))
 
 
 @contextmanager

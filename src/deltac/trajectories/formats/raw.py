@@ -87,7 +87,7 @@ def damage_named(what: str) -> Iterator[None]:
         ) from error
 
 
-def checked(raw: RawLog) -> RawLog:
+def checked_raw(raw: RawLog) -> RawLog:
     """A log within the limits; InputError names what is beyond."""
     limits = Limits.current()
     limits.check("columns", len(raw.columns) + len(raw.skipped), "the log has")

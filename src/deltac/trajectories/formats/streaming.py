@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltac.arguments import checked
 from deltac.errors import FileError, InputError, LogError
 from deltac.files import opened
 from deltac.trajectories.columns import MechanismNames
@@ -38,6 +39,7 @@ class Chunk:
     rows: int
 
 
+@checked
 def scan_trajectory(
     path: str | Path,
     rows: int = 100_000,

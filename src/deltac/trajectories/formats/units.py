@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from deltac.errors import InputError, UnknownName, closest
+from deltac.errors import InputError, UnknownName, closest, shown
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,15 @@ def unit(text: str) -> Unit:
         if match.start() != end or (sign == "") != (end == 0):
             break
         if name not in _ATOMS:
-            raise UnknownName(f"unknown unit {name!r} in {text!r}{closest(name, _ATOMS)}")
+            raise UnknownName(f"unknown unit {shown(name)} in {shown(text)}{closest(name, _ATOMS)}")
         exponent = int(power or 1) * (-1 if sign == "/" else 1)
         factor *= _ATOMS[name].factor ** exponent
         a, b, c, d = (x + exponent * y for x, y in zip(dimension, _ATOMS[name].dimension))
         dimension, end = (a, b, c, d), match.end()
     if end != len(written):
-        raise InputError(f"cannot take the unit {text!r} apart; write it like 'deg/s' or 'N*mm'")
+        raise InputError(
+            f"cannot take the unit {shown(text)} apart; write it like 'deg/s' or 'N*mm'"
+        )
     return Unit(factor, dimension)
 
 

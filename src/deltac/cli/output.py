@@ -7,16 +7,17 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeAlias
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from deltac.cli.formats import Case, github, junit, sarif
+from deltac.progress import Progress
 from deltac.results import Report, Section, as_text, headed
 
 UNKNOWN, WIDEST = 100, 120
@@ -107,8 +108,6 @@ PageFile = Annotated[
 
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
 """The command line that is being run, as a shell takes it."""
-
-Progress: TypeAlias = Callable[[float], None]
 
 
 def width() -> int:

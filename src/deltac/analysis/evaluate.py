@@ -20,7 +20,7 @@ from deltac.dynamics.equations_of_motion import (
 )
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
-from deltac.errors import InputError
+from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.models import ModelLike, StateLike
 from deltac.results import Record
 from deltac.trajectories import Trajectory
@@ -108,10 +108,9 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
     try:
         tied = least_squares(M, G)
     except np.linalg.LinAlgError:
-        raise InputError(
-            f"the mass matrix of {mechanism.name!r} is singular at this state: a free speed moves no "
-            "inertia; give that part a mass or an armature"
-        ) from None
+        if error := singular_inertia(mechanism, M):
+            raise error from None
+        raise
     multipliers = tied.multipliers(force, gamma.T)
     free_udot = tied.free_response(force + np.einsum("tcp,tc->tp", G, multipliers))
     after = system.once("driving", lambda: _driving(motion))

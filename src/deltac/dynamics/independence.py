@@ -14,6 +14,7 @@ from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares, without_rounding
+from deltac.dynamics.singular_inertia import singular_inertia
 
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""
@@ -42,6 +43,8 @@ def independence(
     The rank is taken at q and at two configurations nearby that satisfy the constraints; the larger one
     is the generic rank, on whose rows equations of motion can be built. The last few answers are kept with
     the equations: a study starts many runs from one state.
+
+    Raises ModelError for a singular mass matrix, naming the speeds that move no inertia.
     """
     kept = equations.system.once("independence", lambda: LRUCache[Independence](16))
     place = (t, q.tobytes(), np.asarray(p, dtype=float).tobytes())
@@ -59,8 +62,14 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         return M, G, phi
 
     M, _, _, G, W = equations.ties(t, q, still, p)
+    try:
+        tied = least_squares(M, G)
+    except np.linalg.LinAlgError:
+        if error := singular_inertia(equations.system.mechanism, M):
+            raise error from None
+        raise
     (here, margin) = (chosen, _) = _independent(M, G)
-    rng, tied = np.random.default_rng(1), least_squares(M, G)
+    rng = np.random.default_rng(1)
     for _ in range(2):
         # Along a direction that the constraints leave free (to first order), then back onto them.
         kernel = rng.standard_normal(n)

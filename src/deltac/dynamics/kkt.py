@@ -247,13 +247,21 @@ class LeastSquares:
         return np.asarray(np.linalg.solve(np.swapaxes(self.root, -1, -2), half))
 
 
+def mass_rounding(n: int) -> float:
+    """A pivot or eigenvalue below this share of the diagonal is what rounding makes of zero, of n speeds."""
+    return 8.0 * n * float(np.finfo(np.float64).eps)
+
+
 def least_squares(M: Array, G: Array, dependent: float = 1e-8) -> LeastSquares:
     """Factorise mass matrices (…, p, p) and constraint Jacobians (…, nc, p).
 
     Rows of which no more than the share `dependent` is independent of others count as redundant.
-    Raises LinAlgError for a mass matrix that is not positive definite.
+    Raises LinAlgError for a mass matrix that is not positive definite by more than rounding.
     """
     root = np.linalg.cholesky(M)
+    pivots = np.diagonal(root, axis1=-2, axis2=-1) ** 2
+    if (pivots <= mass_rounding(M.shape[-1]) * np.diagonal(M, axis1=-2, axis2=-1)).any():
+        raise np.linalg.LinAlgError("a mass matrix is singular to rounding")
     G = without_rounding(G)
     A = np.swapaxes(np.linalg.solve(root, np.swapaxes(G, -1, -2)), -1, -2)
     length = np.linalg.norm(A, axis=-1)

@@ -7,11 +7,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.recursions import crba
+from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
     ArgumentsError,
     InputError,
@@ -134,7 +134,7 @@ def check_accelerations(
     x0: Array,
     p: Array,
 ) -> None:
-    """The accelerations at the start must be finite: else the mass matrix is singular."""
+    """The accelerations at the start must be finite, and the mass matrix regular."""
     if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
         raise StateError(
             "the state is not finite; make it by mechanism.state(...), which says where"
@@ -148,17 +148,17 @@ def check_accelerations(
         rate.hold(state.t, x0)
         xdot = rate(state.t, x0)
     _, u_part, _ = flow.parts
-    finite = np.isfinite(xdot[u_part])
     if flow.equations is None:
-        finite &= ~_without_inertia(flow, state.t, x0, p)
-    bad = np.flatnonzero(~finite)
+        M = np.array(_inertias(flow)(state.t, x0, p))
+        if error := singular_inertia(mechanism, M):
+            raise error
+    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
         which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
         raise StateError(
             f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
-            ": either a law is not defined there, or a joint turns something without inertia (a point "
-            "mass about itself, say), so that the mass matrix is singular"
+            ": a law is not defined there, or equations by hand give no number"
         )
 
 
@@ -170,15 +170,9 @@ def _accelerations(flow: Flow) -> Any:
 
 @derived
 def _inertias(flow: Flow) -> Any:
-    """(t, x; p) -> the diagonal of the mass matrix, as a CasADi function."""
+    """(t, x; p) -> the mass matrix of the free speeds, as a CasADi function."""
     system, free = flow.system, flow.system.free_u
-    diagonal = ca.densify(ca.diag(crba(system)[free, free]))
-    return ca.Function("M", [flow.t, flow.x, flow.p], [diagonal])
-
-
-def _without_inertia(flow: Flow, t: float, x: Array, p: Array) -> NDArray[np.bool_]:
-    """Which free speeds move no mass at all: their equation is 0 = 0, whatever the rest."""
-    return np.asarray(np.array(_inertias(flow)(t, x, p)).ravel() == 0.0)
+    return ca.Function("M", [flow.t, flow.x, flow.p], [ca.densify(crba(system)[free, free])])
 
 
 def positive(value: float, what: str) -> float:

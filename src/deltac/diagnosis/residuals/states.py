@@ -20,6 +20,7 @@ from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
 from deltac.dynamics.gaps import Gap, all_velocities, gaps
 from deltac.dynamics.kkt import least_squares
+from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, LogError, ModelError, StateError
 from deltac.mechanism.contact import Contact
@@ -361,7 +362,10 @@ def admissible(
     terms = kane.motion.terms(t, point.q, point.u)
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
-    good &= _regular(terms.M)
+    regular = _regular(terms.M)
+    if not regular.any() and (error := singular_inertia(kane.mechanism, terms.M)):
+        raise error
+    good &= regular
     good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)
     good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ON_CONSTRAINTS
     speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))

@@ -1,0 +1,41 @@
+"""Mass matrices that are singular: which motions have no kinetic energy."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.dynamics.kkt import mass_rounding
+from deltac.errors import ModelError
+from deltac.mechanism.mechanism import Mechanism
+
+
+def without_inertia(M: Array) -> NDArray[np.intp]:
+    """Speeds that take part in motions without kinetic energy, of one mass matrix (p, p).
+
+    None where it is positive definite by more than rounding, whatever the units of the speeds.
+    """
+    if not np.isfinite(M).all():
+        return np.zeros(0, dtype=np.intp)
+    size = np.sqrt(np.maximum(np.diagonal(M), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    energies, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
+    still = motions[:, energies <= mass_rounding(len(M))]
+    return np.flatnonzero(np.abs(still).max(axis=1, initial=0.0) > 1e-6)
+
+
+def singular_inertia(mechanism: Mechanism, M: Array) -> ModelError | None:
+    """The error that names speeds and bodies of the first singular mass matrix of M (…, p, p), or None."""
+    for one in M.reshape(-1, *M.shape[-2:]):
+        if len(places := without_inertia(one)):
+            entries = [mechanism.speeds[int(mechanism.free.u[k])] for k in places]
+            joints = [mechanism.joint(name) for name in dict.fromkeys(e.joint for e in entries)]
+            carried = ", ".join(f"joint {j.name!r}, which carries body {j.child!r}" for j in joints)
+            return ModelError(
+                f"the mass matrix of {mechanism.name!r} is singular: a motion along "
+                f"{', '.join(repr(e.name) for e in entries)} moves no inertia ({carried}). A slender rod has "
+                "none about its axis, a point mass none about itself: give the body that inertia or the "
+                "joint an armature, or take a joint without that freedom"
+            )
+    return None

@@ -156,7 +156,10 @@ def deliver(
         shown = {what: str(path) for what, path in written.items() if path is not None}
         print_json(type(report).__name__, {**report.contents(), **told, **contents, **shown})
     else:
-        speaks = next((part for part in more if part.findings and not report.findings), report)
+        # What has a line and an edit says more to a program than what the check found without them.
+        fixed = [part for part in more if getattr(part, "fixes", ())]
+        found = [part for part in (*fixed, report, *more) if part.findings]
+        speaks = next(iter(found), report)
         if form is Form.text or form is Form.github:
             for k, part in enumerate((report, *more)):
                 print("\n" * bool(k), end="")

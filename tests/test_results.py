@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import deltac as dc
 from deltac.codes import FINDINGS, finding_code
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.errors import InputError, LogError, UnknownName
+from deltac.progress import Parts, counted
 from deltac.results import SCHEMA, Finding, Record, Report, Section, Table, Verbatim, as_text
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -160,3 +161,23 @@ def test_errors_have_codes(call: Any, code: str) -> None:
     with pytest.raises(InputError) as stop:
         call()
     assert stop.value.code == code
+
+
+def test_parts_tell_of_the_whole() -> None:
+    told: list[float] = []
+    parts = Parts(told.append, {"read": 0.25, "judge": 0.5, "write": 0.25})
+    assert list(counted("ab", parts.part("read"))) == ["a", "b"]
+    parts.part("write")(0.5)  # there was nothing to judge
+    assert told == [0.0, 0.0, 0.125, 0.75, 0.875]
+
+
+def test_checks_and_audits_tell_how_far_they_are() -> None:
+    problem = dc.problems.load("double-pendulum")
+    told: list[float] = []
+    dc.check_equations(problem, lambda t, q, u: -q, progress=told.append)
+    assert told == sorted(told) and told[0] == 0.0 and len(told) > 10
+    run = replace(dc.simulate(problem, duration=0.5, step=0.01), udot=None, integrals={})
+    other = replace(problem.mechanism, gravity=tuple(0.9 * x for x in problem.mechanism.gravity))
+    told.clear()
+    dc.audit(other, run, progress=told.append)
+    assert told == sorted(told) and told[0] == 0.0 and len(told) > 4

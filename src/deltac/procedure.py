@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from deltac.analysis.classify import Classification, classify
 from deltac.arguments import checked
@@ -20,11 +20,10 @@ from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
+from deltac.progress import Parts, Progress
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import find_solver
-
-Progress: TypeAlias = Callable[[float], None]
 
 SEARCH = 20.0
 """Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
@@ -174,16 +173,14 @@ def examine(
             "in seconds, equations= or log="
         )
     skipped: list[str] = []
-    told = _Told(progress)
+    parts = Parts(progress, SHARES)
     check = None
     if equations is not None:
-        told.part("check")
-        check = check_equations(model, equations)
+        check = check_equations(model, equations, progress=parts.part("check"))
     recommendation = found = None
     if duration is None:
         skipped.append("solver, step and study, since no duration is given")
     else:
-        told.part("recommend")
         recommendation = recommend(
             loaded,
             state,
@@ -191,9 +188,9 @@ def examine(
             tolerance,
             solvers=solvers,
             time_limit=SEARCH,
-            progress=told,
+            progress=parts.part("recommend"),
         )
-        told.part("study")
+        parts.part("study")
         if recommendation.best is None:
             skipped.append(
                 f"the study, since there is no step to begin with: {recommendation.summary()}"
@@ -202,9 +199,10 @@ def examine(
             found = _study(loaded, state, duration, equations, tolerance, recommendation)
     judged = None
     if log is not None:
-        told.part("audit")
-        judged = audit(model, log, tolerance=tolerance, mapping=mapping)
-    told.part("")
+        judged = audit(
+            model, log, tolerance=tolerance, mapping=mapping, progress=parts.part("audit")
+        )
+    parts(1.0)
     return Examination(
         model=loaded.mechanism.name or str(model),
         classification=classify(loaded, state),
@@ -215,23 +213,6 @@ def examine(
         skipped=tuple(skipped),
         missing=tuple(_not_simulated(loaded)) if log is None else (),
     )
-
-
-class _Told:
-    """Progress of the parts as progress of the whole."""
-
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress, self._done, self._share = progress, 0.0, 0.0
-
-    def part(self, name: str) -> None:
-        """The next part begins, "" at the end."""
-        self._done += self._share
-        self._share = SHARES.get(name, 0.0)
-        self(0.0)
-
-    def __call__(self, fraction: float) -> None:
-        if self._progress is not None:
-            self._progress(min(1.0, self._done + self._share * fraction))
 
 
 def _study(

@@ -147,7 +147,7 @@ def test_a_singular_mass_matrix_names_the_speeds() -> None:
     spinner = dc.Mechanism(
         [dc.point_mass("bead", 1.0)], [dc.revolute("spin", "ground", "bead", "z")]
     )
-    with pytest.raises(InputError, match="at the start .* for 'spin'.*without inertia"):
+    with pytest.raises(InputError, match="'spin'.*'bead'"):
         dc.simulate(spinner, spinner.state(), 1.0, 0.1)
 
 

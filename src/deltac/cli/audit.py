@@ -171,7 +171,7 @@ def command(
         from deltac.fleets.episodes import read_episode
 
         judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
-    with progress_bar(f"auditing {log.name}"):
+    with progress_bar(f"auditing {log.name}") as progress:
         found = audit(
             model,
             judged_log,
@@ -180,13 +180,14 @@ def command(
             mapping=mapping,
             strict=strict,
             replay=replay,
+            progress=progress,
         )
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
 
-        with progress_bar("seeking causes"):
-            explanations.append(explain_residual(model, log, mapping=mapping))
+        with progress_bar("seeking causes") as progress:
+            explanations.append(explain_residual(model, log, mapping=mapping, progress=progress))
     deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
 
 

@@ -77,7 +77,7 @@ def command(
             repaired, refused = _repair(model, equations, rhs, chosen, seed)
     try:
         with (
-            progress_bar(f"checking at {count} random states"),
+            progress_bar(f"checking at {count} random states") as progress,
             time_limit(limit, f"{equations} has not answered"),
         ):
             found = check_equations(
@@ -87,6 +87,7 @@ def command(
                 count=count,
                 seed=seed,
                 tolerance=TOLERANCE if tolerance is None else tolerance,
+                progress=progress,
             )
     except InputError:
         if repaired is not None and not repaired.right and not as_json:

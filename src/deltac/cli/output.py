@@ -7,16 +7,17 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeAlias
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from deltac.cli.formats import Case, github, junit, sarif
+from deltac.progress import Progress
 from deltac.results import Report, Section, as_text, headed
 
 UNKNOWN, WIDEST = 100, 120
@@ -108,8 +109,6 @@ PageFile = Annotated[
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
 """The command line that is being run, as a shell takes it."""
 
-Progress: TypeAlias = Callable[[float], None]
-
 
 def width() -> int:
     """Columns of the terminal, or of COLUMNS; within reason."""
@@ -157,7 +156,10 @@ def deliver(
         shown = {what: str(path) for what, path in written.items() if path is not None}
         print_json(type(report).__name__, {**report.contents(), **told, **contents, **shown})
     else:
-        speaks = next((part for part in more if part.findings and not report.findings), report)
+        # What has a line and an edit says more to a program than what the check found without them.
+        fixed = [part for part in more if getattr(part, "fixes", ())]
+        found = [part for part in (*fixed, report, *more) if part.findings]
+        speaks = next(iter(found), report)
         if form is Form.text or form is Form.github:
             for k, part in enumerate((report, *more)):
                 print("\n" * bool(k), end="")

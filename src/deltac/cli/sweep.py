@@ -17,13 +17,13 @@ from deltac.cli.output import (
     Format,
     Json,
     PageFile,
-    Progress,
     print_cases,
     print_json,
     print_sections,
     progress_bar,
 )
 from deltac.errors import ArgumentsError, FileError
+from deltac.progress import Progress
 
 if TYPE_CHECKING:
     from deltac.fleets.result import Fleet

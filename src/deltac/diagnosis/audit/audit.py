@@ -24,6 +24,7 @@ from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
+from deltac.progress import Parts, Progress
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -231,6 +232,10 @@ _BEYOND_TOLERANCE = (
 )
 
 
+SHARES = {"read": 0.4, "evidence": 0.6}
+"""Of the time that each part of an audit takes, roughly."""
+
+
 @checked
 @interruptible()
 def audit(
@@ -242,6 +247,7 @@ def audit(
     mapping: Any = None,
     strict: bool = False,
     replay: bool = False,
+    progress: Progress | None = None,
 ) -> Audit:
     """Judge a log against a model.
 
@@ -256,6 +262,7 @@ def audit(
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
             every step: tells whether the log is this model's, and audits every step.
+        progress: called with the fraction done.
 
     Returns:
         The audit: ledger, verdict, findings.
@@ -267,13 +274,14 @@ def audit(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
     mechanism = loaded.mechanism
+    parts = Parts(progress, SHARES)
     of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
 
         log, of_replay = replayed(model, mechanism, log, mapping)
         mapping = None
-    log_read = read_log(mechanism, log, work, mapping)
+    log_read = read_log(mechanism, log, work, mapping, progress=parts.part("read"))
     import_report = loaded.import_report
     findings = [*of_replay, *log_read.findings]
     findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
@@ -281,7 +289,14 @@ def audit(
     findings += checks.impacts_not_held(mechanism, log_read.run)
     measured = log_read.run.udot is not None and not _derived(log_read.run, "udot")
     evidence = gather(
-        mechanism, log_read, work, tolerance, import_report, findings, measured=measured
+        mechanism,
+        log_read,
+        work,
+        tolerance,
+        import_report,
+        findings,
+        measured=measured,
+        progress=parts.part("evidence"),
     )
     log_read = evidence.log
     run, ledger = log_read.run, log_read.ledger

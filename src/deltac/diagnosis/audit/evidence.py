@@ -34,6 +34,7 @@ from deltac.diagnosis.residuals.one_step import EXPLICIT, UNEVEN, OneStep, one_s
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
+from deltac.progress import Parts, Progress, untold
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
@@ -85,10 +86,12 @@ def gather(
     known: list[Finding],
     *,
     measured: bool,
+    progress: Progress = untold,
 ) -> Evidence:
     """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
 
-    A log that is doubted explains nothing: its residual is shown, and no cause is sought.
+    A log that is doubted explains nothing: its residual is shown, and no cause is sought. `progress` is told
+    how far the search for causes has come.
     """
     if not len(mechanism.free.u):
         return Evidence(log, None, None, ())
@@ -109,7 +112,7 @@ def gather(
         terms, more = _believed(mechanism, log, step, given=given)
         found += more
     if terms is not None:
-        told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+        told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted, progress)
         stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
         if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
             log, finding = _forces_put_right(mechanism, log, work)
@@ -118,25 +121,30 @@ def gather(
             found += more
             told = []
             if terms is not None:
-                told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted)
+                told = _of_samples(
+                    mechanism, log, terms, tolerance, import_report, doubted, progress
+                )
         if any(f.kind == "forces-not-of-this-row" for f in told):
             terms = None
         found += told
     elif not doubted:
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
+        parts = Parts(progress, {"one cause": 0.5, "several": 0.5})
         until = time.monotonic() + SECONDS
         local = _now_and_then(log, step)
         pair = None
         if not local:
-            pair = known_but_for_one(mechanism, log.consecutive, step, until)
+            pair = known_but_for_one(
+                mechanism, log.consecutive, step, until, parts.part("one cause")
+            )
         if local:
             found += local
         elif pair is not None:
             step, causes = pair
             found += _weighed(causes, step, tolerance)
         else:
-            found += _of_steps(mechanism, log, step, tolerance)
+            found += _of_steps(mechanism, log, step, tolerance, parts.part("several"))
     return Evidence(log, terms, step, tuple(_of_the_log(found)))
 
 
@@ -273,6 +281,7 @@ def _of_samples(
     tolerance: float,
     import_report: ImportReport | None,
     doubted: bool,
+    progress: Progress,
 ) -> list[Finding]:
     """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
     if doubted:
@@ -291,14 +300,16 @@ def _of_samples(
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
     if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, now_and_then=bool(now_and_then))
+        simple = _explained(mechanism, log.consecutive, progress, now_and_then=bool(now_and_then))
         if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
             simple = [replace(f, weight="note") for f in simple]  # real, but small
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
     return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
 
 
-def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> list[Finding]:
+def _explained(
+    mechanism: Mechanism, run: Trajectory, progress: Progress, *, now_and_then: bool
+) -> list[Finding]:
     """The few causes that explain the residual of consecutive samples; none where these are too few.
 
     What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
@@ -308,7 +319,10 @@ def _explained(mechanism: Mechanism, run: Trajectory, *, now_and_then: bool) -> 
     least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
         until = time.monotonic() + SECONDS
-        return list(explanation(mechanism, run, "samples", least, most=most, until=until).findings)
+        told = explanation(
+            mechanism, run, "samples", least, most=most, until=until, progress=progress
+        )
+        return list(told.findings)
     return []
 
 
@@ -326,7 +340,9 @@ def _differing(
 # --- the one-step test -------------------------------------------------------------------------------------
 
 
-def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -> list[Finding]:
+def _of_steps(
+    mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, progress: Progress
+) -> list[Finding]:
     """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
     local = step.now_and_then
     share = float(local.mean()) if len(local) else 0.0
@@ -337,7 +353,9 @@ def _of_steps(mechanism: Mechanism, log: Log, step: OneStep, tolerance: float) -
         excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
         until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
-            told = explanation(mechanism, log.consecutive, "weak", excused=excused, until=until)
+            told = explanation(
+                mechanism, log.consecutive, "weak", excused=excused, until=until, progress=progress
+            )
             simple = _weighed(told.findings, step, tolerance)
     if simple:
         return simple

@@ -36,6 +36,7 @@ from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
+from deltac.progress import Parts, Progress, untold
 from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
@@ -188,6 +189,10 @@ BLIND = 1e-3
 """A power below this share of the residual is none."""
 
 
+SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
+"""Of the time that each part of a check takes, roughly."""
+
+
 @renamed_keywords(mechanism="model")
 @interruptible()
 def check_equations(
@@ -199,6 +204,7 @@ def check_equations(
     count: int = 64,
     seed: int = 0,
     tolerance: float = TOLERANCE,
+    progress: Progress | None = None,
 ) -> EquationCheck:
     """Test equations of motion at random admissible states of a mechanism, without integrating them.
 
@@ -215,6 +221,7 @@ def check_equations(
         count: how many states to draw.
         seed: which ones; the same seed gives the same states.
         tolerance: residual that is accepted, as a fraction of each equation's terms.
+        progress: called with the fraction done.
 
     Returns:
         The check: `.verdict`, `.blame`, `.example`, `.explain()`.
@@ -248,7 +255,10 @@ def check_equations(
     test = EquationTest(kane, drawn, scales=scales)
     caller = Caller(equations.rhs, equations.name, kane)
     caller.find_form(test, equations, len(loaded.mechanism.motors))
+    parts = Parts(progress, SHARES)
+    caller.progress = parts.part("function")
     udot = caller(drawn)
+    caller.progress = untold
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
         shown = ", ".join(f"{n} = {x:.6g}" for n, x in drawn.describe(0).items())
@@ -269,7 +279,7 @@ def check_equations(
     rates = _wrong_rates(caller, test)
     kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()), rates)
     wrong = kind == "equation-error"
-    found = blame(caller, test, given, limit) if wrong else ()
+    found = blame(caller, test, given, limit, parts.part("blame")) if wrong else ()
     seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
     findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
     missed = max(rates.values(), default=0.0)
@@ -278,6 +288,7 @@ def check_equations(
     if wrong:
         findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
+            parts.part("causes")
             causes = whole_causes(caller, test, told=_told(found))
             findings += causes
             if causes:  # what sums up to it would mislead

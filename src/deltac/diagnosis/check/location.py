@@ -25,6 +25,7 @@ from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
+from deltac.progress import Parts, Progress, counted, untold
 from deltac.results import Record
 
 BASES = 16
@@ -127,7 +128,9 @@ def _listed(degrees: tuple[int, ...]) -> str:
     return " and ".join(map(str, degrees))
 
 
-def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
+def blame(
+    caller: Caller, test: EquationTest, udot: Array, limit: Array, progress: Progress = untold
+) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
     good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     relative = test.relative(udot)[:, good].max(axis=1, initial=0.0)
@@ -157,11 +160,11 @@ def blame(caller: Caller, test: EquationTest, udot: Array, limit: Array) -> tupl
                 depends_on=variables,
             )
         )
-    return tuple(made) if tied else _explained(caller, test, made, limit)
+    return tuple(made) if tied else _explained(caller, test, made, limit, progress)
 
 
 def _explained(
-    caller: Caller, test: EquationTest, blamed: list[Blame], limit: Array
+    caller: Caller, test: EquationTest, blamed: list[Blame], limit: Array, progress: Progress
 ) -> tuple[Blame, ...]:
     """The same with what each error consists of.
 
@@ -173,7 +176,9 @@ def _explained(
         return tuple(blamed)
     residual = test.residual(udot)
     rows = {b.speed: b.number - 1 for b in blamed}
-    own = {k: explain_row(test, residual[k], udot, k) for k in rows.values()}
+    parts = Parts(progress, {"own": 0.5, "plain": 0.5})
+    places = counted(list(rows.values()), parts.part("own"))
+    own = {k: explain_row(test, residual[k], udot, k) for k in places}
     if not all(own.values()):
         error = udot - test.acceleration
         size = np.abs(test.acceleration).max(axis=1)
@@ -183,7 +188,7 @@ def _explained(
             kept = [b for b in blamed if rows[b.speed] in wrong]
             return tuple(replace(b, solved=solved[rows[b.speed]]) for b in kept)
     made = []
-    for b in blamed:
+    for b in counted(blamed, parts.part("plain")):
         k = rows[b.speed]
         terms = own[k] or explain_plainly(test, residual[k], udot, b.depends_on)
         made.append(

@@ -43,6 +43,7 @@ from deltac.diagnosis.residuals.one_step import (
 )
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
+from deltac.progress import Progress, counted, untold
 from deltac.trajectories import Trajectory
 
 FAR_LESS = 0.1
@@ -77,7 +78,11 @@ class _Pair:
 
 
 def known_but_for_one(
-    mechanism: Mechanism, run: Trajectory, step: OneStep, until: float = math.inf
+    mechanism: Mechanism,
+    run: Trajectory,
+    step: OneStep,
+    until: float = math.inf,
+    progress: Progress = untold,
 ) -> tuple[OneStep, tuple[Finding, ...]] | None:
     """The one-step test with an integrator that closes but for one cause, and that cause; None if none does.
 
@@ -91,7 +96,7 @@ def known_but_for_one(
     kernels = column_kernels(evaluator)
     function = kernels.pointwise()
     tried = []
-    for relation in _distinct(steps):
+    for relation in counted(list(_distinct(steps)), progress):
         if time.monotonic() > until:
             break
         at = relation.at

@@ -30,6 +30,7 @@ from deltac.errors import ArgumentsError, ModelError
 from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
+from deltac.progress import Progress, untold
 from deltac.trajectories import Trajectory
 
 STATES = 60
@@ -159,7 +160,9 @@ UNSEEN = 0.3
 
 @checked
 @interruptible()
-def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanation:
+def explain_residual(
+    model: Any, log: Any, *, mapping: Any = None, progress: Progress | None = None
+) -> Explanation:
     """Name the few changes of a model that explain what a log leaves of its equations of motion.
 
     Springs and dampers are taken from the model, also where the log holds them, so that what model
@@ -172,6 +175,7 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
         model: as for `audit`.
         log: a Trajectory, or the path of a log.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        progress: called with the fraction done.
 
     Returns:
         The explanation; `str()` of it is the outcome in words, `table()` the numbers.
@@ -199,9 +203,11 @@ def explain_residual(model: Any, log: Any, *, mapping: Any = None) -> Explanatio
     derived = "udot" in run.provenance.derived
     known = run.udot is not None and not derived
     if known and (trusted(run) or not accelerations(run).difference):
-        found = explanation(mechanism, run, "samples")
+        found = explanation(mechanism, run, "samples", progress=progress or untold)
     else:
-        found = explanation(mechanism, run, "weak", excused=_excused(mechanism, run))
+        found = explanation(
+            mechanism, run, "weak", excused=_excused(mechanism, run), progress=progress or untold
+        )
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
@@ -247,6 +253,7 @@ def explanation(
     sliding: bool = False,
     excused: Excused | None = None,
     until: float = math.inf,
+    progress: Progress = untold,
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
 
@@ -265,7 +272,7 @@ def explanation(
 
     if regression.total <= regression.precision:
         return made("nothing")
-    found = search(regression, most, until)
+    found = search(regression, most, until, progress)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
     if regression.total <= CLEAR * floor and not regression.stands_out(found.best):

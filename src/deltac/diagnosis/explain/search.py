@@ -15,6 +15,7 @@ from itertools import islice, product
 import numpy as np
 
 from deltac.diagnosis.explain.regression import Fit, Regression
+from deltac.progress import Progress, untold
 
 MOST = 24
 """Causes together, such as a damper at every joint."""
@@ -51,16 +52,22 @@ class Found:
     alternatives: tuple[Fit, ...]
 
 
-def search(regression: Regression, most: int = MOST, until: float = math.inf) -> Found:
+def search(
+    regression: Regression, most: int = MOST, until: float = math.inf, progress: Progress = untold
+) -> Found:
     """The best fit of at most `most` causes, and its equals.
 
-    The search ends with what it has when `time.monotonic()` reaches `until`.
+    The search ends with what it has when `time.monotonic()` reaches `until`. `progress` is told the share of
+    the causes that have been sought, or of the time, whichever is more.
     """
+    start = time.monotonic()
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None
     left = regression.total
     for count in range(1, most + 1):
+        spent = (time.monotonic() - start) / max(until - start, 1e-9)
+        progress(min(1.0, max((count - 1) / most, spent)))
         if count > 1 and time.monotonic() > until:
             break
         paths = _extended(regression, paths, count > MANY, until)

@@ -17,6 +17,7 @@ from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
+from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.parquet import parquet_size
 from deltac.trajectories.lint import gap_rows
@@ -116,14 +117,21 @@ class Log:
 
 
 def read_log(
-    mechanism: Mechanism, source: Any, work: str | None, mapping: Any, *, measured: bool = True
+    mechanism: Mechanism,
+    source: Any,
+    work: str | None,
+    mapping: Any,
+    *,
+    measured: bool = True,
+    progress: Progress = untold,
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 
     What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, too.
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
     another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
-    computed here, is not searched for slips of its columns.
+    computed here, is not searched for slips of its columns. `progress` is told the share of the rows that are
+    read, where they are read in parts.
 
     Raises InputError for a log that cannot be read, or is of another model.
     """
@@ -137,7 +145,8 @@ def read_log(
     if path.suffix.lower() == ".parquet" and path.is_file():
         rows, columns = _size(path)
         if rows * columns > LARGE:
-            return _in_parts(mechanism, path, work, mapping, max(4, PART // columns // 4 * 4))
+            part = max(4, PART // columns // 4 * 4)
+            return _in_parts(mechanism, path, work, mapping, part, progress)
     return _whole(mechanism, read_trajectory(path, mapping, mechanism), work)
 
 
@@ -172,9 +181,12 @@ def balanced(
     return Log(run, run, ledger, findings, comparisons or {})
 
 
-def _in_parts(mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int) -> Log:
+def _in_parts(
+    mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int, progress: Progress
+) -> Log:
     def chunks() -> Iterator[Chunk]:
         for chunk in scan_trajectory(path, rows, OVERLAP, mapping, mechanism):
+            progress(chunk.first_row / chunk.rows)
             _refuse_garbage(chunk.run, chunk.first_row, chunk.rows)
             yield replace(chunk, run=in_model_order(mechanism, chunk.run)[0])
 

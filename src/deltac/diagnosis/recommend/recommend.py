@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.inputs.channels import not_simulated
@@ -27,9 +27,8 @@ from deltac.diagnosis.recommend.work_precision import (
 from deltac.errors import InputError, SolverError
 from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
+from deltac.progress import Progress
 from deltac.simulation.equations import Controller, Equations
-
-Progress: TypeAlias = Callable[[float], None]
 
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""

@@ -16,6 +16,7 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, told
 from deltac.errors import InputError, SourceError
+from deltac.progress import Progress, counted, untold
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
 
@@ -44,7 +45,7 @@ class Caller:
     `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
     `residuals.states.told`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single
     calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was
-    given (copies).
+    given (copies). `progress` is told the share of the states at which it has been called.
     """
 
     rhs: Callable[..., Any]
@@ -53,6 +54,7 @@ class Caller:
     vectorised: bool | None = None
     overwrites: str = ""
     form: StateForm = PLAIN
+    progress: Progress = untold
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
@@ -77,7 +79,7 @@ class Caller:
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
         nq = len(self.kane.told_names)
-        found = self._singly(told(self.kane, states))
+        found = self._singly(told(self.kane, states), self.progress)
         return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
 
     def __call__(self, states: States) -> Array:
@@ -121,9 +123,11 @@ class Caller:
             return None
         return value if value.shape == states.u.shape else None
 
-    def _singly(self, states: States) -> Array:
+    def _singly(self, states: States, progress: Progress = untold) -> Array:
         """One call a state: u̇ (n, B), or q̇ and u̇ (nq + n, B)."""
-        return np.stack([self._one(states, k) for k in range(len(states))], axis=1)
+        return np.stack(
+            [self._one(states, k) for k in counted(range(len(states)), progress)], axis=1
+        )
 
     def _one(self, states: States, k: int) -> Array:
         given_q, given_u = states.q[:, k].copy(), states.u[:, k].copy()

@@ -19,6 +19,7 @@ from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
+from deltac.progress import Progress
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory, read_trajectory
@@ -46,8 +47,6 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-Progress: TypeAlias = Callable[[float], None]
-
 LEAST_ROWS = 3
 """Rows that a run needs for a ledger."""
 

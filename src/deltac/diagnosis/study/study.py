@@ -24,7 +24,6 @@ from deltac.diagnosis.study.extrapolation import Extrapolation, extrapolated
 from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
-    Progress,
     Simulator,
     StudyRun,
     checked_steps,
@@ -40,6 +39,7 @@ from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
+from deltac.progress import Progress
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations, as_equations, explicit
 from deltac.simulation.flow import Keeping, stabilised

@@ -26,6 +26,7 @@ from deltac.kernels.parallel import check_cancelled, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
+from deltac.progress import Progress
 from deltac.simulation.arguments import check_request, count, positive
 from deltac.simulation.constraints.feasibility import check_members, constraint_start
 from deltac.simulation.ensemble.members import (
@@ -43,7 +44,6 @@ from deltac.simulation.ensemble.steps import LANES, Advance, Span
 from deltac.simulation.flow import Flow, build_flow
 from deltac.simulation.solvers import FixedStep, Solver
 from deltac.simulation.step_size.time_scales import check_start
-from deltac.simulation.stepping.protocol import Progress
 from deltac.trajectories import Provenance, Trajectory
 
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.interrupts import check_interrupted
+from deltac.progress import Progress
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.events.run import EventRun
 from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.protocol import (
     Motion,
-    Progress,
     Step,
     StepFailed,
     StepGrid,

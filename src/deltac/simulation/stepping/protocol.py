@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 
 from deltac.arrays import Array
-
-Progress: TypeAlias = Callable[[float], None]
-"""Told the fraction of a run that is done."""
 
 
 class StepFailed(Exception):

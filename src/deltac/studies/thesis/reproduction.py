@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import PurePath
-from typing import Any, TypeAlias
+from typing import Any
 
 from deltac.errors import InputError, UnknownName
+from deltac.progress import Progress
 from deltac.results import Record, Report, Section, Table, number
 from deltac.studies.thesis.experiments import (
     EVERYTHING,
@@ -20,9 +21,6 @@ from deltac.studies.thesis.experiments import (
 )
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
-
-Progress: TypeAlias = Callable[[float], None]
-"""Told the fraction that is done."""
 
 
 @dataclass(frozen=True)

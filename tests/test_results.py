@@ -175,7 +175,7 @@ def test_checks_and_audits_tell_how_far_they_are() -> None:
     problem = dc.problems.load("double-pendulum")
     told: list[float] = []
     dc.check_equations(problem, lambda t, q, u: -q, progress=told.append)
-    assert told == sorted(told) and told[0] == 0.0 and len(told) > 10
+    assert told == sorted(told) and told[0] == 0.0 and len(told) > 5
     run = replace(dc.simulate(problem, duration=0.5, step=0.01), udot=None, integrals={})
     other = replace(problem.mechanism, gravity=tuple(0.9 * x for x in problem.mechanism.gravity))
     told.clear()

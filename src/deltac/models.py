@@ -33,6 +33,9 @@ from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
+BASES = ("fixed", "free")
+"""What bears the root link of a URDF file: the ground, or a free joint."""
+
 IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
 NOT_IMPORTED = {
     ".xacro": "xacro is a language of macros; expand it: xacro {path} > {stem} (of ROS; or "
@@ -177,9 +180,10 @@ def load_model(source: ModelLike) -> Model:
     """The model that `source` means: the one door of all verbs, in Python and on the command line.
 
     Args:
-        source: a Mechanism; a Problem, or its name; the path of an ``.xml`` or ``.urdf`` file; a
-            mujoco.MjModel or MjSpec; a pair (Mechanism, State); or ``"file.py:function"``, a function without
-            parameters that returns any of these.
+        source: a Mechanism; a Problem, or its name; the path of an ``.xml``, ``.urdf`` or ``.sdf`` file
+            (``"robot.urdf:free"`` where its root link floats); a mujoco.MjModel or MjSpec; a pair
+            (Mechanism, State); or ``"file.py:function"``, a function without parameters that returns any of
+            these.
 
     Raises:
         InputError: there is no such model, or what the function returns is none.
@@ -251,6 +255,22 @@ def _pair(mechanism: Mechanism, second: Any) -> Model:
     )
 
 
+def with_base(source: str | Path) -> tuple[Path, str | None]:
+    """The file that ``FILE.urdf:free`` means, and how its root link is borne; None where that is not told.
+
+    Raises InputError for a base of files other than URDF, which say that themselves.
+    """
+    file, colon, base = str(source).rpartition(":")
+    path = Path(file)
+    if not (colon and path.suffix.lower() in IMPORTED and base in BASES):
+        return Path(source), None
+    if path.suffix.lower() != ".urdf":
+        raise ModelError(
+            f"model {source}: only URDF leaves open whether the base floats; leave out ':{base}'"
+        )
+    return path, base
+
+
 def _named(text: str) -> Model:
     problems = import_module("deltac.problems")
     file, colon, name = text.rpartition(":")
@@ -258,11 +278,11 @@ def _named(text: str) -> Model:
         return _made(_callable(Path(file), name), text)
     if text in problems.names():
         return load_model(problems.load(text))
-    path = Path(text)
+    path, base = with_base(text)
     if path.suffix.lower() in IMPORTED:
         if not path.is_file():
             raise FileError(f"model {text}: no such file")
-        return _imported(path)
+        return _imported(text if base else path)
     if path.suffix.lower() in NOT_IMPORTED:
         stem = path.stem if path.stem.endswith(".urdf") else f"{path.stem}.urdf"
         raise ModelError(

@@ -160,3 +160,57 @@ def test_unexpanded_macros(tmp_path: Path) -> None:
     with pytest.raises(dc.InputError, match="xacro robot.urdf > ") as refused:
         dc.read_mechanism(path)
     assert refused.value.code == "E-MODEL"
+
+
+FINGERS = """<sdf version='1.11'><model name='grip'><static>true</static>
+<link name='palm'/>{}</model></sdf>"""
+FINGER = """<link name='{0}'><inertial><mass>1</mass><pose>0.1 0 0 0 0 0</pose>
+<inertia><ixx>.01</ixx><iyy>.01</iyy><izz>.01</izz></inertia></inertial></link>
+<joint name='{0}_hinge' type='revolute'><parent>palm</parent><child>{0}</child>
+<axis><xyz>0 1 0</xyz>{1}</axis></joint>"""
+MIMIC = "<mimic joint='{}'><multiplier>-2</multiplier><offset>0.3</offset><reference>0.1</reference></mimic>"
+
+
+def test_mimic_joints(tmp_path: Path) -> None:
+    path = tmp_path / "grip.sdf"
+    path.write_text(
+        FINGERS.format(FINGER.format("l", "") + FINGER.format("r", MIMIC.format("l_hinge")))
+    )
+    loaded = dc.load_model(path)
+    start = loaded.start()  # at r = -2 (0 - 0.1) + 0.3
+    assert loaded.mechanism.coordinates.names == ("l_hinge", "r_hinge")
+    assert start.q == pytest.approx([0.0, 0.5])
+    run = dc.simulate(loaded, start, 0.5, 0.01)
+    left, right = run.coordinate("l_hinge"), run.coordinate("r_hinge")
+    assert right == pytest.approx(-2 * (left - 0.1) + 0.3, abs=1e-9)
+    assert np.ptp(left) > 0.1
+
+
+@pytest.mark.parametrize(
+    "fingers",
+    [
+        FINGER.format("l", "") + FINGER.format("r", MIMIC.format("x_hinge")),
+        FINGER.format("l", MIMIC.format("r_hinge")) + FINGER.format("r", MIMIC.format("l_hinge")),
+    ],
+)
+def test_mimic_joints_that_are_refused(fingers: str, tmp_path: Path) -> None:
+    path = tmp_path / "grip.sdf"
+    path.write_text(FINGERS.format(fingers))
+    with pytest.raises(dc.InputError) as refused:
+        dc.read_mechanism(path)
+    assert refused.value.code == "E-MODEL"
+
+
+def test_a_base_that_floats_is_told_with_the_path(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo reads URDF")
+    path = tmp_path / "box.urdf"
+    inertia = "<inertia ixx='.1' iyy='.1' izz='.1' ixy='0' ixz='0' iyz='0'/>"
+    link = f"<inertial><mass value='1'/>{inertia}</inertial>"
+    path.write_text(f"<robot name='box'><link name='box'>{link}</link></robot>")
+    assert "base.z" in dc.load_model(f"{path}:free").mechanism.coordinates.names
+    assert not dc.load_model(f"{path}:fixed").mechanism.coordinates.names
+    run = dc.run_mujoco(f"{path}:free", duration=0.1)
+    assert run.coordinate("base.z")[-1] < 0.0
+    with pytest.raises(dc.InputError) as refused:
+        dc.load_model(f"{tmp_path / 'box.sdf'}:free")
+    assert refused.value.code == "E-MODEL"

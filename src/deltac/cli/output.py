@@ -52,7 +52,9 @@ Format = Annotated[
 Model = Annotated[
     str,
     typer.Argument(
-        metavar="MODEL", help="A problem's name, an .xml, .urdf or .sdf file, or FILE.py:FUNCTION."
+        metavar="MODEL",
+        help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: its base floats), "
+        "or FILE.py:FUNCTION.",
     ),
 ]
 

@@ -34,6 +34,7 @@ from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
 from deltac.mechanism.state import State
+from deltac.models import BASES, with_base
 
 
 def require_mujoco() -> Any:
@@ -52,13 +53,14 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
 
     Last comes the URDF file, whose links and floating joints take the place of the model's.
 
-    `base` = "free" puts a free joint under the root link of a URDF file, which else stands still.
+    `base` = "free" puts a free joint under the root link of a URDF file, which else stands still; so does a
+    path ``FILE.urdf:free``.
 
     Raises InputError for a file that is missing or of an unknown kind, with MuJoCo's own words for one
     that it cannot compile, and for any other source.
     """
     mujoco = require_mujoco()
-    if base not in ("fixed", "free"):
+    if base not in BASES:
         raise InputError(f"base: expected 'fixed' or 'free', found {base!r}")
     if isinstance(source, mujoco.MjModel):
         return source, "an MjModel", [], None
@@ -69,7 +71,8 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
             f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
             "a mujoco.MjModel or a mujoco.MjSpec"
         )
-    path = Path(source)
+    path, told = with_base(source)
+    base = told or base
     if not path.is_file():
         raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
@@ -120,7 +123,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
             Remark(
                 "base",
                 "the root link stands on the ground",
-                "for a robot that moves about, read it with base='free'",
+                f"for a robot that moves about, write {path.name}:free, or base='free' in Python",
             )
         )
     return model, assumed, replace(urdf, refused=refused if placeholders else "")

@@ -2,13 +2,14 @@
 
 Read is one model, of a file of its own or the only one of a world: links with their inertias, joints of the
 kinds revolute, continuous, prismatic, ball, universal, screw and fixed with damping, spring and poses in
-any frame (SDFormat 1.4 to 1.11, http://sdformat.org/spec). The body frame is the link's. What does work and
-has no counterpart here (contact, limits, dry friction, plugins) is named in the report.
+any frame, joints that follow others (SDFormat 1.4 to 1.11, http://sdformat.org/spec). The body frame is the
+link's. What does work and has no counterpart here (contact, limits, dry friction, plugins) is named in the
+report.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,6 +24,7 @@ from deltac.importers.report import ImportReport, Remark
 from deltac.importers.urdf import axis_turn, check_depth
 from deltac.mechanism import joints
 from deltac.mechanism.bodies import Body, body
+from deltac.mechanism.constraints import Holonomic, gear
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
@@ -80,6 +82,7 @@ class _Reader:
         self.ignored: list[Remark] = []
         self.assumed: list[Remark] = []
         self.poses: dict[str, Pose] = {}
+        self.followers: dict[str, tuple[str, float, float]] = {}
 
     def named(self, tag: str) -> dict[str, Element]:
         """The elements of a kind by name."""
@@ -129,6 +132,7 @@ class _Reader:
         mechanism = Mechanism(
             [self.body(name, link) for name, link in self.links.items()],
             made,
+            constraints=list(self.mimics(made)),
             gravity=gravity,
             name=self.model.get("name") or self.file,
         )
@@ -287,9 +291,35 @@ class _Reader:
                 abs(self.number(limit, key, 1e16, where)) < 1e15 for key in ("lower", "upper")
             ):
                 self.ignored.append(_logged(name, "limits", f"limit {name}"))
-            if axis.find("mimic") is not None:
-                self.ignored.append(_logged(name, "mimic joint", f"constraint {name}"))
         return found
+
+    def mimics(self, made: Sequence[Joint]) -> Iterator[Holonomic]:
+        """Joints that follow others, q = multiplier (q_leader − reference) + offset, as exact constraints.
+
+        Those of joints with several axes go into the report.
+        """
+        single = {joint.name for joint in made if len(joint.speeds) == 1}
+        for name, joint in self.joints.items():
+            for axis in (*joint.findall("axis"), *joint.findall("axis2")):
+                mimic = axis.find("mimic")
+                if mimic is None:
+                    continue
+                leader = mimic.get("joint", "")
+                if leader not in self.joints or leader == name:
+                    raise ModelError(
+                        f"{self.file}: joint {name!r} follows {shown(leader)}, which is no other joint"
+                        f"{closest(leader, [n for n in self.joints if n != name])}"
+                    )
+                if name not in single or leader not in single:
+                    self.ignored.append(_logged(name, "mimic joint", f"constraint {name}"))
+                    continue
+                where = f"joint {name!r}: mimic"
+                ratio, offset, reference = (
+                    self.number(mimic, tag, default, where)
+                    for tag, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+                )
+                self.followers[name] = (leader, ratio, offset - ratio * reference)
+                yield gear(f"{name}_mimic", name, leader, ratio, offset - ratio * reference)
 
     def left_out(self) -> None:
         """What else does work: contacts and plugins."""
@@ -305,14 +335,25 @@ class _Reader:
             self.ignored.append(_logged(name, "plugin", "applied <plugin>"))
 
     def start(self, made: list[Joint]) -> dict[str, float]:
-        """The model's own pose: of links that float."""
+        """The model's own pose: of links that float, and of joints that follow others."""
         values: dict[str, float] = {}
         for joint in made:
             if joint.kind == "free":
                 R, p = self.world_pose(joint.name)
                 values |= {f"{joint.name}.{axis}": float(x) for axis, x in zip("xyz", p)}
                 values |= {f"{joint.name}.q{part}": x for part, x in zip("wxyz", _quaternion(R))}
+        for name in self.followers:
+            values[name] = self.following(name)
         return values
+
+    def following(self, name: str, seen: tuple[str, ...] = ()) -> float:
+        """The coordinate of a joint where those that it follows are at zero."""
+        if name in seen:
+            raise ModelError(f"{self.file}: joints {', '.join(seen)} follow each other")
+        if name not in self.followers:
+            return 0.0
+        leader, ratio, phase = self.followers[name]
+        return ratio * self.following(leader, (*seen, name)) + phase
 
     # -- poses ------------------------------------------------------------------------------------
 

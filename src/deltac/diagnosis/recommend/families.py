@@ -13,6 +13,7 @@ from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, 
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.models import with_base
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.simulate import Record, simulate
 from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
@@ -258,7 +259,7 @@ def _mujoco(
 
 def _runs_in_mujoco(source: Any) -> bool:
     if isinstance(source, str) or hasattr(source, "suffix"):
-        return str(source).lower().endswith((".xml", ".mjcf", ".urdf"))
+        return with_base(source)[0].suffix.lower() in (".xml", ".mjcf", ".urdf")
     return type(source).__module__.partition(".")[0] == "mujoco"
 
 

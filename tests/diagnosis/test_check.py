@@ -12,6 +12,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.problems.triple_pendulum_equations import HandEquations
+from tests.support.slow import repeated
 from tests.systems.hand_equations import (
     CASES,
     chaplygin_sleigh,
@@ -151,7 +152,7 @@ ROWS = {"J1": {1}, "J2": {2}, "J3": {3}, "k21": {1, 2}, "k31": {1, 3}, "k32": {2
         "g1": {1}, "g2": {2}, "g3": {3}, "c1": {1}, "c2": {1, 2}, "c3": {2, 3}}  # fmt: skip
 
 
-@pytest.mark.parametrize("factor", [1.0001, -1.0])
+@pytest.mark.parametrize("factor", repeated([1.0001, -1.0], 1.0001))
 @pytest.mark.parametrize("name", COEFFICIENTS)
 def test_every_coefficient_counts(name: str, factor: float) -> None:
     """One coefficient of the hand-written equations wrong: its rows are blamed, its terms named."""
@@ -265,6 +266,7 @@ def test_a_singular_map_is_no_excuse() -> None:
     assert found.example is not None and found.example.state["q.theta"] != 0.0
 
 
+@pytest.mark.slow
 def test_the_same_function_in_other_coordinates_is_noticed() -> None:
     found = check(HAND.free, coordinates="joint")
     assert found.verdict.kind == "equation-error"

@@ -11,6 +11,7 @@ import pytest
 
 import deltac as dc
 from deltac.problems.triple_pendulum_equations import HandEquations
+from tests.support.slow import repeated
 
 PENDULUM = dc.problems.load("triple-pendulum")
 HAND = HandEquations.of(PENDULUM.mechanism.parameters)
@@ -136,14 +137,14 @@ def _by_differences(step: float, hand: HandEquations = HAND) -> Callable[..., An
     return rhs
 
 
-@pytest.mark.parametrize("step", [1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+@pytest.mark.parametrize("step", repeated([1e-4, 1e-5, 1e-6, 1e-7, 1e-8], 1e-4, 1e-8))
 def test_derivatives_by_differences_are_not_called_a_mistake(step: float) -> None:
     """Their error is of the size of the step, or of rounding divided by it."""
     found = check(_by_differences(step))
     assert found.verdict.kind in ("unresolved", "consistent"), found.explain()
 
 
-@pytest.mark.parametrize("step", [1e-6, 1e-7, 1e-8])
+@pytest.mark.parametrize("step", repeated([1e-6, 1e-7, 1e-8], 1e-7))
 def test_mistakes_show_through_differences(step: float) -> None:
     wrong = _by_differences(step, replace(HAND, g2=1.01 * HAND.g2))
     assert check(wrong).verdict.kind == "equation-error"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from tests.support.slow import repeated
 
 CASES = [
     ("simple-pendulum", 1.6, 0.01, "ode5"),
@@ -16,9 +17,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "duration", "step", "solver"), CASES)
-def test_extrapolated_motions(name: str, duration: float, step: float, solver: str) -> None:
+@pytest.mark.parametrize("case", repeated(CASES, *CASES[:3]))
+def test_extrapolated_motions(case: tuple[str, float, float, str]) -> None:
     """A tenth of the finest run's error or less; smaller than a run of equal cost; the estimate holds."""
+    name, duration, step, solver = case
     problem = dc.problems.load(name)
     study = dc.study(problem, duration=duration, steps=[4 * step, 2 * step, step], solver=solver)
     found = study.extrapolate()

@@ -214,9 +214,7 @@ def error_of_the_kicked(run: dc.Trajectory) -> float:
     "solver",
     [
         "ode3",
-        "ode8",
-        "Radau",
-        "DOP853",
+        *(pytest.param(s, marks=pytest.mark.slow) for s in ("ode8", "Radau", "DOP853")),
         pytest.param("generalized-alpha", marks=pytest.mark.slow),
         pytest.param("implicit-midpoint", marks=pytest.mark.slow),
     ],

@@ -83,6 +83,7 @@ def test_what_is_not_a_number_has_its_line_and_state(target: Target) -> None:
     assert "inf" not in said
 
 
+@pytest.mark.slow
 def test_a_line_is_suspected_once_by_its_widest_expression(target: Target) -> None:
     # a formula that no single edit restores: the values it must have are known, how to write them is not
     found = repaired(target, "np.sin(a)", "np.tanh(np.exp(a) - a**4)")

@@ -98,7 +98,7 @@ def test_path_spec_and_model_are_the_same(tmp_path: Path) -> None:
 
 BAD = {
     "missing.xml": (None, "does not exist"),
-    "model.sdf": ("<sdf/>", r"expected \.xml"),
+    "model.scn": ("<sdf/>", r"expected \.xml"),
     "broken.xml": ("<mujoco><worldbody>", "MuJoCo cannot compile broken.xml"),
     "unknown.xml": ("<mujoco><oops/></mujoco>", "oops"),
     "broken.urdf": ("<robot name='r'><link", "MuJoCo cannot compile broken.urdf"),

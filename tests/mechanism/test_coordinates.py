@@ -34,7 +34,6 @@ def test_maps_of_speeds_alone() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"coordinates": ("a",)}, ["q=", "u="]),
         ({"q": {"hip": 1}}, ["name its own coordinates"]),
         ({"u": {"hip": 1}}, ["name its own speeds"]),
         ({"coordinates": "ab", "q": {"hip": "q.a"}}, ["sequence", "'ab'"]),

@@ -266,7 +266,7 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
 }
 
 
-SLOW = ("tumbling-box",)
+SLOW = ("tumbling-box", "stiff-governor", "spherical-pendulum")
 NAMES = [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in problems.names()]
 
 

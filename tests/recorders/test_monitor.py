@@ -12,6 +12,7 @@ import deltac as dc
 from deltac.errors import InputError, UnknownName
 from deltac.recorders import BoundExceeded, record_mujoco
 from tests.recorders import models
+from tests.support.slow import repeated
 
 PENDULUM = dc.Mechanism(
     bodies=[
@@ -230,7 +231,7 @@ def test_arguments_that_cannot_be() -> None:
 UNDAMPED = models.WALKER.replace('damping="0.5"', "")
 
 
-@pytest.mark.parametrize("integrator", ["euler", "implicitfast", "implicit"])
+@pytest.mark.parametrize("integrator", repeated(["euler", "implicitfast", "implicit"], "euler"))
 def test_held_forces_do_discrete_work(integrator: str) -> None:
     """With contact, limits and motors: the numbers are those of the recorder's log in the ledger."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")

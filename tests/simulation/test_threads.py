@@ -16,6 +16,7 @@ import pytest
 import deltac as dc
 from deltac import problems
 from deltac.simulation.solvers import SOLVERS
+from tests.support.slow import repeated
 
 THREADS, MEMBERS = 4, 8
 Run = Callable[[int], tuple[np.ndarray, ...]]
@@ -40,7 +41,20 @@ def columns(run: dc.Trajectory) -> tuple[np.ndarray, ...]:
     return (run.t, run.q, run.u, run.udot, *run.integrals.values(), *run.forces.values())
 
 
-@pytest.mark.parametrize("solver", [s for s in SOLVERS if s != "taylor-quad"])
+ONE_OF_A_FAMILY = (
+    "ode4",
+    "generalized-alpha",
+    "discrete-gradient",
+    "DOP853",
+    "Radau",
+    "IDAS",
+    "taylor",
+)
+
+
+@pytest.mark.parametrize(
+    "solver", repeated([s for s in SOLVERS if s != "taylor-quad"], *ONE_OF_A_FAMILY)
+)
 @pytest.mark.parametrize("name", ["double-pendulum", "n-four-bar"])
 def test_a_solver_in_threads(name: str, solver: str) -> None:
     if name == "n-four-bar" and solver == "taylor":

@@ -235,7 +235,7 @@ def line_of(text: str, place: Sequence[int | str]) -> int:
     Python's parser tells no positions. But statements end with their line, so a text that is cut between
     two of them is TOML too, and the statement looked for ends at the first such cut that has the place.
 
-    >>> line_of("a = 1\\n[b]\\nc = [\\n  1,\\n  2,\\n]\\nd = 3\\n", ("b", "c", 1))
+    >>> line_of("a = 1\n[b]\nc = [\n  1,\n  2,\n]\nd = 3\n", ("b", "c", 1))
     3
     """
     lines = text.splitlines(keepends=True)

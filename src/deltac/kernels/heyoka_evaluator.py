@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
+from itertools import count
 from typing import Any
 
 import heyoka as hy
@@ -11,6 +14,18 @@ from deltac.interrupts import waiting
 from deltac.kernels.cache import compiled, prepare_heyoka
 from deltac.kernels.lowering import to_heyoka
 from deltac.kernels.simd import simd_width
+
+TRIM = 100
+"""Kernels between two times that freed memory is given back: LLVM leaves it in many small pieces."""
+
+_made = count(1)
+
+
+def _give_back() -> None:
+    """To the operating system, where the C library is glibc; others do it by themselves."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 class HeyokaEvaluator:
@@ -35,6 +50,8 @@ class HeyokaEvaluator:
         variables = [hy.expression(f"x{i}") for i in range(function.nnz_in(0))]
         parameters = [hy.par[i] for i in range(function.nnz_in(1))]
         (outputs,) = to_heyoka(function, [variables, parameters], inline)
+        if next(_made) % TRIM == 0:
+            _give_back()
         return hy.cfunc(
             outputs,
             vars=variables,

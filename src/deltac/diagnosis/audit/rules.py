@@ -132,6 +132,10 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         )
     equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
+    impacts = next((f for f in findings if f.kind == "impacts"), None)
+    if causes == {"missing-contact"} and impacts is not None:
+        # What the log does not hold the model has: they do not contradict each other.
+        return verdict("unresolved", "high", balance, f"{impacts}")
     if causes == {"constraint-drift"}:
         return verdict("integration-error", "medium", balance, *equations, _smaller_step(measures))
     if causes:
@@ -204,7 +208,6 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             "--logs FINE"
         )
         return verdict("unresolved", "medium", balance, *equations, wanted)
-    impacts = next((f for f in findings if f.kind == "impacts"), None)
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
     if any(f.kind == "forces-not-of-this-row" for f in findings):

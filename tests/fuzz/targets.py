@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,8 @@ from deltac.mechanism.laws import as_law
 from deltac.repair.tracing.interpreter import branches
 from deltac.repair.tracing.source import Source
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
+from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.files import draft_mapping, explain
 from deltac.trajectories.formats.mapping import read_mapping
 from deltac.trajectories.formats.mat5 import variables
 from deltac.trajectories.formats.raw import parse_header
@@ -27,6 +30,7 @@ from deltac.trajectories.formats.schema import from_columns
 from deltac.trajectories.formats.units import unit
 from deltac.trajectories.occurrences import Occurrence
 
+NATURAL = Path(__file__).parents[1] / "natural_logs" / "logs"
 FOLDER = Path(
     tempfile.mkdtemp(prefix="deltac-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
 )
@@ -64,6 +68,33 @@ def _file(suffix: str) -> Callable[[bytes], None]:
         read_trajectory(path)
 
     return read
+
+
+NAMES = MechanismNames({"shoulder": "rad", "elbow": "rad"}, {"shoulder": "rad/s", "elbow": "rad/s"})
+"""Of the model that logs of other programs are of."""
+
+
+def _foreign(suffix: str) -> Callable[[bytes], None]:
+    """A log of another program: recognised, explained, and a mapping drafted for it."""
+    path = FOLDER / f"foreign{os.getpid()}{suffix}"
+
+    def read(data: bytes) -> None:
+        path.write_bytes(data)
+        explain(path, mechanism_names=NAMES)
+        with contextlib.suppress(InputError):  # a log of deltac's own needs no draft
+            draft_mapping(path, NAMES)
+        read_trajectory(path, mechanism_names=NAMES)
+
+    return read
+
+
+def _bag(data: bytes) -> None:
+    """A folder of ROS 2, whose database is mutated."""
+    folder = FOLDER / f"bag{os.getpid()}"
+    if not folder.is_dir():
+        shutil.copytree(NATURAL / "bag_sqlite", folder)
+    next(folder.glob("*.db3")).write_bytes(data)
+    read_trajectory(folder, mechanism_names=NAMES)
 
 
 def _metadata(data: bytes) -> None:
@@ -141,6 +172,13 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "npz": _file(".npz"),
     "mat": _mat,
     "h5": _file(".h5"),
+    "txt": _foreign(".txt"),
+    "tsv": _foreign(".tsv"),
+    "json": _foreign(".json"),
+    "jsonl": _foreign(".jsonl"),
+    "mcap": _foreign(".mcap"),
+    "bag": _foreign(".bag"),
+    "ros2": _bag,
     "mapping": _mapping,
     "urdf": _urdf,
     "source": _source,
@@ -213,6 +251,30 @@ def corpus(name: str) -> list[bytes]:
             return made
         case "sto":
             return [STO, b"endheader\ntime ta ta_u\n0 1 2\n1 2 3\n"]
+        case "txt" | "tsv":
+            told = [
+                _lines(NATURAL / n)
+                for n in ("labview.txt", "scipy_odeint.txt", "exudyn_sensors.txt")
+            ]
+            own = b"time\tshoulder [deg]\telbow (deg)\tshoulder_vel\telbow_vel\n"
+            own += b"0\t1\t2\t3\t4\n0.1\t1\t2\t3\t4\n0.2\t1\t2\t3\t4\n"
+            return [own, own.replace(b"\t", b";").replace(b".", b","), *told]
+        case "json":
+            columns = {"t": T.tolist(), "qpos": [[x, -x] for x in T], "qvel": [[1, 2]] * len(T)}
+            return [
+                json.dumps(columns).encode(),
+                json.dumps({"a": {"b": [columns, {"c": 1}]}}).encode(),
+            ]
+        case "jsonl":
+            rows = [
+                {"time": t, "shoulder": t, "elbow": 2 * t, "vel": {"shoulder": 1, "elbow": 2}}
+                for t in T
+            ]
+            return ["\n".join(map(json.dumps, rows)).encode(), _lines(NATURAL / "records.jsonl")]
+        case "mcap" | "bag":
+            return [(NATURAL / {"mcap": "joint_states.mcap", "bag": "ros1.bag"}[name]).read_bytes()]
+        case "ros2":
+            return [next((NATURAL / "bag_sqlite").glob("*.db3")).read_bytes()]
         case "mapping":
             return [MAPPING, b'[coordinates]\na = "b"\n']
         case "urdf":
@@ -246,6 +308,11 @@ def _written(run: Trajectory, suffix: str) -> bytes:
     path = FOLDER / f"made{suffix}"
     run.write(path)
     return path.read_bytes()
+
+
+def _lines(path: Path) -> bytes:
+    """The first lines of a text."""
+    return b"".join(path.read_bytes().splitlines(keepends=True)[:12])
 
 
 def _matlab() -> list[bytes]:

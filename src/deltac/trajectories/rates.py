@@ -99,7 +99,16 @@ def _rate(t: FloatArray, values: FloatArray) -> FloatArray:
         return np.zeros_like(values)
     degree = min(5, len(t) - 1)
     degree -= 1 - degree % 2
-    rates: FloatArray = make_interp_spline(t, values, k=degree).derivative()(t)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            rates: FloatArray = make_interp_spline(t, values, k=degree).derivative()(t)
+    except np.linalg.LinAlgError:
+        rates = np.full_like(values, np.nan)
+    if not np.isfinite(rates).all():
+        raise LogError(
+            "rates cannot be derived: values or gaps between rows differ by too many powers of ten; "
+            "look for a wrong number, or log the rates"
+        )
     return rates
 
 

@@ -72,6 +72,10 @@ class Budget:
             self._asked = self.taken + 2**24
 
 
+LONGEST = 500
+"""Characters of what a library says of a damaged file."""
+
+
 @contextmanager
 def damage_named(what: str) -> Iterator[None]:
     """Turn whatever a library stumbles over in a file of the kind `what` into an InputError."""
@@ -83,7 +87,8 @@ def damage_named(what: str) -> Iterator[None]:
         raise LimitError(f"the {what} file does not fit into memory; take a part of it") from error
     except Exception as error:
         raise FileError(
-            f"the {what} file is damaged, truncated, or no {what} file; write it again. {error}"
+            f"the {what} file is damaged, truncated, or no {what} file; write it again. "
+            f"{str(error)[:LONGEST]}"
         ) from error
 
 

@@ -9,7 +9,9 @@ Other types are skipped by name. Nothing of a bag is run: definitions of message
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +43,8 @@ def is_bag_folder(path: Path) -> bool:
 
 def read_bag(path: Path) -> RawLog:
     """The joint states of a bag: a .mcap or .bag file, or a folder of ROS 2."""
-    with damage_named("bag"):
+    # Readers print what they stumble over; a command's standard output is its own.
+    with damage_named("bag"), redirect_stdout(io.StringIO()):
         messages = _of_mcap(path) if path.suffix.lower() == ".mcap" else _of_rosbags(path)
         return _log(messages, _size(path))
 

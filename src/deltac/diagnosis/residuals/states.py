@@ -363,7 +363,8 @@ def admissible(
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
     regular = _regular(terms.M)
-    if not regular.any() and (error := singular_inertia(kane.mechanism, terms.M)):
+    # One state alone, such as zero, may be singular where the others are not.
+    if len(t) > 1 and not regular.any() and (error := singular_inertia(kane.mechanism, terms.M)):
         raise error
     good &= regular
     good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)

@@ -78,7 +78,10 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
         M_near, G_near, phi_near = at(near)
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < 1e-9:
-            there, _ = _independent(M_near, G_near)
+            try:
+                there, _ = _independent(M_near, G_near)
+            except np.linalg.LinAlgError:
+                continue  # without inertia, to rounding: it tells nothing of the rank
             chosen = there if len(there) > len(chosen) else chosen
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
     singular = len(chosen) > len(here)

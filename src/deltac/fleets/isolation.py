@@ -123,7 +123,7 @@ class _Worker:
             [sys.executable, "-m", "deltac.fleets.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**threads, **os.environ, "PYTHONPATH": path},
+            env={**threads, **os.environ, "DELTAC_THREADS": "1", "PYTHONPATH": path},
             start_new_session=True,
         )
         self.ended = False

@@ -1,7 +1,7 @@
 """`python benchmarks/many_mechanisms.py COUNT`: one process that simulates many different mechanisms.
 
-Chains of one to four bodies with random joints, masses and lengths, each with its own compiled kernels; one of five
-has its balance taken, one of fifty is audited. Printed are the resident memory of the process and the
+Chains of one to four bodies with random joints, masses and lengths, each with its own compiled kernels; one
+of five has its balance taken, one of fifty is audited. Printed are the resident memory of the process and the
 CPU time a mechanism, after each hundredth; the disk cache is off, so that everything is compiled.
 """
 

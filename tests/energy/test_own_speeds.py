@@ -233,8 +233,9 @@ def test_rolling_disc_in_the_speeds_of_textbooks() -> None:
         {"yaw": 0.5, "lean": 0.1, "spin": 8.0},
     ).state
     by_hand = dc.Equations(published_disc, KANE)
-    run = dc.simulate(disc, start, 0.5, 1e-3, "ode4", FUNCTIONS, by_hand, coordinates=KANE)
-    own = dc.simulate(disc, start, 0.5, 1e-3, "ode4", FUNCTIONS, coordinates=KANE)
+    record = dc.Record(FUNCTIONS, coordinates=KANE)
+    run = dc.simulate(disc, start, 0.5, 1e-3, "ode4", record, by_hand)
+    own = dc.simulate(disc, start, 0.5, 1e-3, "ode4", record)
     # At states of a run: upside down, the disc touches the road with its other side.
     check = dc.check_equations(disc, published_disc, coordinates=KANE, states=own)
     assert check.verdict.kind == "consistent"

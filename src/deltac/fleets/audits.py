@@ -16,13 +16,13 @@ from deltac.files import read_text
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
-from deltac.fleets.isolation import Failure
 from deltac.fleets.result import Fleet
 from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.fleets.verdicts import AuditTask, verdicts
 from deltac.interrupts import interruptible
+from deltac.isolation import Failure
 from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories.formats.files import FORMATS
 from deltac.trajectories.formats.mapping import as_mapping

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from deltac.errors import ArgumentsError, ProcessLost
 from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
-from deltac.fleets.isolation import Failure
 from deltac.fleets.result import Fleet, summarise
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import RESULTS, Store
+from deltac.isolation import Failure
 
 
 def run_fleet(

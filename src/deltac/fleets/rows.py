@@ -6,7 +6,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from deltac.fleets.isolation import Failure
+from deltac.isolation import Failure
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""

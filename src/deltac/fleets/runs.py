@@ -13,8 +13,8 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.fleets.isolation import Failure
 from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.isolation import Failure
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 

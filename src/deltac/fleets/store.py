@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac.errors import FileError, InputError
 from deltac.files import appearing, read_bytes, remove_abandoned
-from deltac.fleets.isolation import Failure
+from deltac.isolation import Failure
 from deltac.limits import parse_json
 
 try:

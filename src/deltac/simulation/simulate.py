@@ -53,12 +53,7 @@ from deltac.simulation.solvers import (
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
-from deltac.simulation.stepping.explicit import (
-    INSTRUCTIONS_PER_CALL,
-    LONG_RUN,
-    FixedMethod,
-    FixedSteps,
-)
+from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate, numeric_masks
 from deltac.simulation.stepping.loop import Loop
@@ -183,7 +178,6 @@ def simulate(
         vary,
         rows,
         kept,
-        steps,
         watching=watching,
         switches=options.switches,
     )
@@ -282,7 +276,6 @@ def _compiled(
     vary: Sequence[str],
     rows: tuple[int, ...],
     constraints: Keeping,
-    steps: int,
     *,
     watching: bool,
     switches: bool,
@@ -301,7 +294,6 @@ def _compiled(
         tuple(vary),
         rows,
         constraints,
-        steps >= LONG_RUN,
         watching,
         switches,
     )
@@ -313,9 +305,7 @@ def _compiled(
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
-            # Steps with events are looked at one by one.
-            long = steps >= LONG_RUN and not watching
-            method = FixedMethod(moving, solver, INSTRUCTIONS_PER_CALL if long else 0)
+            method = FixedMethod(moving, solver)
         elif solver.family == "implicit":
             method = ImplicitMethod(moving, solver)
         elif solver.family == "adaptive":

@@ -21,12 +21,13 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows, constraint_rows
-from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 

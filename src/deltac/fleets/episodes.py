@@ -93,25 +93,11 @@ def episode_names(source: str) -> list[str] | None:
     return None
 
 
-def _parquet_column(path: Path) -> str | None:
-    """The column of a Parquet file that numbers its episodes."""
-    import polars
-
-    from deltac.trajectories.formats.parquet import parquet_header
-
-    parquet_header(path)
-    schema = polars.read_parquet_schema(path)
-    return next((name for name in COLUMNS if name in schema), None)
-
-
 def _parquet_episodes(path: Path) -> list[str] | None:
-    import polars
+    from deltac.trajectories.formats.parquet import read_parquet_groups
 
-    name = _parquet_column(path)
-    if name is None:
-        return None
-    column = polars.read_parquet(path, columns=[name], glob=False)[name]
-    return [str(value) for value in column.unique(maintain_order=True)]
+    found = read_parquet_groups(path, COLUMNS, None)
+    return None if found is None else list(found)
 
 
 def read_episodes(
@@ -166,17 +152,9 @@ def read_episode(
 def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLog]]:
     suffix = path.suffix.lower()
     if suffix == ".parquet":
-        import polars
+        from deltac.trajectories.formats.parquet import read_parquet_groups
 
-        from deltac.trajectories.formats.delimited import raw_log
-        from deltac.trajectories.formats.parquet import damaged
-
-        column = _parquet_column(path) or COLUMNS[0]
-        with damaged():
-            texts = polars.col(column).cast(polars.String)
-            frame = polars.scan_parquet(path, glob=False).filter(texts.is_in(list(names))).collect()
-        for part in frame.partition_by(column, maintain_order=True):
-            yield str(part[column][0]), raw_log(part.drop(column), None)
+        yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return
     arrays = _arrays(path) if suffix in (".npz", ".h5", ".hdf5") else None
     if arrays is None:

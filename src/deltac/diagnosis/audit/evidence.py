@@ -8,7 +8,6 @@ each other by a known integrator has right equations, whatever else its columns 
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -34,7 +33,7 @@ from deltac.diagnosis.residuals.one_step import EXPLICIT, UNEVEN, OneStep, one_s
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Parts, Progress, untold
+from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
@@ -45,8 +44,8 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
-SECONDS = 12.0
-"""Time that the search for causes may take."""
+FIRST = 0.4
+"""Share of the time left that a search for causes may take before others get theirs."""
 
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
@@ -86,12 +85,13 @@ def gather(
     known: list[Finding],
     *,
     measured: bool,
+    deadline: Deadline,
     progress: Progress = untold,
 ) -> Evidence:
     """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
 
     A log that is doubted explains nothing: its residual is shown, and no cause is sought. `progress` is told
-    how far the search for causes has come.
+    how far the search for causes has come; it ends with what it has when the `deadline` has passed.
     """
     if not len(mechanism.free.u):
         return Evidence(log, None, None, ())
@@ -112,7 +112,9 @@ def gather(
         terms, more = _believed(mechanism, log, step, given=given)
         found += more
     if terms is not None:
-        told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted, progress)
+        told = _of_samples(
+            mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
+        )
         stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
         if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
             log, finding = _forces_put_right(mechanism, log, work)
@@ -122,7 +124,7 @@ def gather(
             told = []
             if terms is not None:
                 told = _of_samples(
-                    mechanism, log, terms, tolerance, import_report, doubted, progress
+                    mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
                 )
         if any(f.kind == "forces-not-of-this-row" for f in told):
             terms = None
@@ -131,12 +133,11 @@ def gather(
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
         parts = Parts(progress, {"one cause": 0.5, "several": 0.5})
-        until = time.monotonic() + SECONDS
         local = _now_and_then(log, step)
         pair = None
         if not local:
             pair = known_but_for_one(
-                mechanism, log.consecutive, step, until, parts.part("one cause")
+                mechanism, log.consecutive, step, deadline.part(FIRST), parts.part("one cause")
             )
         if local:
             found += local
@@ -144,8 +145,8 @@ def gather(
             step, causes = pair
             found += _weighed(causes, step, tolerance)
         else:
-            found += _of_steps(mechanism, log, step, tolerance, parts.part("several"))
-    return Evidence(log, terms, step, tuple(_of_the_log(found)))
+            found += _of_steps(mechanism, log, step, tolerance, deadline, parts.part("several"))
+    return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
 def _of_the_log(found: list[Finding]) -> list[Finding]:
@@ -154,6 +155,22 @@ def _of_the_log(found: list[Finding]) -> list[Finding]:
     if not causes or any(f.kind != "actuator-delay" for f in causes):
         return found
     return [replace(f, weight="doubt") if f in causes else f for f in found]
+
+
+def _left_out(deadline: Deadline) -> list[Finding]:
+    """What was not looked at, since time was up."""
+    if not deadline.left_out:
+        return []
+    return [
+        Finding(
+            "search-ended",
+            "the search for causes ended when its time was up",
+            f"not tried: {'; '.join(deadline.left_out)}",
+            "The causes named are those found until then. A shorter log, or a part of the model, is searched "
+            "faster; `deltac explain` searches without end",
+            "note",
+        )
+    ]
 
 
 def _interpolated() -> Finding:
@@ -281,6 +298,7 @@ def _of_samples(
     tolerance: float,
     import_report: ImportReport | None,
     doubted: bool,
+    deadline: Deadline,
     progress: Progress,
 ) -> list[Finding]:
     """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
@@ -300,7 +318,13 @@ def _of_samples(
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
     if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, progress, now_and_then=bool(now_and_then))
+        simple = _explained(
+            mechanism,
+            log.consecutive,
+            deadline.part(FIRST),
+            progress,
+            now_and_then=bool(now_and_then),
+        )
         if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
             simple = [replace(f, weight="note") for f in simple]  # real, but small
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
@@ -308,7 +332,12 @@ def _of_samples(
 
 
 def _explained(
-    mechanism: Mechanism, run: Trajectory, progress: Progress, *, now_and_then: bool
+    mechanism: Mechanism,
+    run: Trajectory,
+    deadline: Deadline,
+    progress: Progress,
+    *,
+    now_and_then: bool,
 ) -> list[Finding]:
     """The few causes that explain the residual of consecutive samples; none where these are too few.
 
@@ -318,9 +347,8 @@ def _explained(
         return []
     least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-        until = time.monotonic() + SECONDS
         told = explanation(
-            mechanism, run, "samples", least, most=most, until=until, progress=progress
+            mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
         )
         return list(told.findings)
     return []
@@ -341,7 +369,12 @@ def _differing(
 
 
 def _of_steps(
-    mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, progress: Progress
+    mechanism: Mechanism,
+    log: Log,
+    step: OneStep,
+    tolerance: float,
+    deadline: Deadline,
+    progress: Progress,
 ) -> list[Finding]:
     """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
     local = step.now_and_then
@@ -349,12 +382,17 @@ def _of_steps(
     if not step.significant.any():
         return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
     simple: list[Finding] = []
-    if len(log.consecutive) >= LEAST_ROWS:
+    enough = len(log.consecutive) >= LEAST_ROWS
+    if enough and not deadline.passed("several causes together"):
         excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
-        until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
             told = explanation(
-                mechanism, log.consecutive, "weak", excused=excused, until=until, progress=progress
+                mechanism,
+                log.consecutive,
+                "weak",
+                excused=excused,
+                deadline=deadline,
+                progress=progress,
             )
             simple = _weighed(told.findings, step, tolerance)
     if simple:

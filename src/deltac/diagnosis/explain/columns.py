@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
-import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
+from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
 
 What = Literal[
@@ -232,9 +232,5 @@ def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
 def evaluate(function: ca.Function, samples: Sequence[Array], speeds: int) -> list[Array]:
     """Each output of a function of samples as (T, n, 1 + P)."""
     count = len(samples[0])
-    found = function.map(count).call([ca.DM(np.atleast_2d(x.T)) for x in samples])
-    made = []
-    for output in found:
-        values = np.array(output)
-        made.append(values.reshape(speeds, count, -1).transpose(1, 0, 2))
-    return made
+    found = at_rows(function, samples)
+    return [values.reshape(count, -1, speeds).transpose(0, 2, 1) for values in found]

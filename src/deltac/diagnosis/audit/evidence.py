@@ -20,6 +20,7 @@ from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
+from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import (
@@ -52,6 +53,9 @@ AGREE = 4.0
 
 BESIDE = 2.0
 """How many error bars of the one-step test it must be besides."""
+
+REPRODUCED = 0.5
+"""Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
 SHORT = 0.5
 """Share of the windows up to which a residual is one of now and then."""
@@ -139,6 +143,9 @@ def gather(
             pair = known_but_for_one(
                 mechanism, log.consecutive, step, deadline.part(FIRST), parts.part("one cause")
             )
+        found = [
+            f for f in found if f.kind != "not-reproducible"
+        ]  # of the samples: the steps say more
         if local:
             found += local
         elif pair is not None:
@@ -317,18 +324,23 @@ def _of_samples(
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
+    unknown: list[Finding] = []
     if terms.significant.any():
-        simple = _explained(
+        told = _explained(
             mechanism,
             log.consecutive,
             deadline.part(FIRST),
             progress,
             now_and_then=bool(now_and_then),
         )
-        if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
-            simple = [replace(f, weight="note") for f in simple]  # real, but small
+        simple = list(told.findings) if told else []
+        if not trusted(log.run):
+            if terms.relative[terms.significant].max() <= tolerance:
+                simple = [replace(f, weight="note") for f in simple]  # real, but small
+            unknown = _unknown(told)
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
-    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
+    known = certain or simple or now_and_then or possible
+    return found + (known or unknown) + checks.blame(terms)
 
 
 def _explained(
@@ -338,20 +350,19 @@ def _explained(
     progress: Progress,
     *,
     now_and_then: bool,
-) -> list[Finding]:
-    """The few causes that explain the residual of consecutive samples; none where these are too few.
+) -> Explanation | None:
+    """The few causes that explain the residual of consecutive samples; None where these are too few.
 
     What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
     """
     if len(run) < LEAST_ROWS:
-        return []
+        return None
     least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-        told = explanation(
+        return explanation(
             mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
         )
-        return list(told.findings)
-    return []
+    return None
 
 
 def _differing(
@@ -381,7 +392,7 @@ def _of_steps(
     share = float(local.mean()) if len(local) else 0.0
     if not step.significant.any():
         return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
-    simple: list[Finding] = []
+    told: Explanation | None = None
     enough = len(log.consecutive) >= LEAST_ROWS
     if enough and not deadline.passed("several causes together"):
         excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
@@ -394,10 +405,11 @@ def _of_steps(
                 deadline=deadline,
                 progress=progress,
             )
-            simple = _weighed(told.findings, step, tolerance)
-    if simple:
-        return simple
-    return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+    if told is not None and told.findings:
+        return _weighed(told.findings, step, tolerance)
+    if local.sum() >= FEWEST and share <= SHORT:
+        return _missing(step, share)
+    return _unknown(told)
 
 
 def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
@@ -420,6 +432,22 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
+
+
+def _unknown(told: Explanation | None) -> list[Finding]:
+    """Whether what no known cause explains is like a mistake: it does the same in all parts of a log."""
+    predicted = told.predicted if told is not None else 0.0
+    if predicted >= REPRODUCED:
+        return []
+    return [
+        Finding(
+            "not-reproducible",
+            "what the equations leave in one part of the log does not tell what they leave in another",
+            f"three quarters of the log predict {percent(predicted)} of what the rest leaves, by all terms "
+            "that the equations may have",
+            "Look for noise, filters, delays and forces that the log does not hold, and log without them",
+        )
+    ]
 
 
 def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list[Finding]:

@@ -173,12 +173,11 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
     for row, place in enumerate(s.free_u):
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
-        force: dict[What, SX] = {"damper": -s.u[row]}
+        force: dict[What, SX] = {"damper": -s.u[row], "friction": -ca.sign(s.u[row])}
         if KINDS[joint.kind].rates:
             first = mechanism.coordinates.of(joint.name).start
             q = s.q_all[first + place - mechanism.speeds.of(joint.name).start]
             force |= {
-                "friction": -ca.sign(s.u[row]),
                 "spring": -q,
                 "constant": ca.SX(1),
                 "armature": -s.udot[row],

@@ -194,6 +194,8 @@ class Explanation(Report, also=("sentence",)):
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
+        predicted: share of an unexplained residual that a part of the log predicts of the rest, by all known
+            terms together; 1 where causes explain it, 0 where there is nothing.
         notes: what the log's forces hide: channels that the model does not have.
     """
 
@@ -207,6 +209,7 @@ class Explanation(Report, also=("sentence",)):
     residual: float
     noise: float
     samples: int
+    predicted: float
     notes: tuple[str, ...] = ()
 
     @property

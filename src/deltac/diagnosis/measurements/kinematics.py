@@ -154,8 +154,9 @@ def compare(
         second = np.diff(x, 2)
         curved = 0.5 * h * (np.append(second, second[-1]) + np.insert(second, 0, second[0]))
         spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
-        parts.append((np.arange(a, b - 1), fine, trapezoid, h * np.diff(x), curved, spread))
-    start, fine, trapezoid, L, C, S = (np.concatenate(x) for x in zip(*parts))
+        bias = fine - coarse
+        parts.append((np.arange(a, b - 1), fine, trapezoid, h * np.diff(x), curved, spread, bias))
+    start, fine, trapezoid, L, C, S, B = (np.concatenate(x) for x in zip(*parts))
     D, noise = moved[start], bar[start]
     if not _size(fine) > 0.0 or not _size(D) > 0.0:
         return None
@@ -177,7 +178,7 @@ def compare(
     c = min(QUADRATURE, 4.0 * scatter / size) if size > 0.0 else QUADRATURE
     if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
         c = QUADRATURE + PROJECTION
-    systematic = c * _size(C) / _size(I)
+    systematic = c * _size(C) / _size(I) + abs(float(B @ fine)) / float(fine @ fine)
     steady = _steady(I[keep], (D - late * L)[keep], r)
     most = QUADRATURE + PROJECTION * projected
     by_scheme = float(C[keep] @ left[keep]) / max(float(C[keep] @ C[keep]), 1e-300)
@@ -396,7 +397,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     if derived or len(run) < LEAST_ROWS:
         return Cleaned(run, (), {})
     found: list[Finding] = []
-    for step in (_without_copies, _unwrapped):
+    for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         found += more
     comparisons = coordinates_against_speeds(mechanism, run)
@@ -488,6 +489,37 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
         "note" if len(copies) <= 0.34 * len(run) else "doubt",
     )
     return _rows(run, keep), [finding]
+
+
+def _at_the_pace_of_the_slower(
+    mechanism: Mechanism, run: Trajectory
+) -> tuple[Trajectory, list[Finding]]:
+    """Rows in which coordinates or speeds are new, where a slower sensor repeats them for some rows."""
+    q, u = (np.diff(x, axis=0) for x in (run.q[:, mechanism.free.q], run.u[:, mechanism.free.u]))
+    if not (q.shape[1] and u.shape[1]) or run.integrals or run.events:
+        return run, []
+    old = {"coordinates": np.all(q == 0.0, axis=1), "speeds": np.all(u == 0.0, axis=1)}
+    for (what, repeated), other in zip(old.items(), reversed(old.values())):
+        new = np.append(0, np.flatnonzero(~repeated) + 1)
+        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:
+            continue
+        pace = np.diff(new)
+        every = int(np.median(pace))
+        if every < 2 or np.mean(pace == every) < 1.0 - FEW:
+            continue
+        keep = np.zeros(len(run), dtype=np.bool_)
+        keep[new] = True
+        keep[: int(new[1] if new[1] < every else 0)] = (
+            False  # of which it is not known how old they are
+        )
+        finding = Finding(
+            "held-columns",
+            f"the {what} are those of a slower clock: they are repeated for {every} rows while others go on",
+            f"{int(keep.sum())} of {len(run)} rows hold new ones",
+            "The others were left out. Log all columns of a row at one instant",
+        )
+        return _rows(run, keep), [finding]
+    return run, []
 
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:

@@ -59,6 +59,9 @@ CLOSED = 1e-8
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
+ALIKE = 1e-12
+"""Share of the accelerations up to which the relations of two methods are the same."""
+
 DISTINCT = 10.0
 """How much better than all others a scheme must close to be named."""
 
@@ -94,6 +97,9 @@ RESTING, SHARE_RESTING = 40, 0.2
 
 NEARBY = (-3, -2, -1, 1, 2, 3)
 """Rows whose force may have acted in place of a row's own, where forces are held."""
+
+STARTING = 5
+"""Steps in which a method of several steps may start in another way."""
 
 FEWEST = 3
 """Windows that must stand out to speak of a force that is missing now and then."""
@@ -519,10 +525,14 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
-        offer(
-            "implicit-midpoint@smooth",
-            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
-        )
+        for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
+            offer(
+                "implicit-midpoint@smooth",
+                model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
+            )
+        # Newmark's method carries its acceleration over, with the force of the step before.
+        before = model.acceleration(t0, q0, u0, whole.F[k - 1])
+        offer("trapezoidal", 0.5 * (before + model.acceleration(t1, q1, u1, F0)))
         offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
         for name in TABLEAUS:
             offer(
@@ -536,6 +546,32 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             if held:
                 offer(f"{name}{ON_THE_GROUP}@smooth", turned(smooth))
     offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
+    even = np.ptp(whole.h) < 1e-6 * float(whole.h.min())
+    return found + (_two_step_relations(model, whole, k) if even else [])
+
+
+SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""ρ∞ of the generalized-α methods that are tried: those that people choose."""
+
+
+def _two_step_relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]:
+    """Adams–Bashforth and generalized-α, D[n] + x D[n−1] = y₀ a[n−1] + y₁ a[n] + y₂ a[n+1], over one step."""
+    rows = [
+        Rows(whole.t[k + j], whole.q[k + j], whole.u[k + j], whole.F[k + j]) for j in (-1, 0, 1)
+    ]
+    a = [model.acceleration(r.t, r.q, r.u, r.F) for r in rows]
+    D, last = whole.D[k], whole.D[k - 1]
+    methods = [("adams-bashforth-2", 0.0, -0.5, 0.0)]
+    for rho in SPECTRAL_RADII:
+        am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        gamma = 0.5 + af - am
+        scale = 1.0 / (1.0 - am)
+        y0, y2 = (1.0 - gamma) * af * scale, gamma * (1.0 - af) * scale
+        methods.append(("generalized-alpha", am * scale, y0, y2))
+    found = []
+    for name, x, y0, y2 in methods:
+        made = y0 * a[0] + (1.0 + x - y0 - y2) * a[1] + y2 * a[2]
+        found.append(Relation(name, "smooth", D - (D + x * last - made) / (1.0 + x), rows[1]))
     return found
 
 
@@ -573,14 +609,15 @@ def identify(
         50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
     )
     steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
-    left = {
-        r.name + r.mark: _nearly_all(steps.off(r)) / typical
-        for r in relations
-        if r.name != ACCURATE
-    }
+    ranked = sorted(
+        (
+            (_nearly_all(steps.off(r)) / typical, k)
+            for k, r in enumerate(relations)
+            if r.name != ACCURATE
+        )
+    )
     limit = 3.0 * digits + CLOSED
-    ranked = sorted(left.items(), key=lambda item: item[1])
-    best_name, best = ranked[0]
+    best, first = ranked[0]
     relation = _two_step(model, whole, D, N, k, typical)
     closes = relation.left <= 3.0 * digits + 1e-10
     if closes and relation.name and relation.left < best / DISTINCT:
@@ -594,16 +631,18 @@ def identify(
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
         return found, min(best, relation.left), steps
-    base = best_name.partition("@")[0]
-    others = [x for n, x in ranked if n.partition("@")[0] != base]
-    unique = min(others) > DISTINCT * max(best, 1e-13)
-    if base == "euler":
-        base = _euler(late)
-    forces = best_name.partition("@")[2] or "start"
+    # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
+    named = [relations[k] for _, k in sorted(ranked, key=lambda item: item[1])]
+    same = [r for r in named if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
+    chosen = same[0]
+    alike = {r.name for r in same}
+    rivals = [x for x, k in ranked if relations[k].name not in alike]
+    unique = not rivals or rivals[0] > DISTINCT * max(best, 1e-13)
+    unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
+    base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    half = next(r for r in relations if r.name + r.mark == best_name)
-    typical_left = float(np.median(steps.off(half))) / typical
-    return Scheme(name, order, best, digits, forces, typical_left), best, steps
+    typical_left = float(np.median(steps.off(chosen))) / typical
+    return Scheme(name, order, best, digits, chosen.forces, typical_left), best, steps
 
 
 def _euler(late: float) -> str:
@@ -825,8 +864,10 @@ class OneStep:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
         out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
-        edge = max(1, len(rows) // 50)
-        rows[:edge] = rows[-edge:] = False  # filters leave traces there
+        # Filters leave traces at the ends of a log, methods of several steps where they start.
+        exact = self.scheme is not None and self.scheme.typical <= CLOSED
+        edge = STARTING if exact else max(1, len(rows) // 50)
+        rows[:edge] = rows[-edge:] = False
         return rows
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import casadi
 import numpy as np
@@ -296,3 +297,41 @@ def test_named_evaluation_in_blocks_is_the_flat_one(evaluator: str) -> None:
         assert found["none"].shape == (2500, 0)
     with pytest.raises(InputError, match=r"parameters have shape \(2499, 1\).*\(2500, 1\)"):
         kernel(values[1:], x=rows)
+
+
+# --- over and over ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 5000])
+def test_iterating_keeps_every_result(count: int) -> None:
+    """x ← a x + b with a and b in turn, and beside it a count, against NumPy's own loop."""
+    x, k, p = casadi.SX.sym("x", 2), casadi.SX.sym("k"), casadi.SX.sym("p", 2)
+    kernel = Kernel({"x": x, "k": k}, {"x": p[0] * x + p[1] * casadi.sin(k), "k": k + 1}, p)
+    in_turn = np.array([[0.5, 1.0], [-0.25, 2.0], [0.75, -1.0]])
+    found = kernel.iterate(np.array([1.0, 2.0, 0.0]), count, in_turn)
+    expected, now = [], np.array([1.0, 2.0])
+    for n in range(count):
+        a, b = in_turn[n % 3]
+        now = a * now + b * np.sin(float(n))
+        expected.append([*now, n + 1.0])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+    again = kernel.iterate(found[-1], 3, in_turn)  # goes on from anywhere
+    assert again[-1, 2] == count + 3
+
+
+def test_iterating_is_the_same_from_many_threads() -> None:
+    x = casadi.SX.sym("x", 3)
+    kernel = Kernel({"x": x}, {"x": casadi.sin(x) + 0.1 * casadi.sum1(x)})
+    starts = np.linspace(-1.0, 1.0, 24).reshape(8, 3)
+    alone = [kernel.iterate(start, 3000) for start in starts]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda start: kernel.iterate(start, 3000), starts))
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_iterating_needs_as_many_outputs_as_inputs() -> None:
+    x, p = casadi.SX.sym("x", 2), casadi.SX.sym("p")
+    with pytest.raises(InputError, match="as many"):
+        Kernel({"x": x}, {"y": x[0]}).iterate(np.zeros(2), 3)
+    with pytest.raises(InputError, match="parameters"):
+        Kernel({"x": x}, {"x": p * x}, p).iterate(np.zeros(2), 3)

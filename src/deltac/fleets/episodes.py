@@ -91,15 +91,10 @@ def episode_names(source: str) -> list[str] | None:
 
 
 def _parquet_episodes(path: Path) -> list[str] | None:
-    import polars
+    from deltac.trajectories.formats.parquet import read_parquet_groups
 
-    from deltac.trajectories.formats.parquet import parquet_header
-
-    parquet_header(path)
-    if COLUMN not in polars.read_parquet_schema(path):
-        return None
-    column = polars.read_parquet(path, columns=[COLUMN], glob=False)[COLUMN]
-    return [str(value) for value in column.unique(maintain_order=True)]
+    found = read_parquet_groups(path, COLUMN, None)
+    return None if found is None else list(found)
 
 
 def _names(values: Any) -> list[str]:
@@ -157,16 +152,9 @@ def read_episode(
 def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLog]]:
     suffix = path.suffix.lower()
     if suffix == ".parquet":
-        import polars
+        from deltac.trajectories.formats.parquet import read_parquet_groups
 
-        from deltac.trajectories.formats.delimited import raw_log
-        from deltac.trajectories.formats.parquet import damaged
-
-        with damaged():
-            texts = polars.col(COLUMN).cast(polars.String)
-            frame = polars.scan_parquet(path, glob=False).filter(texts.is_in(list(names))).collect()
-        for part in frame.partition_by(COLUMN, maintain_order=True):
-            yield str(part[COLUMN][0]), raw_log(part.drop(COLUMN), None)
+        yield from (read_parquet_groups(path, COLUMN, names) or {}).items()
     elif suffix == ".csv":
         raw = read_raw(path)
         own = raw.columns[COLUMN]

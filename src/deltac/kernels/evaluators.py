@@ -26,6 +26,16 @@ class Evaluator(Protocol):
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
 
 
+class Loop(Protocol):
+    """A function `x ← f(x, p)`, ready to be run over and over in native code."""
+
+    def iterate(self, rows: Array, parameters: Array) -> None:
+        """Write rows 1, 2, … of `(count + 1, n)`: rows[k + 1] = f(rows[k], parameters[k % period]).
+
+        `parameters` is `(period, n_par)`; both are contiguous float64, and count is one at least.
+        """
+
+
 def evaluator_name() -> str:
     """The evaluator in use: `DELTAC_EVALUATOR` if set, else heyoka where installed, else casadi.
 
@@ -64,3 +74,14 @@ def compile_function(function: Any, inline: bool = False, batches: bool = True) 
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
     return CasadiEvaluator(function)
+
+
+def compile_loop(function: Any) -> Loop:
+    """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
+    if evaluator_name() == "heyoka":
+        from deltac.kernels.heyoka_loop import HeyokaLoop
+
+        return HeyokaLoop(function)
+    from deltac.kernels.casadi_evaluator import CasadiLoop
+
+    return CasadiLoop(function)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
-from deltac.kernels.evaluators import Evaluator, compile_function
+from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
 
 SX: TypeAlias = Any  # casadi.SX
 
@@ -115,6 +115,10 @@ class Kernel:
     def _for_batches(self) -> Evaluator:
         return compile_function(self.function, self._inline)
 
+    @cached_property
+    def _loop(self) -> Loop:
+        return compile_loop(self.function)
+
     def compile(self, *, single: bool = False) -> Kernel:
         """Compile now, for batches or for `single` states, not at the first call; returns the kernel."""
         if self.n_out:
@@ -141,6 +145,37 @@ class Kernel:
         if self.n_out:
             self._for_one.single(x, out, parameters)
         return out
+
+    def iterate(self, start: Array, count: int, parameters: ArrayLike | None = None) -> Array:
+        """Apply a kernel of as many outputs as inputs over and over, in native code; keep every result.
+
+        Args:
+            start: `(n_in,)`.
+            count: how often.
+            parameters: `(n_parameters,)`, or `(period, n_parameters)` to be taken in turn.
+
+        Returns:
+            y after each application, `(count, n_in)`.
+
+        Raises:
+            InputError: an array of another size, or a kernel whose outputs are no inputs.
+        """
+        p = np.asarray(() if parameters is None else parameters, dtype=np.float64)
+        p = np.ascontiguousarray(p.reshape(1, -1) if p.ndim < 2 else p)
+        rows = np.empty((count + 1, self.n_in))
+        if self.n_out != self.n_in or np.shape(start) != (self.n_in,):
+            raise InputError(
+                f"{self.name}: a start of shape {np.shape(start)} for {self.n_in} inputs and {self.n_out} "
+                "outputs; expected as many of each"
+            )
+        if p.shape[1] != self.n_parameters or not len(p):
+            raise InputError(
+                f"{self.name}: parameters have shape {p.shape}, expected (period, {self.n_parameters})"
+            )
+        rows[0] = start
+        if count:
+            self._loop.iterate(rows, p)
+        return rows[1:]
 
     def flat(
         self, x: Array, parameters: ArrayLike | None = None, out: Array | None = None

@@ -19,7 +19,7 @@ from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
-from deltac.trajectories.formats.parquet import parquet_size
+from deltac.trajectories.formats.parquet import parquet_facts
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import row_name
 
@@ -152,7 +152,7 @@ def read_log(
 
 def _size(path: Path) -> tuple[int, int]:
     try:
-        return parquet_size(path)
+        return parquet_facts(path)[1:]
     except Exception:  # damaged: reading it says how
         return 0, 1
 

@@ -23,12 +23,14 @@ from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, MOST_STEPS_PER_CALL, FixedMethod
+from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import numeric_masks, settle_kernel
 from deltac.simulation.stepping.runge_kutta import Parts, tableau_of
 
 FUSED_INSTRUCTIONS = 4000
 """Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""
+
+MOST_STEPS_PER_CALL = 8
 
 LANES = 8
 """Members come in multiples of this: no kernel has a wider SIMD vector."""

@@ -9,7 +9,7 @@ MATLAB reads; they are skipped, and the message says how to turn them into struc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from deltac.errors import LogError
 from deltac.files import read_bytes
+from deltac.isolation import apart
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
 from deltac.trajectories.formats.mat5 import MatlabObject, variables
 from deltac.trajectories.formats.raw import (
@@ -69,7 +70,7 @@ def read_mat(path: Path) -> RawLog:
     with path.open("rb") as file:
         start = file.read(520)
     modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
-    found = dict(_hdf5_variables(path) if modern else variables(read_bytes(path)))
+    found = _hdf5_variables(path) if modern else dict(variables(read_bytes(path)))
     if isinstance(header := found.get("deltac"), str):
         return from_arrays(found, parse_header(header) or {})
     collector = Collector()
@@ -141,11 +142,14 @@ def _explained(kind: str) -> str:
 # -- version 7.3 ---------------------------------------------------------------------------------
 
 
-def _hdf5_variables(path: Path) -> Iterator[tuple[str, Any]]:
+@apart
+def _hdf5_variables(path: Path) -> dict[str, Any]:
     with opened_hdf5(path) as file:
-        for name, item in file.members(file.root):
-            if not name.startswith("#"):  # '#refs#' holds what cells refer to
-                yield name, _hdf5_value(file, item, 0)
+        return {
+            name: _hdf5_value(file, item, 0)
+            for name, item in file.members(file.root)
+            if not name.startswith("#")  # '#refs#' holds what cells refer to
+        }
 
 
 def _hdf5_value(file: Opened, item: Any, depth: int) -> Any:

@@ -24,6 +24,7 @@ FINDINGS: dict[str, str] = {
     "stiffness": "the stiffness of a joint differs",
     "armature": "the rotor inertia of a joint differs",
     "rest-angle": "the spring of a joint rests elsewhere",
+    "zero-offset": "a coordinate is logged with another zero than the model's",
     "missing-damper": "the run has viscous damping that the model does not have",
     "missing-friction": "the run has dry friction that the model does not have",
     "missing-spring": "the run has a spring that the model does not have",

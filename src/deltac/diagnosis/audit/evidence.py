@@ -57,6 +57,9 @@ BESIDE = 2.0
 REPRODUCED = 0.5
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
+OF_THE_LOG = ("actuator-delay", "zero-offset")
+"""Causes that leave the equations as they are."""
+
 SHORT = 0.5
 """Share of the windows up to which a residual is one of now and then."""
 
@@ -157,9 +160,9 @@ def gather(
 
 
 def _of_the_log(found: list[Finding]) -> list[Finding]:
-    """Causes that say something of the logged forces alone are doubts of the log, not of the equations."""
+    """Causes that are in the log alone are doubts of the log, not of the equations."""
     causes = [f for f in found if f.weight == "cause"]
-    if not causes or any(f.kind != "actuator-delay" for f in causes):
+    if not causes or any(f.kind not in OF_THE_LOG for f in causes):
         return found
     return [replace(f, weight="doubt") if f in causes else f for f in found]
 

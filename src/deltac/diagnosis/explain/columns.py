@@ -27,7 +27,7 @@ from deltac.mechanism.joints import KINDS
 
 What = Literal[
     "inertia", "weight", "gravity", "damper", "friction", "spring", "constant", "armature", "channel",
-    "delay",
+    "delay", "offset",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -42,6 +42,7 @@ class Column:
     damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
+    offset      speed: what its coordinate, logged one unit too large, takes from the equations
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     """
@@ -92,8 +93,11 @@ def column_kernels(evaluator: Evaluator) -> ColumnKernels:
     found.update(_channels(evaluator, rate, curve))
     kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
-    columns = [_projected(evaluator, x) for x in kept.values()]
     bound = symbols.constrained
+    if bound is None:  # else the constraints show it
+        offsets = _offsets(evaluator, residual)
+        kept |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
+    columns = [_projected(evaluator, x) for x in kept.values()]
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
@@ -186,6 +190,23 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
             x = ca.SX(n, 1)
             x[row] = value
             found[Column(what, entry.name)] = x
+    return found
+
+
+def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
+    """Coordinates of hinges and sliders whose zero is another one in the log than in the model."""
+    s, mechanism = evaluator.symbols.system, evaluator.mechanism
+    free = {int(k): row for row, k in enumerate(mechanism.free.q)}
+    found: dict[Column, SX] = {}
+    for place in s.free_u:
+        entry = mechanism.speeds[place]
+        joint = mechanism.joint(entry.joint)
+        first = mechanism.coordinates.of(joint.name).start
+        row = free.get(int(first + place - mechanism.speeds.of(joint.name).start))
+        if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
+            along = ca.SX.zeros(s.q.shape[0])
+            along[row] = -1
+            found[Column("offset", entry.name)] = ca.jtimes(residual, s.q, along)
     return found
 
 

@@ -65,6 +65,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"{element} acts with {shown} of its {c.origin} force"
         case "actuator-delay":
             return f"{element} acts {shown} s later than it was logged"
+        case "zero-offset":
+            return f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
         case "damping" | "stiffness" | "armature":
             noun = {"damping": "the damping of", "stiffness": "the stiffness of"}
             what = noun.get(c.kind, "the rotor inertia of")
@@ -106,6 +108,8 @@ def remedy(kind: str) -> str:
         return "Check the gear ratio and the unit of this actuator's logged force"
     if kind == "actuator-delay":
         return "Log the force that acted, not the one that was commanded"
+    if kind == "zero-offset":
+        return "Calibrate the zero of this coordinate, or subtract the offset"
     if kind == "channel-factor":
         return "Check this element's parameters in the model, or the unit of its logged force"
     if kind == "mass-scale" or kind.startswith("body-"):

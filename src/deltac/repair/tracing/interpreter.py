@@ -12,6 +12,7 @@ import ast
 import builtins
 import contextlib
 import inspect
+import json
 import operator
 import sysconfig
 import types
@@ -247,16 +248,19 @@ class _Reader:
     def signature(self) -> tuple[tuple[str, ...], int]:
         callee = self.guarded(self.callee)
         first = 0
+        given: set[str] = set()
         while isinstance(callee, Bound):
             first += len(callee.first)
+            given |= callee.named.keys()
             callee = callee.function
         if not isinstance(callee, Function):
             self.refuse(self.node, f"{self.source.qualified} is no function that can be read")
         a = callee.node.args
-        names = callee.parameters[first:]
+        names = tuple(name for name in callee.parameters[first:] if name not in given)
         if a.vararg is not None and not names:
             return ("t", "q", "u"), 3
-        return names, max(callee.needed - first, 0)
+        needed = callee.parameters[first : callee.needed]
+        return names, sum(name not in given for name in needed)
 
     def guarded(self, compute: Callable[[], Any]) -> Any:
         """What is computed; errors of Python's as refusals with the line that is being read."""
@@ -634,13 +638,15 @@ class _Reader:
         try:
             if isinstance(function.node, ast.Lambda):
                 return self.expression(function.node.body, scope)
+            if function.generates:
+                scope.yielded = []
             self.block(function.node.body, scope)
         except _Return as returned:
-            return returned.value
+            return returned.value if scope.yielded is None else scope.yielded
         finally:
             self.depth -= 1
             self.module = outer
-        return None
+        return scope.yielded
 
     def arguments(
         self, function: Function, arguments: list[Any], named: dict[str, Any]
@@ -785,6 +791,8 @@ class _Reader:
             return value
         if last == "errstate":
             return None
+        if function.name == "json.loads":
+            return self.live(json.loads(arguments[0]), "json")
         if last == "get_logger" or last == "getLogger":
             return Foreign("logging.logger")
         if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
@@ -1176,8 +1184,9 @@ class _Reader:
         match target:
             case ast.Name():
                 if scope.outer.get(target.id) == "global":
-                    self.refuse(target, f"changes the outer variable {target.id!r}, a side effect")
-                scope.bind(target.id, value)
+                    scope.module.names[target.id] = value
+                else:
+                    scope.bind(target.id, value)
                 self.note_parameters(target.id, value, of)
             case ast.Tuple() | ast.List():
                 values = list(library.items(value))
@@ -1292,6 +1301,11 @@ class _Reader:
                 return self.expression(e.body if self.truth(e.test, scope) else e.orelse, scope)
             case ast.Compare():
                 return self.comparison(e, scope)
+            case ast.Yield() | ast.YieldFrom():
+                value = None if e.value is None else self.expression(e.value, scope)
+                assert scope.yielded is not None
+                scope.yielded += [value] if isinstance(e, ast.Yield) else library.items(value)
+                return None
             case ast.BoolOp():
                 value = None
                 for part in e.values:

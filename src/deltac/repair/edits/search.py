@@ -111,7 +111,7 @@ class Search:
             read = {id(source.statement(place)) for place in self.program.trace.instances}
             read_in = [n for n in source.nodes if isinstance(n, ast.stmt) and id(n) in read]
             found += self.read_again(list(text_edits(source, read_in)), ENUMERATION_TIME)
-        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+        return sorted(found, key=_plain_first)
 
     def scaled(self, places: Iterable[int]) -> list[Candidate]:
         """Factors of arrays, and of what is evaluated more than once."""
@@ -280,8 +280,8 @@ class First:
     changes: Mapping[int, Change]
 
 
-def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
-    """Pairs of edits that seem to make the function right, cheapest first within each kind."""
+def pairs(search: Search, target: Target) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
+    """Pairs of edits that seem to make the function right, one kind after the other, cheapest first."""
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
@@ -289,12 +289,12 @@ def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate
         ways[0].require()
     pools = []
     for way in ways:
-        yield from _in_different_equations(way)
+        yield _in_different_equations(way)
         pools.append(_pool(way))
-        yield from _adding_up(way, pools[-1])
+        yield _adding_up(way, pools[-1])
     for way, pool in zip(ways, pools):
-        yield from _followed(way, [*pool, *_closing(way)])
-    yield from _after_reading(search)
+        yield _followed(way, [*pool, *_closing(way)])
+    yield _after_reading(search)
 
 
 def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
@@ -398,17 +398,21 @@ def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, 
     if len(program.original_residual) < 2:
         return  # one direction is all there is
     places, along = _directions(program)
-    firsts = sorted(firsts, key=lambda f: (f.candidate.cost, len(f.candidate.text)))
-    for first in firsts:
-        left = program.original_residual + first.effect
-        for place in places[_explained(along, left)]:
+    for first in sorted(firsts, key=lambda f: _plain_first(f.candidate)):
+        explained = places[_explained(along, program.original_residual + first.effect)]
+        if not len(explained):
+            continue
+        then = Search(program.changed(first.changes), search.target, search.deadline)
+        for place in explained:
             if time.monotonic() > search.deadline or time.process_time() > end:
                 return
-            then = Search(program.changed(first.changes), search.target, search.deadline)
             then.requirements.find(int(place))
-            for r in then.whole:
-                for second in sorted(then.edits(r), key=lambda c: (c.cost, len(c.text))):
-                    yield first.candidate, replace(second, changes=None)
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
+            yield first.candidate, replace(second, changes=None)
+
+
+def _plain_first(candidate: Candidate) -> tuple[float, int, int]:
+    return candidate.cost, len(candidate.text), candidate.place
 
 
 def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
@@ -458,11 +462,10 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
         then = Search(again, target, search.deadline)
         for place in places[_explained(whole, again.original_residual)]:
             then.requirements.find(int(place))
-        for r in then.whole:
-            for second in sorted(then.edits(r), key=lambda c: (c.cost, len(c.text))):
-                back = _before(program.source, first, changed, second.place)
-                if back is not None:
-                    yield first, replace(second, place=back, changes=None)
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
+            back = _before(program.source, first, changed, second.place)
+            if back is not None:
+                yield first, replace(second, place=back, changes=None)
 
 
 def _before(source: Source, first: Candidate, changed: Source, place: int) -> int | None:

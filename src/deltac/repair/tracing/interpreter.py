@@ -265,7 +265,8 @@ class _Reader:
     def guarded(self, compute: Callable[[], Any]) -> Any:
         """What is computed; errors of Python's as refusals with the line that is being read."""
         try:
-            return compute()
+            with np.errstate(all="ignore"):
+                return compute()
         except (Refused, Branch):
             raise
         except TapeError as error:

@@ -587,6 +587,16 @@ class _Reader:
         self.result.parameters.setdefault(name, slot.index)
         self.result.origins.setdefault(name, key)
 
+    def set_again(self, name: str, value: Any) -> None:
+        """A name of the module is this constant from now on."""
+        if isinstance(value, Slot):
+            index = value.index
+            while self.tape.operations[index] is identity:
+                (index,) = self.tape.inputs[index]
+            if index in self.literal_of:
+                self.result.parameters[name] = index
+                self.result.origins[name] = ("literal", self.literal_of[index])
+
     def note_parameters(self, name: str, value: Any, of: ast.expr | None) -> None:
         """Remember where a name gets a number that depends on no other name."""
         if isinstance(value, Slot):
@@ -1186,6 +1196,7 @@ class _Reader:
             case ast.Name():
                 if scope.outer.get(target.id) == "global":
                     scope.module.names[target.id] = value
+                    self.set_again(target.id, value)
                 else:
                     scope.bind(target.id, value)
                 self.note_parameters(target.id, value, of)
@@ -1508,6 +1519,10 @@ class _Reader:
             value = self.call_foreign(function, arguments, named)
             if isinstance(value, Object):
                 self.note_parameters("", value, e)
+            elif isinstance(value, Bound):
+                for keyword in e.keywords:
+                    if keyword.arg is not None:
+                        self.note_parameters(keyword.arg, named[keyword.arg], keyword.value)
             return value
         if function is None or not callable(function):
             self.refuse(e, f"calls {ast.unparse(e.func)}, which is not understood")

@@ -115,7 +115,7 @@ class Squeezer:
 
 def _beside_sundials(squeezer: Squeezer, rounds: int) -> Iterator[dict[str, Any]]:
     problem = squeezer.problem
-    free = build_flow(problem.mechanism, ("wang",), rows=squeezer.rows, stabilisation="none")
+    free = build_flow(problem.mechanism, ("wang",), rows=squeezer.rows, constraints=None)
     x0 = free.start(problem.state, np.empty(0))
     for rival in casadi_squeezer.rivals(free, x0, problem.duration):
         tolerance, run = next(

@@ -43,6 +43,14 @@ class InputError(DeltacError, ValueError):
         own = {k._code: k for k in reversed(kinds) if "_code" in vars(k)}
         return {code: (own[code].__doc__ or "").split("\n")[0] for code in sorted(own)}
 
+    @classmethod
+    def of(cls, code: str, message: str) -> InputError:
+        """The error of that code, as another process tells of it."""
+        kinds = [InputError]
+        for kind in kinds:
+            kinds += kind.__subclasses__()
+        return next((k for k in reversed(kinds) if vars(k).get("_code") == code), cls)(message)
+
 
 class UnknownName(InputError, KeyError):
     """A name that is not there, of a joint, a solver, a column, an option; the message says which are."""

@@ -45,7 +45,8 @@ class Limits:
     name       characters of a column's name
     text       bytes of a mapping or another file of settings
     model      bytes of a model file (MJCF, URDF)
-    seconds    that an MJCF file may take to compile, if it is large or asks for many elements
+    seconds    that native decoders may take (and one more for each 5 MB of the file), and an MJCF file to
+               compile, if it is large or asks for many elements
 
     Raises InputError for a limit that is no whole number above zero.
     """

@@ -172,6 +172,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "npz": _file(".npz"),
     "mat": _mat,
     "h5": _file(".h5"),
+    "parquet": _file(".parquet"),
     "txt": _foreign(".txt"),
     "tsv": _foreign(".tsv"),
     "json": _foreign(".json"),
@@ -241,7 +242,7 @@ def corpus(name: str) -> list[bytes]:
             return [json.dumps(header).encode(), json.dumps(events).encode()]
         case "event":
             return [json.dumps(EVENT.to_dict()).encode()]
-        case "csv" | "npz" | "mat" | "h5":
+        case "csv" | "npz" | "mat" | "h5" | "parquet":
             foreign = Trajectory(t=T, q=T[:, None], u=T[:, None], coordinates=("a",), speeds=("a",))
             made = [_written(RUN, f".{name}"), _written(foreign, f".{name}")]
             if name == "mat":

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from deltac.errors import PackageError, ProcessLost
-from deltac.fleets.isolation import Failure, Workers, isolated
+from deltac.isolation import FLEET, Failure, Workers, isolated
 from deltac.kernels.parallel import cores
 
 TICK = 0.5
@@ -82,7 +82,7 @@ class Crew:
 @contextlib.contextmanager
 def local_crew(workers: int | None) -> Iterator[Crew]:
     """Worker processes of this machine, by default one a core."""
-    size, own = workers or cores(), Workers()
+    size, own = workers or cores(), Workers(FLEET)
     executor = ThreadPoolExecutor(size, "deltac-fleet")
     try:
         yield Crew(executor, size, own)

@@ -152,7 +152,8 @@ def _try_apart(path: Path) -> None:
     memory = free_memory() or 2**62
     try:
         tried = subprocess.run(
-            [sys.executable, "-c", code, str(path.absolute()), str(int(memory))],
+            # -P: the model's folder is not searched for modules.
+            [sys.executable, "-P", "-c", code, str(path.absolute()), str(int(memory))],
             capture_output=True,
             timeout=limits.seconds,
             cwd=path.parent,

@@ -91,3 +91,29 @@ class _Block:
             self._parameters[...] = parameters[:, columns].T
         self._evaluate()
         out[:, columns] = self._y.T
+
+
+class CasadiLoop:
+    """`x ← f(x, p)`, over and over: CasADi's `mapaccum`, so many rows to a call."""
+
+    def __init__(self, function: Any) -> None:
+        """Of a function of dense columns (x, p) to a column of the size of x."""
+        self._function = function
+
+    def iterate(self, rows: Array, parameters: Array) -> None:
+        """As `Loop`'s."""
+        count, period = len(rows) - 1, len(parameters)
+        block = min(count, -(-_COLUMNS // period) * period)
+        # A run of its own buffers: threads may iterate the same function.
+        whole, rest = count - count % block, count % block
+        for size, first, last in ((block, 0, whole), (rest, whole, count)):
+            if first == last:
+                continue
+            buffer, evaluate = self._function.mapaccum(size).buffer()
+            p = np.ascontiguousarray(np.tile(parameters, (-(-size // period), 1))[:size])
+            if p.size:
+                buffer.set_arg(1, p.data)
+            for k in range(first, last, size):
+                buffer.set_arg(0, rows[k].data)
+                buffer.set_res(0, rows[k + 1 : k + 1 + size].data)
+                evaluate()

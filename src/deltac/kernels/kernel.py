@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
-from deltac.kernels.evaluators import Evaluator, compile_function
+from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
 
 SX: TypeAlias = Any  # casadi.SX
 
@@ -48,7 +48,6 @@ class Kernel:
         outputs: Mapping[str, SX],
         parameters: SX | None = None,
         *,
-        inline: bool = False,
         name: str = "kernel",
     ) -> None:
         """Simplify the expressions; compilation waits for the first call.
@@ -58,14 +57,12 @@ class Kernel:
             outputs: expressions of these and of the parameters, by name.
             parameters: a symbolic column of what changes between runs, such as a mass that varies;
                 what is a number in the expressions is folded into the code, and is much faster.
-            inline: see `compile_function`.
             name: what errors call it.
 
         Raises:
             InputError: an input that is not a symbolic column, or an output with unknown symbols.
         """
         self.name = name
-        self._inline = inline
         columns = {key: casadi.SX(value) for key, value in inputs.items()}
         results = {key: casadi.SX(value) for key, value in outputs.items()}
         p = casadi.SX(0, 1) if parameters is None else casadi.SX(parameters)
@@ -109,11 +106,15 @@ class Kernel:
 
     @cached_property
     def _for_one(self) -> Evaluator:
-        return compile_function(self.function, self._inline, batches=False)
+        return compile_function(self.function, batches=False)
 
     @cached_property
     def _for_batches(self) -> Evaluator:
-        return compile_function(self.function, self._inline)
+        return compile_function(self.function)
+
+    @cached_property
+    def _loop(self) -> Loop:
+        return compile_loop(self.function)
 
     def compile(self, *, single: bool = False) -> Kernel:
         """Compile now, for batches or for `single` states, not at the first call; returns the kernel."""
@@ -141,6 +142,37 @@ class Kernel:
         if self.n_out:
             self._for_one.single(x, out, parameters)
         return out
+
+    def iterate(self, start: Array, count: int, parameters: ArrayLike | None = None) -> Array:
+        """Apply a kernel of as many outputs as inputs over and over, in native code; keep every result.
+
+        Args:
+            start: `(n_in,)`.
+            count: how often.
+            parameters: `(n_parameters,)`, or `(period, n_parameters)` to be taken in turn.
+
+        Returns:
+            y after each application, `(count, n_in)`.
+
+        Raises:
+            InputError: an array of another size, or a kernel whose outputs are no inputs.
+        """
+        p = np.asarray(() if parameters is None else parameters, dtype=np.float64)
+        p = np.ascontiguousarray(p.reshape(1, -1) if p.ndim < 2 else p)
+        rows = np.empty((count + 1, self.n_in))
+        if self.n_out != self.n_in or np.shape(start) != (self.n_in,):
+            raise InputError(
+                f"{self.name}: a start of shape {np.shape(start)} for {self.n_in} inputs and {self.n_out} "
+                "outputs; expected as many of each"
+            )
+        if p.shape[1] != self.n_parameters or not len(p):
+            raise InputError(
+                f"{self.name}: parameters have shape {p.shape}, expected (period, {self.n_parameters})"
+            )
+        rows[0] = start
+        if count:
+            self._loop.iterate(rows, p)
+        return rows[1:]
 
     def flat(
         self, x: Array, parameters: ArrayLike | None = None, out: Array | None = None
@@ -177,7 +209,7 @@ class Kernel:
         left_over = batch % evaluator.width
         if left_over < batch:
             evaluator.batch(x, out, p)
-        if left_over:  # again, as a whole SIMD vector: bits must not tell where a batch was cut
+        if left_over:  # as a whole SIMD vector: bits must not tell where a batch was cut
             whole = batch - left_over
             last = np.minimum(np.arange(whole, whole + evaluator.width), batch - 1)
             vector = np.empty((self.n_out, evaluator.width))

@@ -10,11 +10,20 @@ from contextlib import contextmanager
 from threading import Event, Lock, local
 from typing import TypeVar
 
+from deltac.errors import InputError
+
 T = TypeVar("T")
 
 
 def cores() -> int:
-    """The cores that this process may use."""
+    """The cores that this process may use: `DELTAC_THREADS` if that is set, else those it may run on.
+
+    Raises InputError for a `DELTAC_THREADS` that is no whole number above zero.
+    """
+    if chosen := os.environ.get("DELTAC_THREADS", "").strip():
+        if not chosen.isdecimal() or int(chosen) < 1:
+            raise InputError(f"DELTAC_THREADS={chosen!r}: expected a whole number above zero")
+        return int(chosen)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -46,33 +55,32 @@ def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None 
     """
     chosen = list(items)
     count = min(threads or cores(), len(chosen))
-    with one_thread_a_call():
-        if count <= 1:
-            for item in chosen:
-                work(item)
-            return
-        stop, errors = Event(), list[BaseException]()
+    if count <= 1:
+        for item in chosen:
+            work(item)
+        return
+    stop, errors = Event(), list[BaseException]()
 
-        def one(item: T) -> None:
-            _here.stop = stop
-            try:
-                check_cancelled()
-                work(item)
-            except Cancelled:
+    def one(item: T) -> None:
+        _here.stop = stop
+        try:
+            check_cancelled()
+            work(item)
+        except Cancelled:
+            pass
+        except BaseException as error:
+            errors.append(error)
+            stop.set()
+
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            for _ in pool.map(one, chosen):
                 pass
-            except BaseException as error:
-                errors.append(error)
-                stop.set()
-
-        with ThreadPoolExecutor(count) as pool:
-            try:
-                for _ in pool.map(one, chosen):
-                    pass
-            except BaseException:
-                stop.set()
-                raise
-        if errors:
-            raise errors.pop(0)
+        except BaseException:
+            stop.set()
+            raise
+    if errors:
+        raise errors.pop(0)
 
 
 _lock = Lock()

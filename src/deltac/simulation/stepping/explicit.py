@@ -1,8 +1,7 @@
-"""Explicit fixed steps: compiled, many to a call; or stage by stage, where one is taken by itself."""
+"""Explicit fixed steps: many in one native call; or stage by stage, where one is taken by itself."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,30 +23,47 @@ from deltac.simulation.stepping.interpreted import (
     symbolic_masks,
 )
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid
-
-MOST_STEPS_PER_CALL = 8
-INSTRUCTIONS_PER_CALL = 12_500
-LONG_RUN = 50_000
-"""Compile time grows with the code, some 0.3 s for 10 000 instructions, and a call saves two microseconds:
-only runs of so many steps pay for steps unrolled into one call.
-"""
+from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 MOST_INSTRUCTIONS = 12_000
-"""A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
+"""A step larger than this is not compiled as one."""
 
-ROWS_PER_BLOCK = 8192
+FUSED_INSTRUCTIONS = 4_000
+"""A step larger than this is compiled stage by stage where that is possible: the stages share their code."""
+
+BLOCK_BYTES = 2**22
+"""Memory of the rows that are computed in one go, a row a step or a stage."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepLoop:
+    """A kernel to be iterated: rows that begin with (x, k), and parameters: (coefficients; p, t0, h).
+
+    `coefficients` has a row for each stage of a step, if a row is a stage; else one, empty row.
+    """
+
+    kernel: Kernel
+    coefficients: Array
+
+    def run(self, k: int, x: Array, constants: Array, most: int) -> Array:
+        """The rows at the ends of the next steps from step k and state x, `most` at most, one at least."""
+        stages = len(self.coefficients)
+        count = max(1, min(most, BLOCK_BYTES // (8 * self.kernel.n_in * stages)))
+        start = np.zeros(self.kernel.n_in)
+        start[: len(x)], start[len(x)] = x, k
+        parameters = np.hstack([self.coefficients, np.tile(constants, (stages, 1))])
+        return self.kernel.iterate(start, count * stages, parameters)[stages - 1 :: stages]
 
 
 @dataclass(frozen=True)
 class FixedMethod:
     """An explicit solver on a flow, in symbols and compiled: kept between runs, and without numbers.
 
-    As many steps are fused into one call as have `room` instructions together, one at least.
+    Native code takes many steps in one call: a loop over whole steps or, for large mechanisms, over stages.
     """
 
     flow: Flow
     solver: Solver
-    room: int = 0
 
     @cached_property
     def single_step(self) -> Any:
@@ -74,34 +90,63 @@ class FixedMethod:
                 worst = ca.fmin(worst, met)
         return ca.Function("step", [flow.x, k, flow.p, t0, h], [after, worst])
 
+    @cached_property
+    def loop(self) -> StepLoop | None:
+        """What takes many steps in one call; None where a step goes stage by stage from Python."""
+        flow, size = self.flow, int(self.single_step.n_instructions())
+        tableau = tableau_of(self.solver.name)
+        if (
+            size > FUSED_INSTRUCTIONS
+            and tableau is not None
+            and flow.bound is None
+            and not flow.correcting
+        ):
+            return _stages(flow, tableau)
+        return self._steps if size <= MOST_INSTRUCTIONS else None
+
     @property
-    def fusible(self) -> bool:
-        """Whether a whole step is small enough to be compiled as one."""
-        return bool(self.single_step.n_instructions() <= MOST_INSTRUCTIONS)
-
-    @cached_property
-    def steps_per_call(self) -> int:
-        """How many steps are fused into one call."""
-        fitting = self.room // max(1, int(self.single_step.n_instructions()))
-        return max(1, min(MOST_STEPS_PER_CALL, fitting))
-
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The fused step: (x, k; p, t0, h) -> `steps_per_call` rows, each (x, k, smallest pivot).
-
-        Parameters go in as inputs: heyoka's calls with parameters cost a microsecond more.
-        """
+    def _steps(self) -> StepLoop:
+        """Rows (x, k, smallest pivot), one a step."""
         flow = self.flow
         k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
-        rows, x = [], flow.x
-        for i in range(self.steps_per_call):
-            x, worst = self.single_step(x, k + i, flow.p, t0, h)
-            rows.append(ca.vertcat(x, k + (i + 1), worst))
-        return Kernel(
-            {"row": ca.vertcat(flow.x, k), "constants": ca.vertcat(flow.p, t0, h)},
-            {"rows": ca.vertcat(*rows)},
+        after, worst = self.single_step(flow.x, k, flow.p, t0, h)
+        kernel = Kernel(
+            {"x": flow.x, "k": k, "worst": ca.SX.sym("worst")},
+            {"x": after, "k": k + 1, "worst": worst},
+            ca.vertcat(flow.p, t0, h),
             name=f"{self.solver.name} step",
         )
+        return StepLoop(kernel, np.empty((1, 0)))
+
+
+def _stages(flow: Flow, tableau: Tableau) -> StepLoop:
+    """Rows (x, k, earlier slopes), one a stage.
+
+    All stages are the same function; coefficients tell it which of them it is: a_ij by how long ago slope j
+    was computed, weights b_j that are zero but for the last stage, the node c_i, and whether it is the last.
+    """
+    count, n = len(tableau.b), flow.x.shape[0]
+    f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
+    x, k, slopes = ca.SX.sym("x", n), ca.SX.sym("k"), ca.SX.sym("slopes", n, count - 1)
+    a, b = ca.SX.sym("a", count - 1), ca.SX.sym("b", count)
+    t0, h, c, last = (ca.SX.sym(name) for name in ("t0", "h", "c", "last"))
+    slope = f(t0 + (k + c) * h, x + h * ca.mtimes(slopes, a), flow.p)
+    slopes_now = ca.horzcat(slopes, slope)
+    after = x + h * ca.mtimes(slopes_now, b)
+    if flow.quaternions:
+        after = ca.if_else(last, flow.normalised(after), x)
+    coefficients = np.zeros((count, 2 * count + 1))
+    for i, row in enumerate(tableau.a):
+        coefficients[i, count - 1 - i : count - 1] = row[:i]
+    coefficients[-1, count - 1 : -2], coefficients[:, -2] = tableau.b, tableau.c
+    coefficients[-1, -1] = 1.0
+    kernel = Kernel(
+        {"x": x, "k": k, "slopes": ca.vec(slopes)},
+        {"x": after, "k": k + last, "slopes": ca.vec(slopes_now[:, 1:])},
+        ca.vertcat(a, b, c, last, flow.p, t0, h),
+        name=f"stage of {count}",
+    )
+    return StepLoop(kernel, coefficients)
 
 
 class FixedSteps:
@@ -114,8 +159,7 @@ class FixedSteps:
         self._method, self._rate, self._p = method, rate, p
         self._parts = numeric_masks(method.flow)
         self._watches = method.flow.bound is not None and method.flow.equations is None
-        self._fused = method if compiled and method.fusible else None
-        self._buffers: tuple[Array, Array, Array] | None = None
+        self._loop = method.loop if compiled else None
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
         """To `until`, stage by stage."""
@@ -134,39 +178,17 @@ class FixedSteps:
 
     def restart(self, t: float, x: Array, p: Array) -> None:
         """Other parameters from here on."""
-        self._p, self._buffers = p, None
+        self._p = p
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """Compiled steps, up to where the constraints become dependent."""
-        if self._fused is None:
+        if self._loop is None:
             return None
-        method, width = self._fused, len(x) + 2
-        fused = method.steps_per_call
-        if self._buffers is None:
-            constants = [*self._p, grid.start, grid.step]
-            calls = max(1, ROWS_PER_BLOCK // fused)
-            self._buffers = (
-                np.concatenate([x, [0.0], constants]),
-                np.empty(fused * width),
-                np.empty((calls, fused * width)),
-            )
-        given, out, block = self._buffers
-        row = given[: width - 1]
-        row[:-1], row[-1] = x, k
-        count = min(most, grid.count - k)
-        calls, singular = min(len(block), math.ceil(count / fused)), False
-        single, pivots, watches = (
-            method.kernel.compile(single=True).single,
-            out[width - 1 :: width],
-            self._watches,
-        )
-        for i in range(calls):
-            single(given, out)
-            block[i] = out
-            if watches and not pivots.min() > SMALLEST_PIVOT:
-                count = min(count, i * fused + int(np.argmax(~(pivots > SMALLEST_PIVOT))))
-                calls, singular = i + 1, count < min(most, grid.count - k)
-                break
-            row[:] = out[-width:-1]
-        rows = block[:calls].reshape(-1, width)[:count]
-        return Block(rows[:, :-2], singular)
+        most, n = min(most, grid.count - k), len(x)
+        rows = self._loop.run(k, x, np.array([*self._p, grid.start, grid.step]), most)
+        singular = False
+        if self._watches:
+            good = rows[:, n + 1] > SMALLEST_PIVOT
+            if not good.all():
+                rows, singular = rows[: int(np.argmin(good))], True
+        return Block(rows[:, :n], singular)

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 
 from deltac.errors import LogError, PackageError, shown
 from deltac.files import opened
+from deltac.isolation import apart
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import (
     Budget,
@@ -42,6 +43,7 @@ def write_hdf5(run: Trajectory, header: str, file: BinaryIO) -> None:
             log[name] = array
 
 
+@apart
 def read_hdf5(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or every dataset of another program's file."""
     with opened_hdf5(path) as log:
@@ -59,6 +61,7 @@ def read_hdf5(path: Path) -> RawLog:
         return collector.log()
 
 
+@apart
 def read_arrays(path: Path) -> dict[str, Any]:
     """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files."""
     with opened_hdf5(path) as log:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from deltac.errors import FileError, LogError, PackageError
+from deltac.isolation import apart
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
 
@@ -41,6 +42,7 @@ def is_bag_folder(path: Path) -> bool:
     return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
+@apart
 def read_bag(path: Path) -> RawLog:
     """The joint states of a bag: a .mcap or .bag file, or a folder of ROS 2."""
     # Readers print what they stumble over; a command's standard output is its own.

@@ -11,10 +11,9 @@ from deltac.arguments import checked
 from deltac.errors import FileError, InputError, LogError
 from deltac.files import opened
 from deltac.trajectories.columns import MechanismNames
-from deltac.trajectories.formats.delimited import raw_log
 from deltac.trajectories.formats.files import naming
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.formats.parquet import damaged, parquet_header, parquet_size
+from deltac.trajectories.formats.parquet import parquet_facts, read_parquet_part
 from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
@@ -69,11 +68,8 @@ def scan_trajectory(
 def _chunks(
     path: Path, rows: int, overlap: int, mapping: LogMapping | None, names: MechanismNames | None
 ) -> Iterator[Chunk]:
-    import polars
-
     with naming(path):
-        header = parquet_header(path)
-        total, _ = parquet_size(path)
+        header, total, _ = parquet_facts(path)
         if header is not None and header.get("rows", total) != total:
             raise FileError(
                 f"found {total} rows, the metadata say {header['rows']}: the log is cut off or was "
@@ -81,17 +77,15 @@ def _chunks(
             )
         if not total:
             raise LogError("the log has no rows")
-        table = polars.scan_parquet(path, glob=False)
     for start in range(0, total, rows):
         first = max(0, start - overlap)
         stop = min(total, start + rows)
         last = min(total, stop + overlap)
         with naming(path):
-            with damaged():
-                frame = table.slice(first, last - first).collect()
             part = None if header is None else {**header, "rows": last - first}
             try:
-                run = to_trajectory(raw_log(frame, part), mapping, names, derive=False)
+                raw = read_parquet_part(path, first, last - first, part)
+                run = to_trajectory(raw, mapping, names, derive=False)
             except InputError as error:
                 raise InputError(f"in the part that begins at row {first}: {error}") from error
         yield Chunk(run, first, slice(start - first, stop - first), total)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import queue
 import signal
 import sys
@@ -11,7 +10,7 @@ import threading
 import warnings
 from typing import Any
 
-from deltac.fleets.isolation import Failure, answered, receive, send
+from deltac.isolation import INSIDE, Failure, answered, loaded, receive, send
 
 
 def main() -> None:
@@ -19,7 +18,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's affair
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what models print goes where messages go
-    given: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    given: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def read() -> None:
         # Its end tells that the parent is gone, also when that was killed: nobody waits for an answer.
@@ -29,17 +28,17 @@ def main() -> None:
 
     threading.Thread(target=read, daemon=True).start()
     warnings.simplefilter("ignore")
+    INSIDE.append(True)
     while True:
         message = given.get()
-        answer: Any = answered(lambda message=message: pickle.loads(message)())  # type: ignore[misc]
+        answer: Any = answered(lambda message=message: loaded(message)())  # type: ignore[misc]
         try:
-            content = pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
-        except Exception as error:
-            content = pickle.dumps(Failure("E-INTERNAL", f"no answer can be sent: {error}"))
-        try:
-            send(answers, content)
+            send(answers, answer)
         except OSError:
             os._exit(0)
+        except Exception as error:  # before anything was written: it cannot be pickled
+            send(answers, Failure("E-INTERNAL", f"no answer can be sent: {error}"))
+        del message, answer  # may be large
 
 
 if __name__ == "__main__":

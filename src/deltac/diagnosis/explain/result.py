@@ -66,7 +66,9 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
         case "actuator-delay":
             return f"{element} acts {shown} s later than it was logged"
         case "zero-offset":
-            return f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
+            return (
+                f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
+            )
         case "damping" | "stiffness" | "armature":
             noun = {"damping": "the damping of", "stiffness": "the stiffness of"}
             what = noun.get(c.kind, "the rotor inertia of")

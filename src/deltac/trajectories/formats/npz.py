@@ -1,4 +1,4 @@
-"""NumPy's NPZ: arrays by name, and deltac's header as the text array ``deltac``.
+"""NumPy's NPZ and NPY: arrays by name, and deltac's header as the text array ``deltac``.
 
 Archive and headers are taken apart here, not by `numpy.load`: what an array announces must be
 what the archive holds of it, and both are looked at before anything is unpacked. Nothing is unpickled.
@@ -49,6 +49,20 @@ def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
 def read_npz(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or each array of another program's as columns."""
     return _opened(path, _log)
+
+
+def read_npy(path: Path) -> RawLog:
+    """One array, a table with the times in its first column, or with named fields."""
+    with opened(path) as file, damage_named("NPY"):
+        size = os.fstat(file.fileno()).st_size
+        collector = Collector()
+        try:
+            collector.add(
+                "array", _values(file, size, f"the array {shown(path.name)}", Budget(size))
+            )
+        except TypeError as error:
+            raise LogError(f"the array {error}") from None
+    return collector.log()
 
 
 def _opened(path: Path, read: Callable[[zipfile.ZipFile, int], T]) -> T:
@@ -130,37 +144,44 @@ def _array(
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise LogError(f"{what} is compressed by a method that NumPy does not write")
     with archive.open(info) as stream:
-        dtype, shape, order, start = _header(stream, what)
-        count = math.prod(shape) * dtype.itemsize
-        if dtype.hasobject:
-            raise TypeError("holds Python objects, not numbers")
-        if dtype.kind not in "biufU":
-            raise TypeError(f"holds values of type {dtype}, not numbers")
-        if start + count != info.file_size:
-            raise FileError(
-                f"{what} announces {shape} values of {dtype.itemsize} bytes, the archive holds "
-                f"{info.file_size - start} bytes of it: the NPZ file is damaged"
-            )
-        if dtype.kind == "U":
-            Limits.current().check("metadata", count // 4, f"{what} is of")
-        if part is None or len(shape) < 2 or order != "C" or not count:
-            budget.take(count)
-            content = stream.read(count)
-            if len(content) != count:
-                raise FileError(f"{what} is cut off: the NPZ file is damaged")
-            whole = np.frombuffer(content, dtype).reshape(shape, order=order)
-            return whole if part is None else whole[:, part]
-        row = count // shape[0]
-        kept = np.empty((shape[0], len(range(shape[1])[part]), *shape[2:]), dtype)
-        budget.take(kept.nbytes + _BLOCK)
-        at_once = max(1, _BLOCK // row)
-        for first in range(0, shape[0], at_once):
-            rows = min(at_once, shape[0] - first)
-            content = stream.read(rows * row)
-            if len(content) != rows * row:
-                raise FileError(f"{what} is cut off: the NPZ file is damaged")
-            block = np.frombuffer(content, dtype).reshape(rows, *shape[1:])
-            kept[first : first + rows] = block[:, part]
+        return _values(stream, info.file_size, what, budget, part)
+
+
+def _values(stream: Any, size: int, what: str, budget: Budget, part: slice | None = None) -> Any:
+    """The array that `size` bytes of a stream hold, or a part of its second axis."""
+    dtype, shape, order, start = _header(stream, what)
+    count = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject:
+        raise TypeError("holds Python objects, not numbers")
+    kinds = [dtype[name].kind for name in dtype.names] if dtype.names else [dtype.kind]
+    if not set(kinds) <= set("biufUmM"):
+        raise TypeError(f"holds values of type {dtype}, not numbers")
+    if start + count != size:
+        raise FileError(
+            f"{what} announces {shape} values of {dtype.itemsize} bytes, the file holds "
+            f"{size - start} bytes of it: it is damaged"
+        )
+    if dtype.kind == "U":
+        Limits.current().check("metadata", count // 4, f"{what} is of")
+
+    def taken(size: int) -> bytes:
+        content: bytes = stream.read(size)
+        if len(content) != size:
+            raise FileError(f"{what} is cut off: the file is damaged")
+        return content
+
+    if part is None or len(shape) < 2 or order != "C" or not count:
+        budget.take(count)
+        whole = np.frombuffer(taken(count), dtype).reshape(shape, order=order)
+        return whole if part is None else whole[:, part]
+    row = count // shape[0]
+    kept = np.empty((shape[0], len(range(shape[1])[part]), *shape[2:]), dtype)
+    budget.take(kept.nbytes + _BLOCK)
+    at_once = max(1, _BLOCK // row)
+    for first in range(0, shape[0], at_once):
+        rows = min(at_once, shape[0] - first)
+        block = np.frombuffer(taken(rows * row), dtype).reshape(rows, *shape[1:])
+        kept[first : first + rows] = block[:, part]
     return kept
 
 

@@ -275,7 +275,7 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, l
         if found:
             return found, list(dict.fromkeys(suspected))
     for search in searches:
-        for kind in pairs(search, target):
+        for kind in pairs(search):
             found = _confirm(reading, target, kind, deadline)
             if found:
                 return found, list(dict.fromkeys(suspected))

@@ -280,12 +280,12 @@ class First:
     changes: Mapping[int, Change]
 
 
-def pairs(search: Search, target: Target) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
+def pairs(search: Search) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
     """Pairs of edits that seem to make the function right, one kind after the other, cheapest first."""
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
-        ways.insert(0, Search(rows, target, search.deadline))
+        ways.insert(0, Search(rows, search.target, search.deadline))
         ways[0].require()
     pools = []
     for way in ways:

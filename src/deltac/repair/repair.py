@@ -68,6 +68,9 @@ MORE_TIME = 3.0
 AGREE = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
 
+TWO = 2.5
+"""Edits that cost more than this are compared with two plain ones."""
+
 BRANCHES = 12
 """Edits of one branch that are combined with those of another."""
 
@@ -320,6 +323,10 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, l
         singles = search.single()
         found = _confirm(reading, target, ((c,) for c in singles), deadline)
         suspected += suspects(program.source, [r.place for r in search.whole])
+        if found and found[0][0][0].cost > TWO:
+            kinds = (_confirm(reading, target, kind, deadline) for kind in pairs(search, True))
+            two = next(filter(None, kinds), [])
+            found = sorted([*found, *two], key=lambda f: sum(e.cost for e in f[0]))
         if found:
             return found, list(dict.fromkeys(suspected))
         searches.append(search)

@@ -1218,6 +1218,10 @@ class _Reader:
         match target:
             case ast.Name():
                 if scope.outer.get(target.id) == "global":
+                    if not scope.module.pending:  # no statement of the module's calls this
+                        self.refuse(
+                            target, f"changes the outer variable {target.id!r}, a side effect"
+                        )
                     scope.module.names[target.id] = value
                     self.set_again(target.id, value)
                 else:

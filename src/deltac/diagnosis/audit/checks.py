@@ -27,8 +27,8 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scene import Constraint
 from deltac.trajectories import Trajectory, suspicions
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 
 Force elements and constraints state their laws on a `Scene` in plain operators: they ask where points are and
 how fast they move, and say which forces act there, or what is kept at zero. `dynamics.scene` answers in
-symbols, so that a law is written once and traced for simulation, ledgers and residuals alike, while this package
-needs no symbolic engine.
+symbols, so that a law is written once and traced for simulation, ledgers and residuals alike, while this
+package needs no symbolic engine.
 
 Scalars, columns (3,) and generalized forces (nu,) are expressions that take ``+ - * / **``, comparisons, and
 indices; vectors are world components unless said otherwise.

@@ -462,7 +462,7 @@ def _localisation(found: Localisation) -> Figure:
 
 
 def _explanation(found: Explanation) -> Figure:
-    """What each cause explains of what is left of the equations."""
+    """What each cause explains of the residual of the equations."""
     causes = found.causes
     made = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {found.kind}", beside=BESIDE)
     panel = made.subplots()

@@ -365,7 +365,7 @@ def _of_a_part(verdict: Verdict, lacking: list[Finding]) -> Verdict:
         confidence="low",
         evidence=(
             *verdict.evidence,
-            f"This is of the model without some of its file: {lacking[0].what}",
+            f"Parts of the model's file were left out: {lacking[0].what}",
         ),
     )
 
@@ -539,7 +539,7 @@ def study(
         given = simulator is not None or steps is not None or tolerances is not None
         if given or solver:
             raise ArgumentsError(
-                "logs= are runs already: leave out steps, tolerances, solver and simulator"
+                "logs= are finished runs: leave out steps, tolerances, solver and simulator"
             )
         runs = logged(loaded.mechanism, logs, mapping)
         maker = _of_logs(runs, order)
@@ -555,7 +555,7 @@ def study(
         if simulator is not None:
             if solver or equations is not None or controller is not None:
                 raise ArgumentsError(
-                    "simulator= makes the runs by itself: leave out solver, equations and controller"
+                    "simulator= makes the runs itself: leave out solver, equations and controller"
                 )
             maker = _of_user(simulator, order)
         else:
@@ -675,7 +675,7 @@ def _of_user(simulator: Simulator, order: int | None) -> _Maker:
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
-        raise ArgumentsError("give steps=, three or more, each half of the one before")
+        raise ArgumentsError("give steps=, three or more, each half of the previous one")
     h, duration = loaded.problem.step, loaded.problem.duration
     coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
     return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)

@@ -250,7 +250,7 @@ def test_equal_causes_are_all_named_with_the_motion_that_would_tell() -> None:
     assert ("missing-rotor-inertia", "axle") in named
     assert ("body-moments", "wheel") in named
     assert ("actuator-gear", "actuator motor") in named
-    assert "The log explains as well" in str(found)
+    assert found.alternatives
 
 
 def test_the_motion_that_would_separate_is_named() -> None:
@@ -284,7 +284,6 @@ def test_what_is_not_in_the_dictionary_is_not_explained() -> None:
         model_of(ARM), replace(run, forces={**run.forces, "actuator m2": odd})
     )
     assert found.kind == "unexplained", str(found)
-    assert "No few causes of those known" in str(found)
     assert found.findings == ()
 
 

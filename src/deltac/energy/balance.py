@@ -248,7 +248,7 @@ def _method(run: Trajectory, work: str | None) -> str:
         raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
     if work == "in-loop" and not run.integrals:
         raise LogError(
-            "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
+            "the run holds no integrals taken in the loop; use work='samples', or simulate with record="
         )
     return work
 
@@ -291,8 +291,8 @@ def _chosen(
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in run.integrals:
                 raise LogError(
-                    f"the power of {name!r} was not integrated in the loop (there are: "
-                    f"{', '.join(run.integrals)}); simulate with testing=, or use work='samples'"
+                    f"the power of {name!r} was not integrated in the loop (available: "
+                    f"{', '.join(run.integrals)}); simulate with record=, or use work='samples'"
                 )
         return list(chosen)
     if method == "discrete":

@@ -95,7 +95,7 @@ def member_parameters(
             "for `simulate`, where they say what stays a parameter of the compiled code"
         )
     if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
-        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
+        raise InputError(f"sensitivity={sensitivity!r}: expected distinct names of parameters")
     for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
         for name in wanted:
             if name not in mechanism.parameters:

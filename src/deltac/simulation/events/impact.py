@@ -125,7 +125,9 @@ def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list
     plastic = [Contact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts]
     rest = _together(inertia, plastic, u)
     if rest is None:
-        raise DeltacError(f"the impacts of {len(contacts)} contacts at once come to no end")
+        raise DeltacError(
+            f"the simultaneous impacts at {len(contacts)} contacts do not come to an end"
+        )
     for k, impulse in enumerate(rest):
         total[k][0] += impulse[0]
     return total

@@ -305,10 +305,11 @@ class EventRun:
             if resting and sight.bend[k] < -none:
                 limit = self.collider.paradox(k, t, x, self.p)
                 what = (
-                    "is in lasting contact, pressed on and not parting; impacts are of an instant."
+                    "is in lasting contact: the bodies are pressed together and do not separate, while "
+                    "impacts are instantaneous."
                     if limit is None
-                    else "slides, pressed on, where rigid bodies with Coulomb's friction have no motion or "
-                    f"more than one (Painlevé's paradox, here from a friction of {limit:.6g} on)."
+                    else "slides under pressure where rigid bodies with Coulomb friction have no motion, "
+                    "or more than one (Painlevé's paradox, here for friction of at least {limit:.6g} on)."
                 )
                 self.message = (
                     f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} {what} Let a terminal event end "
@@ -321,9 +322,9 @@ class EventRun:
         for k in which:
             if self._sides[k] * sight.rate[k] < 0.0:
                 self.message = (
-                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} leads back to where it switches, "
-                    "from both sides (stick, a sliding mode): the law has no value there. Give it a steep "
-                    "but continuous slope in place of the jump"
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is driven back to its jump from "
+                    f"both sides (sticking, a sliding mode), where the law has no value. Replace the jump "
+                    f"by a steep but continuous slope"
                 )
 
 
@@ -386,7 +387,8 @@ class Accumulation:
         """What is to be said, with the time at which they come to their end."""
         t = self._times[point][-1]
         return (
-            f"stopped at t = {t:.9g} s: {self._names[point]!r} happens ever faster, infinitely often until "
-            f"t = {self._end[point]:.12g} s, and then the contact lasts. End the run before (a shorter "
+            f"stopped at t = {t:.9g} s: {self._names[point]!r} recurs ever faster: the impacts accumulate "
+            f"(Zeno) at t = {self._end[point]:.12g} s, after which the contact lasts. End the run earlier "
+            f"(a shorter "
             "duration, or a terminal event), or use a compliant contact"
         )

@@ -199,13 +199,14 @@ class AdaptiveSteps:
                 refused = refused if refused[0] else (h, energy)
                 if h < SHORTER * refused[0] and energy > 0.5 * refused[1]:
                     raise StepFailed(
-                        f"ΔC changes by {change / h:.3g} W however short the step is, so it is not its "
-                        "error: the equations are not those of the model, or a force that does work is not "
-                        "told. deltac.check_equations finds which; record=() leaves ΔC out of the control"
+                        f"ΔC changes by {change / h:.3g} W however short the step is, so the step is not "
+                        f"the cause: the equations are not those of the model, or a force that does work "
+                        f"is in no channel. deltac.check_equations finds out which; record=() takes ΔC "
+                        f"out of the step control"
                     )
         raise StepFailed(
-            f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; what was "
-            "computed so far is kept. Where a law jumps, use Adaptive(switches=True); or allow more"
+            f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; the "
+            f"run up to here is kept. Where a law jumps, use Adaptive(switches=True); or allow more"
         )
 
     def accept(self, t: float, x: Array) -> None:

@@ -6,7 +6,7 @@ import glob as globbing
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.fleets.verdicts import AuditTask, verdicts
@@ -73,11 +73,7 @@ class AuditPiece:
 
     def halves(self) -> tuple[AuditPiece, AuditPiece]:
         """The first ones, and the others."""
-        m = self.rows // 2
-        return (
-            replace(self, logs=self.logs[:m], addresses=self.addresses[:m]),
-            replace(self, logs=self.logs[m:], addresses=self.addresses[m:]),
-        )
+        return halved(self, "logs", "addresses")
 
     def __call__(self) -> bytes:
         """Their rows, as a Parquet file."""
@@ -269,7 +265,7 @@ class AuditPlan:
 
     def run(self, folder: Path, execution: Execution, **options: Any) -> Fleet:
         """Do what is missing."""
-        store = Store.make(folder, "audit", self.name, self.told)
+        store = Store.make(folder, "audit", self.name, self.told, {self.name: self.told["model"]})
         return run_fleet(
             store,
             self.addresses,

@@ -39,7 +39,13 @@ from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
-from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
+from deltac.simulation.recording import (
+    observed,
+    observer,
+    recorded,
+    while_assembled,
+    with_occurrences,
+)
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
     Adaptive,
@@ -223,7 +229,8 @@ def simulate(
     motion = loop.run()
     if found.family == "fixed":
         motion = explained(flow, found, duration / steps, p, x0, motion)
-    motion = while_assembled(flow, motion, p)
+    seen = observed(flow, made.observe, motion, p)
+    motion = while_assembled(flow, motion, seen)
     if motion.message:
         warn_user(motion.message, SimulationStoppedWarning)
     if flow.correcting:
@@ -239,7 +246,7 @@ def simulate(
         message=motion.message,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, made.observe, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)

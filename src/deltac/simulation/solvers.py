@@ -304,6 +304,8 @@ def find_solver(name: object) -> Solver:
             f"solver is {name!r}; expected a name, such as 'ode5', or an object such as "
             "deltac.solvers.Scipy('DOP853', tolerance=1e-9)"
         )
+    if name in SOLVERS:
+        return SOLVERS[name]
     known = {**_BY_ALIAS, **SOLVERS}
     alike = {n: s for n, s in known.items() if n.lower() == name.lower()}
     solver = known.get(name) or (next(iter(alike.values())) if len(alike) == 1 else None)

@@ -259,7 +259,7 @@ def _coarse(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
         return (
             f"The error is the integrator's, since the equations are right; {_amount(m)}. {_few(m)}: study "
-            f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the one before."
+            f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the previous one."
         )
     return (
         f"The error is the integrator's: the equations are right, yet nothing converges at these {m.knob}s; "

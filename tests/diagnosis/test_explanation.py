@@ -154,7 +154,7 @@ def test_a_body_that_is_heavier_and_has_its_mass_centre_elsewhere(
         ("body-mass", "lower", ("factor",)): heavier,
     }
     assert values == pytest.approx(planted, rel=EXACT)
-    assert f"is moved by {moved:g} " in str(found)  # without brackets
+    assert f"is displaced by {moved:g} " in str(found)  # without brackets
 
 
 def test_another_mass_centre_mass_and_inertia_of_one_body() -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from deltac.arrays import ASSEMBLED
 from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, released
@@ -101,7 +102,7 @@ def constraint_rows(system: System) -> Rows:
 def _vanishes(rows: Rows, k: int) -> bool:
     """Whether a row without motion holds by itself: constants at rounding level."""
     values = ca.vertcat(rows.phi[k], rows.b[k])
-    return bool(values.is_constant()) and float(ca.norm_inf(ca.DM(values))) < 1e-9
+    return bool(values.is_constant()) and float(ca.norm_inf(ca.DM(values))) < ASSEMBLED
 
 
 def _rate(system: System, phi: SX) -> SX:

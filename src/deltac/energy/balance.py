@@ -9,7 +9,7 @@ from os import PathLike
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import renamed_keywords
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
@@ -46,8 +46,6 @@ from deltac.trajectories import Trajectory
 WORK = ("in-loop", "samples", "discrete")
 DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
-
-EPS = float(np.finfo(np.float64).eps)
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")

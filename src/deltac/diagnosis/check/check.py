@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
@@ -172,7 +172,7 @@ def finite_worst(residuals: Residuals) -> list[float]:
 
 # --- `check_equations` ---------------------------------------------------------------------------
 
-TOLERANCE = float(np.sqrt(np.finfo(np.float64).eps))
+TOLERANCE = float(np.sqrt(EPS))
 """Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
 constant typed with seven digits shows."""
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
@@ -237,7 +237,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
     sudden = (change[1:-1] > JUMP * np.maximum(around, usual)) & (
-        change[1:-1] > NOTICEABLE * np.maximum(top, np.finfo(np.float64).tiny)
+        change[1:-1] > NOTICEABLE * np.maximum(top, TINY)
     )
     if not sudden.any():
         return

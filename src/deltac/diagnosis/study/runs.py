@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.measurements.digits import EPS, resolution
+from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError, WrongType

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
 from deltac.dynamics.recursions import crba
@@ -99,7 +99,7 @@ def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[A
     p, _ = nnls(C, -c)
     after = v + C.T @ (C @ p)
     made = float(p @ (0.5 * (v + after)))
-    size = float(p @ np.abs(v)) + np.finfo(float).tiny
+    size = float(p @ np.abs(v)) + TINY
     if (e <= 1.0).all() and (made > 1e-12 * size or (after < -1e-9 * np.abs(v).max()).any()):
         return None
     return [np.array([value]) for value in p]

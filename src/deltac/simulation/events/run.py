@@ -9,7 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
@@ -18,7 +18,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.simulation.events.impact import Collider
-from deltac.simulation.events.location import EPS, End, crossing, may_cross
+from deltac.simulation.events.location import End, crossing, may_cross
 from deltac.simulation.events.switching import switched
 from deltac.simulation.events.witness import Witness, Witnesses
 from deltac.simulation.flow import Flow

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
@@ -30,7 +30,7 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
 ABSOLUTE = 1e-3
 """Absolute tolerance of a coordinate or speed near zero, as a share of the relative one."""
 
-ROUNDED = 64 * float(np.finfo(np.float64).eps)
+ROUNDED = 64 * EPS
 """Change of ΔC, as a share of the energies, that rounding makes."""
 
 MOST_INSTRUCTIONS = 6_000

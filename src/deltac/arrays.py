@@ -14,7 +14,7 @@ EPS = float(np.finfo(np.float64).eps)
 """Spacing of the numbers at one, 2⁻⁵²: what one rounding may change, relative."""
 
 TINY = float(np.finfo(np.float64).tiny)
-"""The smallest normal number: it keeps a quotient finite where the divisor may be zero, and changes no other."""
+"""The smallest normal number: it keeps a quotient finite where the divisor may be zero."""
 
 ASSEMBLED = 1e-9
 """Largest violation of a constraint (m or rad; per s at unit speeds) by a state that meets it.

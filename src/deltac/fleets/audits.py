@@ -24,7 +24,7 @@ from deltac.fleets.verdicts import AuditTask, verdicts
 from deltac.interrupts import interruptible
 from deltac.isolation import Failure
 from deltac.models import Model, ModelLike, load_model
-from deltac.trajectories.formats.files import FORMATS
+from deltac.trajectories.formats.files import FORMATS, is_log_folder
 from deltac.trajectories.formats.mapping import as_mapping
 
 OUTCOME: dict[str, str] = {
@@ -114,7 +114,7 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
     for one in map(str, many):
         if "://" in one:
             found += _remote(one)
-        elif Path(one).is_dir():
+        elif Path(one).is_dir() and not is_log_folder(Path(one)):
             found += sorted(str(p) for p in Path(one).iterdir() if p.suffix.lower() in FORMATS)
         elif globbing.has_magic(one) and not Path(one).exists():
             matches = sorted(globbing.glob(one, recursive=True))
@@ -133,9 +133,11 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
 
 
 def is_fleet(logs: Sequence[str]) -> bool:
-    """Whether these are a folder, a pattern, or in a store, and so a fleet even if they are few."""
+    """Whether these are a folder of logs, a pattern, or in a store, and so a fleet even if they are few."""
     return any(
-        "://" in one or Path(one).is_dir() or (globbing.has_magic(one) and not Path(one).exists())
+        "://" in one
+        or (Path(one).is_dir() and not is_log_folder(Path(one)))
+        or (globbing.has_magic(one) and not Path(one).exists())
         for one in logs
     )
 

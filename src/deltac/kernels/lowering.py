@@ -1,8 +1,8 @@
-"""Sine and cosine written out in products and sums, for code that runs many times.
+"""Sine and cosine written out in products and sums, and the walk from CasADi to other algebras.
 
 A call of a library's sine empties the registers of vector code around it, and sine and cosine of an angle
 are two calls. Written out, they share the reduction of the angle, and a step of a pendulum in an ensemble
-takes two thirds of the time; compiling takes up to half as long again.
+takes two thirds of the time.
 
 The angle is x = k π/2 + r with |r| ≤ π/4 (Cody and Waite's reduction, π/2 in three parts), the polynomials
 in r are minimax ones, and the quadrant k turns the pair (cos r, sin r) by right angles. The result is
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeAlias
 
@@ -97,8 +97,8 @@ def _polynomial(coefficients: Sequence[float], z: Scalar) -> Scalar:
 
 # --- one walk over the instructions of a CasADi function -----------------------------------------
 # A CasADi `SX` function is a straight line of scalar instructions on a work vector. `lower`
-# replays it with the operations of another algebra; `to_heyoka` (machine code, Taylor series,
-# quad precision) and `to_sympy` (equations to read) are that walk with two tables.
+# replays it with the operations of another algebra; `llvm_ir` (machine code), `to_heyoka` (Taylor
+# series, quad precision) and `to_sympy` (equations to read) are that walk with three tables.
 # What the tables agree on: comparisons and logical operations are numbers, 0 or 1; `if_else_zero`
 # selects, so that a NaN in the branch not taken does not spread; `fmin` and `fmax` hand a NaN on
 # (CasADi's own evaluator follows C and drops it).
@@ -116,19 +116,16 @@ class Algebra:
     operations: dict[int, Operation]
 
 
-def to_heyoka(
-    function: Function, arguments: Sequence[Sequence[Scalar]], inline: bool = False
-) -> list[list[Scalar]]:
+def to_heyoka(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
     """`function` on heyoka expressions: one list of arguments per input, one list per output.
 
     Inputs are listed by their structural nonzeros (all entries, when dense); outputs are whole
-    matrices, column by column, structural zeros included. With `inline`, sine and cosine are
-    written out (see `trigonometry`): for values only, not for Taylor series.
+    matrices, column by column, structural zeros included.
 
     Raises:
         InputError: an operation heyoka cannot express, or arguments that do not fit the inputs.
     """
-    return lower(function, arguments, _heyoka_inline() if inline else _heyoka())
+    return lower(function, arguments, _heyoka())
 
 
 def to_sympy(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
@@ -143,6 +140,7 @@ def lower(
     _check_arguments(function, arguments)
     work: dict[int, Scalar] = {}
     nonzeros: list[dict[int, Scalar]] = [{} for _ in range(function.n_out())]
+    shared, inverses = _shared_divisors(function), dict[int, Scalar]()
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         reads, writes = function.instruction_input(k), function.instruction_output(k)
@@ -152,6 +150,11 @@ def lower(
             nonzeros[writes[0]][writes[1]] = work[reads[0]]
         elif op == casadi.OP_CONST:
             work[writes[0]] = algebra.constant(function.instruction_constant(k))
+        elif k in shared:
+            if shared[k] not in inverses:
+                inverses[shared[k]] = algebra.constant(1.0) / work[reads[-1]]
+            inverse = inverses[shared[k]]
+            work[writes[0]] = inverse if op == casadi.OP_INV else work[reads[0]] * inverse
         elif op in algebra.operations:
             work[writes[0]] = algebra.operations[op](*(work[i] for i in reads))
         else:
@@ -163,6 +166,23 @@ def lower(
         _densify(function.sparsity_out(i), values, algebra.constant(0.0))
         for i, values in enumerate(nonzeros)
     ]
+
+
+def _shared_divisors(function: Function) -> dict[int, int]:
+    """Divisions by a number that others are divided by too -> the instruction that finds the number.
+
+    They become products with its reciprocal: a division takes as long as ten products. (CasADi makes a
+    division of x·(1/d), so that expressions cannot say it.)
+    """
+    found: dict[int, int] = {}  # place in the work vector -> the instruction that wrote there last
+    divided: dict[int, list[int]] = {}
+    for k in range(function.n_instructions()):
+        op, writes = function.instruction_id(k), function.instruction_output(k)
+        if op in (casadi.OP_DIV, casadi.OP_INV):
+            divided.setdefault(found[function.instruction_input(k)[-1]], []).append(k)
+        if op != casadi.OP_OUTPUT:
+            found[writes[0]] = k
+    return {k: by for by, these in divided.items() if len(these) > 1 for k in these}
 
 
 def _check_arguments(function: Function, arguments: Sequence[Sequence[Scalar]]) -> None:
@@ -186,7 +206,7 @@ def _op_name(op: int) -> str:
     return next(names, f"number {op}").removeprefix("OP_")
 
 
-def _arithmetic() -> dict[int, Operation]:
+def arithmetic() -> dict[int, Operation]:
     """The operations that Python's own operators express, in whatever algebra."""
     return {
         casadi.OP_ASSIGN: lambda a: a,
@@ -232,7 +252,7 @@ def _heyoka() -> Algebra:
     return Algebra(
         "heyoka",
         hy.expression,
-        _arithmetic()
+        arithmetic()
         | _named_functions(hy)
         | {
             casadi.OP_LOG1P: hy.log1p,
@@ -252,18 +272,6 @@ def _heyoka() -> Algebra:
             casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
         },
     )
-
-
-@cache
-def _heyoka_inline() -> Algebra:
-    import heyoka as hy
-
-    called = _heyoka()
-    written = {
-        casadi.OP_SIN: lambda x: sine(x, hy.select, hy.lt),
-        casadi.OP_COS: lambda x: cosine(x, hy.select, hy.lt),
-    }
-    return replace(called, operations=called.operations | written)
 
 
 @cache
@@ -288,7 +296,7 @@ def _sympy() -> Algebra:
     return Algebra(
         "SymPy",
         constant,
-        _arithmetic()
+        arithmetic()
         | _named_functions(sp)
         | {
             casadi.OP_INV: lambda a: 1 / a,

@@ -28,7 +28,7 @@ FIRM = 0.02
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
-    "inaccuracy of a method that conserves energy by construction; see the order of the state",
+    "the inaccuracy of an energy-conserving method; see the order of the state",
 )
 
 BLOCKING = (
@@ -235,7 +235,7 @@ def _small(m: StudyMeasures, *, idle: bool = False) -> str:
 def _unstable(m: StudyMeasures) -> str:
     return (
         "The error is the integrator's: the equations are right, yet even the finest run blows up. Use "
-        "smaller {m.knob}s, or an implicit method."
+        f"smaller {m.knob}s, or an implicit method."
     )
 
 

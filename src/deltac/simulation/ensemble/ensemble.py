@@ -22,7 +22,7 @@ from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, ModelError
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
-from deltac.kernels.parallel import check_cancelled, spread
+from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
@@ -171,7 +171,7 @@ def simulate_ensemble(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )
-    names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
+    mechanism, names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
     t0, Q, U = member_states(mechanism, states)
     h, solvers = member_steps(step, duration), member_solvers(solver)
     members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
@@ -197,8 +197,9 @@ def simulate_ensemble(
         group = np.flatnonzero((h == size) & np.array([other is one for other in solvers]))
         per_record = round(interval / size)
         advance = Advance(flow, one, per_record, along)
-        starts = range(0, len(group), advance.chunk)
-        jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
+        chunk = advance.chunk(len(group), threads or cores())
+        starts = range(0, len(group), chunk)
+        jobs += [(advance, per_record, group[i : i + chunk]) for i in starts]
     telling = _Telling(progress, sum(records * each * len(own) for _, each, own in jobs))
 
     def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:

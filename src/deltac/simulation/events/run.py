@@ -309,7 +309,7 @@ class EventRun:
                     "impacts are instantaneous."
                     if limit is None
                     else "slides under pressure where rigid bodies with Coulomb friction have no motion, "
-                    "or more than one (Painlevé's paradox, here for friction of at least {limit:.6g} on)."
+                    f"or more than one (Painlevé's paradox, here for friction of at least {limit:.6g})."
                 )
                 self.message = (
                     f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} {what} Let a terminal event end "

@@ -280,7 +280,7 @@ class _Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL if quiet else None,
-            env={**threads, **os.environ, "PYTHONPATH": path},
+            env={**threads, **os.environ, "DELTAC_THREADS": "1", "PYTHONPATH": path},
             start_new_session=True,
         )
         self.ended = False

@@ -10,14 +10,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from deltac.dynamics.forces import _ELEMENTS, Channel, channels
+from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import channel_powers
 from deltac.mechanism.bodies import body, point_mass
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.forces import joint_spring, spring_damper
 from deltac.mechanism.joints import prismatic, spherical
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scene import Element
 from tests.systems.random_forces import ELEMENTS, random_force
 from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
 
@@ -34,11 +36,14 @@ def explicit(parts: tuple[Channel, ...], name: str) -> SX:
     return found[0] if found else ca.SX(0)
 
 
+KINDS = [kind for kind in Element.__subclasses__() if kind.__module__.startswith("deltac.")]
+
+
 def test_every_element_has_an_example() -> None:
-    assert set(ELEMENTS) == set(_ELEMENTS)
+    assert set(ELEMENTS) == set(KINDS)
 
 
-@pytest.mark.parametrize("kind", _ELEMENTS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 @given(bare=samples(Options(forces=False, bodies=4)), seed=st.integers(0, 2**32 - 1))
 def test_power_is_the_loss_of_potential(kind: type, bare: Sample, seed: int) -> None:
     rng = np.random.default_rng(seed)

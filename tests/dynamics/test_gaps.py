@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from deltac import InputError, Mechanism, free, shapes
 from deltac.bodies import box
-from deltac.dynamics.gaps import _PAIRS, all_velocities, gaps
+from deltac.dynamics.gaps import _PAIRS, gaps
 from deltac.dynamics.system import trace
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, check_pair, check_shape
 
@@ -57,14 +57,13 @@ def states(seed: int, count: int, apart: float = 0.5) -> list[tuple[Array, Array
 def evaluated(pair: tuple[type, type]) -> Any:
     """gap, n, surface points and velocities of all points of a pair, as a function of (q, u)."""
     found = gaps(SYSTEM, MAKERS[pair[0]]("a"), MAKERS[pair[1]]("b"))
-    V = all_velocities(SYSTEM)
     columns = [
         ca.vertcat(
             g.gap,
             g.n,
             g.on_first,
             g.on_second,
-            ca.dot(g.n, g.relative_velocity(SYSTEM, V)),
+            ca.dot(g.n, g.relative_velocity),
             ca.jtimes(g.gap, SYSTEM.q, SYSTEM.qdot),
         )
         for g in found

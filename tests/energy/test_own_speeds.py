@@ -233,8 +233,9 @@ def test_rolling_disc_in_the_speeds_of_textbooks() -> None:
         {"yaw": 0.5, "lean": 0.1, "spin": 8.0},
     ).state
     by_hand = dc.Equations(published_disc, KANE)
-    run = dc.simulate(disc, start, 0.5, 1e-3, "ode4", FUNCTIONS, by_hand, coordinates=KANE)
-    own = dc.simulate(disc, start, 0.5, 1e-3, "ode4", FUNCTIONS, coordinates=KANE)
+    record = dc.Record(FUNCTIONS, coordinates=KANE)
+    run = dc.simulate(disc, start, 0.5, 1e-3, "ode4", record, by_hand)
+    own = dc.simulate(disc, start, 0.5, 1e-3, "ode4", record)
     # At states of a run: upside down, the disc touches the road with its other side.
     check = dc.check_equations(disc, published_disc, coordinates=KANE, states=own)
     assert check.verdict.kind == "consistent"
@@ -265,7 +266,9 @@ QUASI = {
     ids=["what follows left out", "all laws", "a dependent speed"],
 )
 def test_sleigh_by_quasi_velocities(own: dc.CoordinateMap) -> None:
-    run = dc.simulate(SLEIGH.mechanism, SLEIGH.state, 1.0, 2e-3, "ode8", FUNCTIONS, coordinates=own)
+    run = dc.simulate(
+        SLEIGH.mechanism, SLEIGH.state, 1.0, 2e-3, "ode8", dc.Record(FUNCTIONS, coordinates=own)
+    )
     ledger = dc.balance(SLEIGH.mechanism, run)
     assert set(ledger.delta_c) == set(FUNCTIONS)
     assert max(_largest(ledger).values()) < 1e-12  # of 2.5 J
@@ -301,7 +304,7 @@ def test_a_loop_whose_foot_is_moved() -> None:
     largest = []
     for name in ("crank", "rocker"):
         own = dc.CoordinateMap((name,))
-        run = dc.simulate(moved, start, 0.5, 1e-3, "ode8", FUNCTIONS, coordinates=own)
+        run = dc.simulate(moved, start, 0.5, 1e-3, "ode8", dc.Record(FUNCTIONS, coordinates=own))
         ledger = dc.balance(moved, run)
         assert max(_largest(ledger).values()) < 1e-9
         largest.append(ledger.K0.max())
@@ -318,7 +321,9 @@ def _on(joint: Any, parent: str) -> Any:
 
 def test_a_run_records_its_speeds(tmp_path: Any) -> None:
     own = dc.CoordinateMap(speeds=("v", "w"), u=FORWARD)
-    run = dc.simulate(SLEIGH.mechanism, SLEIGH.state, 0.1, 2e-3, "ode8", FUNCTIONS, coordinates=own)
+    run = dc.simulate(
+        SLEIGH.mechanism, SLEIGH.state, 0.1, 2e-3, "ode8", dc.Record(FUNCTIONS, coordinates=own)
+    )
     run.write(tmp_path / "run.parquet")
     back = dc.read_trajectory(tmp_path / "run.parquet")
     noted = back.provenance.coordinates
@@ -347,7 +352,7 @@ def test_a_run_records_its_speeds(tmp_path: Any) -> None:
 )
 def test_own_speeds_that_do_not_fit(own: dc.CoordinateMap, words: list[str]) -> None:
     with pytest.raises(dc.InputError) as caught:
-        dc.simulate(SLEIGH.mechanism, SLEIGH.state, 0.1, 2e-3, coordinates=own)
+        dc.simulate(SLEIGH.mechanism, SLEIGH.state, 0.1, 2e-3, record=dc.Record(coordinates=own))
     for word in words:
         assert word in str(caught.value)
 

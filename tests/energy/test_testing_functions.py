@@ -147,8 +147,7 @@ def test_both_sides_of_kane_levinson_are_divided_alike(simulated: Any, balanced:
         mechanism.state({"i": 0.5, "j": -1.0}),
         0.2,
         1e-3,
-        record=functions,
-        coordinates=simulated,
+        record=dc.Record(functions, coordinates=simulated),
     )
     if balanced is None:  # the run says which speeds its integrals are of
         assert np.abs(dc.balance(mechanism, run).delta_c["kane-levinson-1990"]).max() < 1e-9

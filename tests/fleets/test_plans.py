@@ -174,3 +174,82 @@ def test_addresses_are_of_what_determines_the_answer() -> None:
         {"solver": "ode4"},
     ):
         assert not set(before) & set(addresses(vary=axes, **other))
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_list_of_points_from_a_table(ending: str, tmp_path: Path) -> None:
+    """The same addresses as those of the values written out; the table lies beside the plan."""
+    import polars as pl
+
+    values = {
+        "solver": ["ode4", "ode5", "ode4"],
+        "parameter.m1": [1.0, 2.0, 3.0],
+        "q.joint1": [0.1, 0, 1],
+    }
+    frame = pl.DataFrame(values, strict=False)
+    frame.write_csv(tmp_path / "points.csv")
+    frame.write_parquet(tmp_path / "points.parquet")
+    base = 'model = "double-pendulum"\nduration = 1.0\nstep = 0.1\n[design]\nkind = "list"\n'
+    plan = plan_sweep(str(written(tmp_path, f'{base}file = "points.{ending}"\n')))
+    given = {
+        "model": "double-pendulum", "duration": 1.0, "step": 0.1, "design": {"kind": "list"},
+        "vary": {
+            "solver": values["solver"],
+            "parameter": {"m1": values["parameter.m1"]},
+            "q": {"joint1": [0.1, 0.0, 1.0]},
+        },
+    }  # fmt: skip
+    assert plan.addresses == plan_sweep(given).addresses
+    more = {"parameter": {"l1": [1.0, 2.0, 3.0]}}
+    both = {**given, "vary": more, "design": {"kind": "list", "file": str(tmp_path / "points.csv")}}
+    assert plan_sweep(both).design.axes == ("parameter.l1", "parameter.m1", "q.joint1")
+
+
+@pytest.mark.parametrize(
+    ("table", "design", "words"),
+    [
+        ("parameter.m1\n1\n", {"kind": "grid"}, "list"),
+        ("parameter.m1\n1\nx\n", {}, "row|parameter.m1.1"),
+        ("parameter.m1,q.joint1\n1,2\n3,\n", {}, "row 1"),
+        ("parameter.m1\n", {}, "without points"),
+        ("mass\n1\n", {}, "mass"),
+        ("step\n-1\n", {}, "step"),
+        ("parameter.m7\n1\n", {}, "m1"),
+        ("q.joint1\n1\n", {"file": "none.csv"}, "none.csv"),
+        ("q.joint1\n1\n", {"file": "points.xlsx"}, "csv"),
+    ],
+)
+def test_tables_of_points_that_cannot_be_used(
+    table: str, design: dict[str, str], words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "points.csv").write_text(table)
+    (tmp_path / "points.xlsx").write_text("")
+    spec = {"kind": "list", "file": "points.csv", **design}
+    spec["file"] = str(tmp_path / spec["file"])
+    with pytest.raises(InputError, match=words):
+        plan_sweep({"model": "double-pendulum", "duration": 1.0, "step": 0.1, "design": spec})
+
+
+def test_steps_and_tolerances_are_of_the_solvers_that_have_them() -> None:
+    plan = plan_sweep(
+        {
+            "model": "double-pendulum",
+            "duration": 1.0,
+            "vary": {
+                "solver": ["ode4", "DOP853"],
+                "step": [0.1, 0.05],
+                "solver_tolerance": [1e-6, 1e-9, 1e-12],
+                "q": {"joint1": [0.1, 0.2]},
+            },
+        }
+    )
+    found = [(task.solver, task.step, task.solver_tolerance) for task in plan.tasks]
+    assert found == [
+        ("ode4", 0.1, None),
+        ("ode4", 0.05, None),
+        ("DOP853", None, 1e-6),
+        ("DOP853", None, 1e-9),
+        ("DOP853", None, 1e-12),
+    ]
+    assert plan.design.setting.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    assert len(set(plan.addresses)) == 10

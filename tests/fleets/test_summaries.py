@@ -19,6 +19,7 @@ from tests.support.commands import command
 def made(folder: Path, rows: list[dict[str, Any]], kind: str = "sweep") -> Path:
     """A folder of results with these rows."""
     store = Store.make(folder, kind, "made", {})
+    store.begin()
     addresses = [f"{k:024x}" for k in range(len(rows))]
     frame = pl.DataFrame(rows).insert_column(0, pl.Series("address", addresses))
     frame.write_parquet(folder / "pieces" / "all.parquet")

@@ -110,6 +110,45 @@ def test_nothing_is_done_twice(
     assert dc.sweep(PLAN, folder).frame["address"].equals(undisturbed.frame["address"])
 
 
+def test_what_other_versions_made_is_made_again_and_said(
+    undisturbed: dc.Fleet,
+    tmp_path: Path,
+    crew: ThreadPoolExecutor,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from deltac.fleets import store, sweep
+    from deltac.fleets.fleet import RecomputedWarning
+
+    folder = tmp_path / "out"
+    shutil.copytree(undisturbed.folder, folder)
+    other = {**store.versions(), "numpy": "99.0"}
+    for module in (store, sweep):
+        monkeypatch.setattr(module, "versions", lambda: other)
+    with pytest.warns(RecomputedWarning, match=r"200 rows .*numpy .* → 99"):
+        again = dc.sweep(PLAN, folder, executor=crew)
+    assert (again.done, again.others) == (200, 200)
+    assert dc.fleet_status(folder).others == 200
+    assert compared(again.frame).drop("address").equals(compared(undisturbed.frame).drop("address"))
+
+
+def test_tolerances_are_an_axis(tmp_path: Path, crew: ThreadPoolExecutor) -> None:
+    found = dc.sweep(
+        "simple-pendulum",
+        tmp_path / "out",
+        vary={"solver": ["DOP853", "ode4"], "solver_tolerance": [1e-4, 1e-10], "step": [0.05]},
+        duration=1.0,
+        executor=crew,
+    )
+    frame = found.frame
+    assert frame["solver_tolerance"].to_list() == [1e-4, 1e-10, None]
+    coarse, fine, _ = frame["energy_error"]
+    problem = dc.problems.load("simple-pendulum")
+    alone = dc.simulate(problem, duration=1.0, solver=dc.solvers.Scipy("DOP853", 1e-4))
+    left = np.abs(dc.balance(problem, alone).uncorrected("wang")).max()
+    assert coarse == pytest.approx(left) and coarse > 100.0 * fine
+    found.report(tmp_path / "page.html")
+
+
 def test_any_executor_and_any_chunk_give_the_same(
     undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
 ) -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from deltac.errors import InputError
 from deltac.kernels import Kernel, to_heyoka, to_sympy
+from deltac.kernels.lowering import Algebra, lower
 
 EPS = np.finfo(float).eps
 
@@ -258,3 +259,32 @@ def test_random_expressions_agree_with_casadi(steps: list, points: list) -> None
     expected = np.array(function(batch, casadi.DM(0, 1)))
     tolerance = 2**DEPTH * 16 * EPS
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+
+
+def test_a_divisor_of_many_is_inverted_once() -> None:
+    """And of one alone not: 49/49 is 1, 49·(1/49) is not."""
+
+    class Counted(float):
+        divisions = 0
+
+        def __truediv__(self, other: float) -> Counted:
+            Counted.divisions += 1
+            return Counted(float(self) / float(other))
+
+        def __mul__(self, other: float) -> Counted:
+            return Counted(float(self) * float(other))
+
+    x, d, e = casadi.SX.sym("x", 3), casadi.SX.sym("d"), casadi.SX.sym("e")
+    found = casadi.vertcat(x / d, 1 / d, x[0] / e)
+    function = casadi.Function("f", [x, d, e], [found])
+    operations = {
+        casadi.OP_DIV: lambda a, b: a / b,
+        casadi.OP_INV: lambda a: Counted(1.0) / a,
+    }
+    algebra = Algebra("numbers", Counted, operations)
+    ((*scaled, inverse, alone),) = lower(
+        function, [[Counted(v) for v in (1.0, 2.0, 49.0)], [Counted(7.0)], [Counted(49.0)]], algebra
+    )
+    assert Counted.divisions == 2
+    assert scaled == pytest.approx([1 / 7, 2 / 7, 7.0], rel=3e-16)
+    assert inverse == 1 / 7 and alone == 1 / 49

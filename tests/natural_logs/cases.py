@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.natural_logs.models import arm
+from tests.natural_logs import models
 
 HERE = Path(__file__).parent
 AS_IS, DRAFTED, REFUSED = "as is", "after the draft", "refused"
@@ -22,6 +22,7 @@ class Case:
     outcome: str = AS_IS
     code: str = ""
     remark: str = ""
+    machine: str = "arm"
 
     @property
     def path(self) -> Path:
@@ -31,7 +32,11 @@ class Case:
     @property
     def model(self) -> object:
         """The model that it is audited against."""
-        return str(HERE / "arm_motors.xml") if "policy" in self.file else arm()
+        return (
+            str(HERE / "arm_motors.xml")
+            if "policy" in self.file
+            else getattr(models, self.machine)()
+        )
 
 
 _MATLAB = "written by SciPy in MATLAB's structure of it"
@@ -40,11 +45,10 @@ _OPENSIM = "written as OpenSim's documentation describes it"
 CASES = (
     Case("scipy_solve_ivp.npz", "SciPy: np.savez(t=result.t, y=result.y), y of shape (n, T)"),
     Case("scipy_odeint.txt", "SciPy: odeint, np.savetxt with a header"),
-    Case("numpy_savetxt.dat", "np.savetxt without a header", DRAFTED, remark="order of columns"),
+    Case("numpy_savetxt.dat", "np.savetxt without a header", remark="order of columns by how they move"),
     Case("pandas.csv", "pandas: to_csv with an index"),
     Case("pandas_multiindex.csv", "pandas: to_csv of columns in two levels"),
-    Case("excel_german.csv", "Excel: semicolons, decimal commas, degrees, German words, cp1252", DRAFTED,
-         remark="unknown words, known units"),
+    Case("excel_german.csv", "Excel: semicolons, decimal commas, degrees, German words, cp1252"),
     Case("excel_unicode.txt", "Excel: Unicode text, Greek letters, decimal commas"),
     Case("labview.txt", "a test stand: preamble, names, a row of units"),
     Case("records.jsonl", "JSON, a record a line"),
@@ -69,7 +73,7 @@ CASES = (
     Case("ros1.bag", "ROS 1: a bag, written by rosbags"),
     Case("mujoco_states.npz", "MuJoCo: time, qpos, qvel"),
     Case("mujoco_qacc.npz", "MuJoCo: time, qpos, qvel, qacc"),
-    Case("mujoco_without_time.npz", "MuJoCo: qpos, qvel, dt", DRAFTED, remark="times by dt"),
+    Case("mujoco_without_time.npz", "MuJoCo: qpos, qvel, dt", remark="times by dt"),
     Case("mujoco_writer.csv", "MuJoCo: sim_time, qpos_0, … by csv.writer"),
     Case("mujoco_policy_50hz.npz", "MuJoCo: a policy's log of qpos, qvel, ctrl at 50 Hz",
          remark="forces of the motors by `--replay`"),
@@ -81,11 +85,53 @@ CASES = (
     Case("drake_discrete.npz", "Drake: a discrete plant, sample_times, q, v"),
     Case("pybullet_arrays.npz", "PyBullet: getJointStates, arrays with timestamps"),
     Case("pybullet.csv", "PyBullet: positions, velocities, torques of motors"),
-    Case("pybullet_fps.npz", "PyBullet: positions, velocities, fps", DRAFTED, remark="times by fps"),
+    Case("pybullet_fps.npz", "PyBullet: positions, velocities, fps", remark="times by fps"),
     Case("pybullet_pickled.npz", "PyBullet: a pickled dictionary in an .npz", REFUSED, "E-LOG",
          "nothing is unpickled"),
     Case("pinocchio.npz", "Pinocchio: aba and semi-implicit Euler; t, q, dq, ddq, tau"),
     Case("exudyn_sensors.txt", "Exudyn: sensors of coordinates and their rates in one file"),
+    Case("student.csv", "a student: t, theta [deg], omega (rad/s), energies of their own",
+         machine="pendulum"),
+    Case("student_german.csv", "a student: Zeit;Winkel;Winkelgeschwindigkeit, with a byte order mark",
+         machine="pendulum"),
+    Case("student_primes.csv", "a student: theta(t), theta'(t), commas at the ends of rows",
+         machine="pendulum"),
+    Case("student_gap.csv", "a video tracker: lost samples, its names again in the middle",
+         machine="pendulum", remark="rows without a value are left out"),
+    Case("student_dates.csv", "a logger: nanoseconds since 1970, an index, angle, velocity",
+         machine="pendulum"),
+    Case("student_letters.csv", "a student: t, a, b", DRAFTED, remark="b is the rate of a",
+         machine="pendulum"),
+    Case("cart.csv", "a student: x (m), phi (deg), v, phidot", machine="cart"),
+    Case("gym_cartpole.npy", "np.save of t and Gymnasium's x, ẋ, θ, θ̇", machine="cart",
+         remark="order by how they move"),
+    Case("unnamed.npz", "np.savez(t, X) without names: arr_0, arr_1", remark="times by how they move"),
+    Case("pandas_default.json", "pandas: to_json, an object a column"),
+    Case("pandas_split.json", "pandas: to_json(orient=\"split\")"),
+    Case("long.csv", "pandas, R: a row for each joint at each instant (long, tidy)"),
+    Case("ode45_sol.mat", f"MATLAB: sol = ode45(…), the structure; {_MATLAB}"),
+    Case("to_file.mat", f"Simulink: To File, format Array, times in the first row; {_MATLAB}",
+         remark="by how they move"),
+    Case("struct_array.mat", f"MATLAB: log(k).t, log(k).q, an element a sample; {_MATLAB}"),
+    Case("timetable.csv", "MATLAB: writetimetable, durations such as 0.005 sec"),
+    Case("dymola.mat", "Dymola, OpenModelica: result file, binTrans; written as its description says"),
+    Case("joint_states_echo.csv", "ROS 2: ros2 topic echo --csv /joint_states"),
+    Case("rostopic_echo.csv", "ROS 1: rostopic echo -p, names in columns of their own"),
+    Case("plotjuggler.csv", "PlotJuggler: export of topics, cells empty where another topic has a sample",
+         remark="rows without a value are left out"),
+    Case("joint_states_lists.csv", "pandas: lists in cells, names, positions, velocities"),
+    Case("lerobot.parquet", "LeRobot: observation.state, action, timestamp, one episode"),
+    Case("lerobot_episodes.parquet", "LeRobot: several episodes, episode_index", REFUSED, "E-LOG",
+         "`--episode`, or all by `--out`"),
+    Case("robosuite.hdf5", "robomimic, robosuite: data/demo_0/states, [time, qpos, qvel]"),
+    Case("minari.hdf5", "Minari: episode_0/observations/qpos, …, two episodes", REFUSED, "E-LOG",
+         "`--episode`, or all by `--out`"),
+    Case("pybullet_states.json", "PyBullet: getJointStates as it is, tuples in tuples"),
+    Case("frame_skip.npz", "MuJoCo: qpos, qvel, timestep, frame_skip",
+         remark="times by both, as the motion agrees"),
+    Case("newton.npz", "Newton, Warp: joint_q, joint_qd of every step, time"),
+    Case("opensim_folder", f"OpenSim: Kinematics_q, _u, _dudt and controls of an analysis; {_OPENSIM}"),
+    Case("adams.tab", "Adams: a table of measures, units in brackets below the names"),
 )  # fmt: skip
 
 

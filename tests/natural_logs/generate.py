@@ -17,6 +17,8 @@ import numpy as np
 from scipy.integrate import odeint, solve_ivp
 from scipy.io import savemat
 
+import deltac as dc
+from tests.natural_logs import models
 from tests.natural_logs.models import GRAVITY, INERTIA, LENGTH, MASS
 
 HERE = Path(__file__).parent
@@ -78,6 +80,12 @@ def main() -> None:
     pybullet_logs()
     pinocchio_log()
     exudyn_log()
+    student_logs()
+    arrays_and_objects(q, u)
+    more_matlab_logs(q, u)
+    tables_of_ros(q, u)
+    datasets(q, u)
+    analysis_of_opensim(q, u)
 
 
 def scipy_logs() -> None:
@@ -132,6 +140,203 @@ def text_logs(q: Any, u: Any) -> None:
         for i, n in enumerate(("shoulder", "elbow"))
     }
     (LOGS / "nested.json").write_text(json.dumps({"time_ms": (1e3 * T).tolist(), "joints": nested}))
+
+
+def motion(machine: str) -> dc.Trajectory:
+    """A run of one of the small machines."""
+    mechanism = getattr(models, machine)()
+    start = mechanism.state(dict(zip(mechanism.coordinates.names, models.STARTS[machine])))
+    return dc.simulate(mechanism, start, 1.2, 5e-3, "ode5")
+
+
+def student_logs() -> None:
+    run = motion("pendulum")
+    t, q, u = run.t, run.q[:, 0], run.u[:, 0]
+    energies = [0.7 * 9.81 * (1 - np.cos(q)), 0.5 * (0.7 * u) ** 2]
+    table("student.csv", "t,theta [deg],omega (rad/s),Epot,Ekin", t, DEG(q), u, *energies)
+    table(
+        "student_german.csv", "Zeit;Winkel;Winkelgeschwindigkeit", t, q, u, separator=";", decimal=",",
+        encoding="utf-8-sig", end="\r\n",
+    )  # fmt: skip
+    rows = [f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(t, q, u)]
+    write("student_primes.csv", ["t,theta(t),theta'(t)", *(row + "," for row in rows)])
+    lost = [f"{a:.9g},," if 60 <= k < 63 else row for k, (a, row) in enumerate(zip(t, rows))]
+    write("student_gap.csv", ["t,theta,omega", *lost[:120], "t,theta,omega", *lost[120:]])
+    stamps = [1772359200_000000000 + round(1e9 * a) for a in t]
+    dated = [f"{k},{s},{b:.9g},{c:.9g}" for k, (s, b, c) in enumerate(zip(stamps, q, u))]
+    write("student_dates.csv", [",timestamp,angle,velocity", *dated])
+    table("student_letters.csv", "t,a,b", t, q, u)
+    run = motion("cart")
+    t, (x, phi), (v, phidot) = run.t, run.q.T, run.u.T
+    table("cart.csv", "t,x (m),phi (deg),v (m/s),phidot (deg/s)", t, x, DEG(phi), v, DEG(phidot))
+    np.save(LOGS / "gym_cartpole.npy", np.column_stack([t, x, v, phi, phidot]))
+
+
+def write(name: str, lines: list[str]) -> None:
+    """Lines of text."""
+    (LOGS / name).write_text("\n".join(lines) + "\n", "utf-8")
+
+
+def arrays_and_objects(q: Any, u: Any) -> None:
+    np.savez(LOGS / "unnamed.npz", T, np.hstack([q, u]))
+    np.savez(LOGS / "frame_skip.npz", qpos=q, qvel=u, timestep=1e-3, frame_skip=5)
+    np.savez(LOGS / "newton.npz", joint_q=q.astype("f4"), joint_qd=u.astype("f4"), time=T)
+    names = ("t", "shoulder", "elbow", "shoulder_vel", "elbow_vel")
+    data = np.column_stack([T, q, u]).round(9)
+    columns = {
+        name: {str(k): x for k, x in enumerate(c)} for name, c in zip(names, data.T.tolist())
+    }
+    (LOGS / "pandas_default.json").write_text(json.dumps(columns))
+    split = {"columns": names, "index": list(range(len(T))), "data": data.tolist()}
+    (LOGS / "pandas_split.json").write_text(json.dumps(split))
+    states = [
+        [(a, v, (0.0,) * 6, 0.0) for a, v in zip(*row)]
+        for row in zip(data[:, 1:3].tolist(), data[:, 3:].tolist())
+    ]
+    (LOGS / "pybullet_states.json").write_text(
+        json.dumps({"time": T.tolist(), "joint_states": states})
+    )
+    head = '"Time" "shoulder_angle" "elbow_angle" "shoulder_rate" "elbow_rate"\n'
+    head += '"(sec)" "(deg)" "(deg)" "(deg/sec)" "(deg/sec)"'
+    table("adams.tab", "A. Arm_1\n\n" + head, T, DEG(q), DEG(u), separator="\t", form="%.9E")
+
+
+def more_matlab_logs(q: Any, u: Any) -> None:
+    """As MATLAB, Simulink and Dymola save them."""
+    y = np.hstack([q, u])
+    stats = {"nsteps": 60.0, "nfailed": 0.0, "nfevals": 361.0}
+    idata = {"f3d": np.zeros((4, 7, len(T))), "tnew": T}
+    sol = {"solver": "ode45", "x": T[None], "y": y.T, "stats": stats, "idata": idata}
+    savemat(LOGS / "ode45_sol.mat", {"sol": sol}, do_compression=True)
+    savemat(LOGS / "to_file.mat", {"ans": np.column_stack([T, y]).T})
+    samples = [
+        {"t": t, "q": a[:, None], "qd": b[:, None]} for t, a, b in zip(T[::4], q[::4], u[::4])
+    ]
+    savemat(LOGS / "struct_array.mat", {"log": structures(samples)}, do_compression=True)
+    rows = [",".join([f"{t:.9g} sec", *(f"{x:.9g}" for x in row)]) for t, row in zip(T, y)]
+    write("timetable.csv", ["Time,shoulder_pos,elbow_pos,shoulder_vel,elbow_vel", *rows])
+    names = {"time": "Time in [s]", "arm.m": "Mass [kg]"}
+    for joint in ("shoulder", "elbow"):
+        names[f"arm.{joint}.phi"] = "Relative rotation angle [rad|deg]"
+        names[f"arm.{joint}.w"] = "First derivative of angle phi [rad/s]"
+    values = np.column_stack([T, q[:, 0], u[:, 0], -q[:, 1], u[:, 1]]).T  # one as a negated alias
+    places = [
+        [0, 1, 0, -1],
+        [1, 2, 0, 0],
+        [2, 2, 0, -1],
+        [2, 3, 0, -1],
+        [2, -4, 0, -1],
+        [2, 5, 0, -1],
+    ]
+    savemat(
+        LOGS / "dymola.mat",
+        {
+            "Aclass": np.array(["Atrajectory", "1.1        ", "           ", "binTrans   "]),
+            "name": turned(list(names)),
+            "description": turned(list(names.values())),
+            "dataInfo": np.array(places, dtype=np.int32).T,
+            "data_1": np.array([[0.0, T[-1]], [1.2, 1.2]]),
+            "data_2": values,
+        },
+        format="4",
+    )
+
+
+def turned(texts: list[str]) -> Any:
+    """A matrix of characters with a text in each column."""
+    wide = max(map(len, texts))
+    return np.array(["".join(row) for row in zip(*(text.ljust(wide) for text in texts))])
+
+
+def tables_of_ros(q: Any, u: Any) -> None:
+    """As the tools of ROS and PlotJuggler print joint states."""
+    state = [[f"{x:.10g}" for x in row] for row in np.hstack([q, u])]
+    stamps = [1772359200_000000000 + round(1e9 * t) for t in T]
+    echo = [
+        f"{s // 10**9},{s % 10**9},,shoulder,elbow,{','.join(r)},0.0,0.0"
+        for s, r in zip(stamps, state)
+    ]
+    write("joint_states_echo.csv", echo)
+    head = "%time,field.header.seq,field.header.stamp,field.header.frame_id,field.name0,field.name1"
+    parts = [f"field.{part}{k}" for part in ("position", "velocity", "effort") for k in (0, 1)]
+    rows = [
+        f"{s},{k},{s},,shoulder,elbow,{','.join(r)},0.0,0.0"
+        for k, (s, r) in enumerate(zip(stamps, state))
+    ]
+    write("rostopic_echo.csv", [",".join([head, *parts]), *rows])
+    topics = [
+        f"/joint_states/{joint}/{part}"
+        for part in ("position", "velocity")
+        for joint in ("shoulder", "elbow")
+    ]
+    rows = []
+    for k, (s, r) in enumerate(zip(stamps, state)):
+        rows.append(f"{s / 1e9:.9f},{','.join(r)},")
+        if k % 10 == 3:
+            rows.append(f"{(s + 2_000_000) / 1e9:.9f},,,,,{20 + 0.01 * k:.2f}")
+    write("plotjuggler.csv", [",".join(["__time", *topics, "/battery/temperature"]), *rows])
+    rows = [
+        f'{t:.9g},"[\'shoulder\', \'elbow\']","[{r[0]}, {r[1]}]","[{r[2]}, {r[3]}]"'
+        for t, r in zip(T, state)
+    ]
+    write("joint_states_lists.csv", ["Time,name,position,velocity", *rows])
+    rows = [
+        f"{t:.9g},{j},{r[k]},{r[k + 2]}"
+        for t, r in zip(T, state)
+        for k, j in enumerate(("shoulder", "elbow"))
+    ]
+    write("long.csv", ["time,joint,position,velocity", *rows])
+
+
+def datasets(q: Any, u: Any) -> None:
+    """As datasets of robot learning are: their columns and groups."""
+    import h5py
+    import polars
+
+    state = np.hstack([q, u]).astype("f4")
+    for name, episode in (("lerobot.parquet", 0 * T), ("lerobot_episodes.parquet", T[120] < T)):
+        number = episode.astype(np.int64)
+        first = np.flatnonzero(np.r_[True, np.diff(number) > 0])[number]
+        columns = {
+            "observation.state": polars.Series(state.tolist(), dtype=polars.List(polars.Float32)),
+            "action": polars.Series(q.tolist(), dtype=polars.List(polars.Float32)),
+            "timestamp": (T - T[first]).astype("f4"),
+            "frame_index": np.arange(len(T)) - first,
+            "episode_index": number,
+            "index": np.arange(len(T)),
+            "task_index": 0 * number,
+        }
+        polars.DataFrame(columns).write_parquet(LOGS / name)
+    with h5py.File(LOGS / "robosuite.hdf5", "w") as file:
+        demo = file.create_group("data/demo_0")
+        demo["states"] = np.column_stack([T, q, u])
+        demo["actions"] = np.zeros((len(T), 2))
+        demo.attrs["num_samples"] = len(T)
+    with h5py.File(LOGS / "minari.hdf5", "w") as file:
+        for k, rows in enumerate((slice(0, 121), slice(120, 241))):
+            episode = file.create_group(f"episode_{k}")
+            episode["observations/qpos"], episode["observations/qvel"] = q[rows], u[rows]
+            episode["infos/time"], episode["actions"] = T[rows] - T[rows][0], q[rows][1:]
+
+
+def analysis_of_opensim(q: Any, u: Any) -> None:
+    """The files of OpenSim's Kinematics analysis, in degrees, and of controls."""
+    folder = LOGS / "opensim_folder"
+    folder.mkdir(exist_ok=True)
+    udot = np.array([rhs(0.0, [*a, *b])[2:] for a, b in zip(q, u)])
+    joints = ["shoulder", "elbow"]
+    files = {
+        "arm_Kinematics_q": ("Coordinates", joints, DEG(q)),
+        "arm_Kinematics_u": ("Speeds", joints, DEG(u)),
+        "arm_Kinematics_dudt": ("Accelerations", joints, DEG(udot)),
+        "arm_controls": ("controls", ["biceps"], np.full((len(T), 1), 0.02)),
+    }
+    for name, (title, columns, values) in files.items():
+        degrees = "yes" if "Kinematics" in name else "no"
+        head = f"{title}\nversion=1\nnRows={len(T)}\nnColumns={len(columns) + 1}\n"
+        head += f"inDegrees={degrees}\nendheader"
+        rows = ["\t".join(f"{x:.10g}" for x in row) for row in np.column_stack([T, values])]
+        write(f"opensim_folder/{name}.sto", [head, "\t".join(["time", *columns]), *rows])
 
 
 def structures(items: list[dict[str, Any]]) -> Any:

@@ -1,9 +1,12 @@
-"""The machines whose runs the logs hold: a double pendulum of two bodies, and the same in MuJoCo's
-language."""
+"""The machines whose runs the logs hold: a double pendulum of two bodies (also in MuJoCo's language), a
+pendulum, a pole on a cart."""
 
 from __future__ import annotations
 
 import deltac as dc
+
+STARTS = {"arm": (1.1, 0.6), "pendulum": (0.8,), "cart": (0.1, 1.0)}
+"""Where the coordinates of each start."""
 
 LENGTH, MASS, INERTIA, GRAVITY = 0.5, 1.2, 0.03, 9.81
 
@@ -19,3 +22,20 @@ def arm() -> dc.Mechanism:
         dc.revolute("elbow", "upper", "lower", position=(0, -LENGTH, 0)),
     ]
     return dc.Mechanism(bodies, joints, gravity=(0, -GRAVITY, 0), name="arm")
+
+
+def pendulum() -> dc.Mechanism:
+    """A bob on a rod."""
+    bob = dc.point_mass("bob", mass=1.0, at=(0, -0.7, 0))
+    pivot = dc.revolute("pivot", "ground", "bob")
+    return dc.Mechanism([bob], [pivot], gravity=(0, -GRAVITY, 0), name="pendulum")
+
+
+def cart() -> dc.Mechanism:
+    """A pole on a cart."""
+    bodies = [
+        dc.body("cart", mass=1.0, inertia=(1e-3, 1e-3, 1e-3)),
+        dc.point_mass("pole", mass=0.2, at=(0, -0.5, 0)),
+    ]
+    joints = [dc.prismatic("slider", "ground", "cart", "x"), dc.revolute("hinge", "cart", "pole")]
+    return dc.Mechanism(bodies, joints, gravity=(0, -GRAVITY, 0), name="cart")

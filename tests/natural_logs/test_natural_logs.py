@@ -10,7 +10,7 @@ import pytest
 import deltac as dc
 from deltac.trajectories import draft_mapping, explain, read_trajectory
 from tests.natural_logs.cases import AS_IS, CASES, DRAFTED, REFUSED, Case, rows
-from tests.natural_logs.generate import START
+from tests.natural_logs.models import STARTS
 
 NEEDS = {".mcap": "mcap_ros2", ".bag": "rosbags", "": "rosbags", ".hdf5": "h5py", ".xml": "mujoco"}
 DRIVEN = ("pinocchio.npz", "mujoco_policy_50hz.npz")
@@ -36,7 +36,7 @@ def test_each_is_read_as_the_table_says(case: Case, tmp_path: Path) -> None:
             read_trajectory(case.path, mapping, mechanism)
         return
     run = read_trajectory(case.path, mapping, mechanism)
-    assert run.q[0] == pytest.approx(START, abs=1e-6)
+    assert run.q[0] == pytest.approx(STARTS[case.machine], abs=1e-6)
     # The motion is the model's: coordinates by their speeds, and the energy of the undriven ones.
     # Semi-implicit Euler, PyBullet's and Drake's, errs by h² a / 2 a row; a stays below 120 rad/s².
     h = np.diff(run.t)[:, None]

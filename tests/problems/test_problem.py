@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltac import InputError, balance, problems, simulate
+from deltac import InputError, Record, balance, problems, simulate
 from deltac.energy import TESTING_FUNCTIONS
 from deltac.problems import Reference
 from deltac.problems.measures import largest, period, rotated, row_at
@@ -103,9 +103,8 @@ def test_rotated_turns_as_scipy_does() -> None:
 def test_only_the_form_of_1988_fails_for_the_particle_in_turning_coordinates() -> None:
     p = problems.load("free-particle")
     functions = tuple(TESTING_FUNCTIONS)
-    run = simulate(
-        p.mechanism, p.state, p.duration, p.step, p.solver, functions, coordinates=p.coordinates
-    )
+    record = Record(functions, coordinates=p.coordinates)
+    run = simulate(p.mechanism, p.state, p.duration, p.step, p.solver, record)
     for work in ("in-loop", "samples"):
         ledger = balance(p.mechanism, run, work, functions, coordinates=p.coordinates)
         spread = {name: float(np.ptp(values)) for name, values in ledger.delta_c.items()}

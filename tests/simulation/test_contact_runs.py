@@ -29,7 +29,7 @@ from deltac import (
 )
 from deltac.bodies import box, disc, frame, sphere
 from deltac.forces import contact, friction_law, joint_friction, joint_torque, point_friction
-from deltac.solvers import Scipy, by_name
+from deltac.solvers import FixedStep, Scipy, by_name
 from tests.support.slow import repeated
 
 MASS = 0.7
@@ -140,7 +140,8 @@ def test_fixed_steps_keep_their_order_if_none_goes_across_a_touch() -> None:
     errors = {True: [], False: []}  # type: dict[bool, list[float]]
     for switches, found in errors.items():
         for step in (2e-3, 1e-3):
-            run = simulate(problem.mechanism, problem.state, 2.0, step, "ode5", switches=switches)
+            solver = FixedStep("ode5", switches=switches)
+            run = simulate(problem.mechanism, problem.state, 2.0, step, solver)
             delta_c = balance(problem.mechanism, run).delta_c["wang"]
             found.append(float(np.abs(delta_c).max()))
     assert errors[True][0] / errors[True][1] >= 0.8 * 2**5

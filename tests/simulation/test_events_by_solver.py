@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,8 @@ def engaged(solver: Any, **options: Any) -> np.ndarray:
     """
     mechanism = clutch()
     start = mechanism.state(None, {"shaft": START, "slip": -START})
-    run = dc.simulate(mechanism, start, 0.2, solver=solver, switches=True, **options)
+    at_switches = replace(dc.solvers.by_name(solver), switches=True)
+    run = dc.simulate(mechanism, start, 0.2, solver=at_switches, **options)
     assert [event.names for event in run.events] == [("switch actuator clutch",)] * 2
     reduced = DRIVING * DRIVEN / (DRIVING + DRIVEN)
     t = PLAY / START

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.solvers import FixedStep
 
 LAWS = {
     "jump": "where(q.x > 0.3, -4.0, 1.0) - 3*q.x",
@@ -29,7 +30,7 @@ def slider(law: str) -> dc.Mechanism:
 def end(law: str, solver: str, steps: int, *, switches: bool) -> np.ndarray:
     mechanism = slider(law)
     start = mechanism.state({"x": 1.0}, speeds={"x": 0.1})
-    run = dc.simulate(mechanism, start, 2.0, 2.0 / steps, solver, (), switches=switches)
+    run = dc.simulate(mechanism, start, 2.0, 2.0 / steps, FixedStep(solver, switches=switches), ())
     return np.array([run.q[-1, 0], run.u[-1, 0]])
 
 
@@ -49,7 +50,9 @@ def test_the_order_survives_a_switch(name: str) -> None:
 def test_switch_times_of_a_piecewise_linear_oscillator() -> None:
     """ẍ = −4 x, on one side of x = 0 −16 x: half periods π/2 and π/4 in turn, in closed form."""
     mechanism = slider("where(q.x > 0, -4*q.x, -16*q.x)")
-    run = dc.simulate(mechanism, mechanism.state({"x": 1.0}), 3.5, 0.02, "ode8", switches=True)
+    run = dc.simulate(
+        mechanism, mechanism.state({"x": 1.0}), 3.5, 0.02, FixedStep("ode8", switches=True)
+    )
     expected = [math.pi / 4, math.pi / 2, math.pi]  # a quarter, then half a fast, half a slow one
     np.testing.assert_allclose([e.t for e in run.events], expected, rtol=0, atol=1e-10)
     assert {name for e in run.events for name in e.names} == {"switch actuator motor"}
@@ -60,7 +63,7 @@ def test_switch_times_of_a_piecewise_linear_oscillator() -> None:
 def test_the_ledger_closes_across_jumps_of_the_force(name: str, work: str) -> None:
     mechanism = slider(LAWS[name])
     start = mechanism.state({"x": 1.0}, speeds={"x": 0.1})
-    run = dc.simulate(mechanism, start, 2.0, 0.01, "ode8", switches=True)
+    run = dc.simulate(mechanism, start, 2.0, 0.01, FixedStep("ode8", switches=True))
     assert run.events
     jump = run.events[0].udot_after - run.events[0].udot_before
     # "jump" passes x = 0.3 downwards, from −4 to 1; friction turns from −0.05 to 0.05.
@@ -79,7 +82,7 @@ def test_dry_friction_that_sticks_is_said() -> None:
         dc.SimulationStoppedWarning, match="leads back to where it switches, from both sides"
     ):
         run = dc.simulate(
-            mechanism, mechanism.state(speeds={"x": 1.5}), 1.0, 0.03125, switches=True
+            mechanism, mechanism.state(speeds={"x": 1.5}), 1.0, 0.03125, FixedStep(switches=True)
         )
     assert run.t[-1] == pytest.approx(0.5, abs=1e-12)
     assert run.q[-1, 0] == pytest.approx(0.375, abs=1e-12)
@@ -89,7 +92,7 @@ def test_dry_friction_that_sticks_is_said() -> None:
 def test_a_start_from_rest_finds_its_side() -> None:
     """At rest sign(u) is zero; the motion decides which side it is."""
     mechanism = slider("5.0 - 3*sign(u.x)")
-    run = dc.simulate(mechanism, mechanism.state(), 1.0, 0.125, "ode4", switches=True)
+    run = dc.simulate(mechanism, mechanism.state(), 1.0, 0.125, FixedStep("ode4", switches=True))
     assert run.q[-1, 0] == pytest.approx(1.0, abs=1e-13)
 
 
@@ -101,7 +104,7 @@ def test_switches_and_impacts_together() -> None:
         events=[dc.events.joint_stop("wall", "x", lower=0.0, restitution=0.9)],
     )
     start = mechanism.state({"x": 1.0}, speeds={"x": -0.1})
-    run = dc.simulate(mechanism, start, 4.0, 0.05, "ode4", switches=True)
+    run = dc.simulate(mechanism, start, 4.0, 0.05, FixedStep("ode4", switches=True))
     # Down from 1 with −0.7: v² = 0.01 + 1.4; up with 0.81 of it against −1.3.
     hit, top = run.events[:2]
     assert hit.t == pytest.approx((math.sqrt(1.41) - 0.1) / 0.7, abs=1e-12)

@@ -205,7 +205,7 @@ def test_a_foreign_parquet(tmp_path: Path) -> None:
         ("time,q.a,u.a\n0,1,2\n1,2,x1\n", "'u.a', row 1 (of 0 to 1), line 3: found 'x1'"),
         ("# hi\ntime,q.a,u.a\n0,1,2\n1,,3\n", "'q.a', row 1 (of 0 to 1), line 4: found nothing"),
         ("time,q.a,u.a\n0,1,2\n1,2\n", "'u.a', row 1 (of 0 to 1), line 3: found nothing"),
-        ("time,q.a,u.a\n0,1,2\n\n2,2,3\n", "'time', row 1 (of 0 to 2), line 3: found nothing"),
+        ("time,q.a,u.a\n0,1,2\n\n2,2,3\n", "'time', row 1 (of 0 to 2): found nan"),
         ("time,q.a,u.a\n0,1,2\n0,5,1,2\n", "line 3 has 4 fields, expected 3"),
         ("time,q.a,u.a\n0,1,2\n1,nan,2\n", "'q.a', row 1 (of 0 to 1), t = 1.0 s: found nan"),
         ("time,q.a,u.a\n0,1,2\n1,1,-Inf\n", "'u.a', row 1 (of 0 to 1), t = 1.0 s: found -inf"),
@@ -262,7 +262,7 @@ def test_a_parquet_with_a_damaged_footer(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("column", "message"),
     [
-        ([None, 1.0], r"'u\.a', row 0 \(of 0 to 1\): found nothing"),
+        ([None, 1.0], r"'u\.a', row 0 \(of 0 to 1\), .*found nan"),
         ([None, None], r"'u\.a', row 0 \(of 0 to 1\): found nothing"),
         (["1", "two"], r"'u\.a', row 1 \(of 0 to 1\): found 'two'"),
         ([True, False], r"'u\.a': found values of type Boolean"),

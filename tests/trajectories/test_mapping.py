@@ -246,8 +246,13 @@ def test_default_units_need_to_know_what_is_an_angle(tmp_path: Path) -> None:
 
 
 def test_nan_in_a_column_is_named_by_its_schema_column(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"'q\.rail', row 2 .*found nan"):
-        full(tmp_path, **{"x [mm]": np.array([0, 1, np.nan, 3, 4])})
+    with pytest.raises(
+        InputError, match=r"'q\.rail', row 3 .*found nan"
+    ):  # to the end: it diverged
+        full(tmp_path, **{"x [mm]": np.array([0, 1, 2, np.nan, np.nan])})
+    run = full(tmp_path, **{"x [mm]": np.array([0, 1, np.nan, 3, 4])})  # a lost sample
+    assert run.t.tolist() == [0.0, 0.25, 0.75, 1.0]
+    assert run.provenance.notes["left out"].startswith("1 of 5 rows, row 2 the first")
     with pytest.raises(InputError, match=r"'time', row 2 .*found 0\.25 after 0\.25"):
         full(tmp_path, t_ms=np.array([0.0, 250, 250, 750, 1000]))
 

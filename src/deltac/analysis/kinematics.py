@@ -12,8 +12,9 @@ import numpy as np
 from deltac.analysis.model import Instants, instants
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Scene, contact_point
+from deltac.dynamics.constraints import contact_point
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
+from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX
 from deltac.errors import UnknownName, closest
 from deltac.mechanism.constraints import Rolling
@@ -95,4 +96,4 @@ def kinematics(model: ModelLike, state: StateLike | Trajectory = None) -> Kinema
 
 
 def _place(scene: Scene, body: str, point: Sequence[Any]) -> SX:
-    return scene.point(body, vector(point, "point"))
+    return scene.place(body, vector(point, "point"))

@@ -29,6 +29,7 @@ from deltac.cli.sweep import (
     Workers,
     deliver_fleet,
     fleet_progress,
+    tell,
 )
 from deltac.errors import ArgumentsError, FileError, InputError
 from deltac.results import Report, Table, number, plain
@@ -124,7 +125,11 @@ def command(
         )
         with fleet_progress("audits", len(plan.logs)) as progress:
             result = plan.run(
-                folder_of(plan, out), execution, retry_failed=retry_failed, progress=progress
+                folder_of(plan, out),
+                execution,
+                retry_failed=retry_failed,
+                progress=progress,
+                notice=tell,
             )
         deliver_fleet(
             result,

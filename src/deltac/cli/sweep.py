@@ -120,8 +120,14 @@ def command(
             retry_failed=retry_failed,
             progress=progress,
             reproducer=f"deltac sweep {plan}",
+            notice=tell,
         )
     deliver_fleet(fleet, form, page, lambda address, path: write_case(made, address, path))
+
+
+def tell(told: str) -> None:
+    """Say on standard error what should be known before the work is done."""
+    print(f"deltac: {told}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -135,14 +141,14 @@ def fleet_progress(what: str, total: int) -> Iterator[Progress]:
         return
     pace, last = Pace(total), time.monotonic()
 
-    def tell(fraction: float) -> None:
+    def advance(fraction: float) -> None:
         nonlocal last
         line = pace.told(fraction)
         if time.monotonic() - last >= INTERVAL:
             last = time.monotonic()
             print(f"deltac: {what}: {line}", file=sys.stderr, flush=True)
 
-    yield tell
+    yield advance
 
 
 def deliver_fleet(

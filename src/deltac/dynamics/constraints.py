@@ -14,8 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.recursions import velocities
+from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System, released
 from deltac.mechanism.constraints import (
@@ -30,6 +29,7 @@ from deltac.mechanism.constraints import (
     Skate,
     perpendiculars,
 )
+from deltac.mechanism.quantities import is_zero
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def constraint_rows(system: System) -> Rows:
     holonomic: list[bool] = []
     positions: list[SX] = []
     rates: list[SX] = []
+    scene = Scene(twin)
     for constraint in system.mechanism.constraints:
-        scene = Scene(twin)
         for phi in _POSITIONS[type(constraint)](scene, constraint):
             names.append(constraint.name)
             holonomic.append(True)
@@ -124,59 +124,6 @@ def _rate(system: System, phi: SX) -> SX:
     return ca.jtimes(phi, along, ca.vertcat(system.qdot_all, 1))
 
 
-class Scene:
-    """Points, axes and velocities of bodies in the world, on the released system."""
-
-    def __init__(self, system: System) -> None:
-        """Take the poses and velocities of all links."""
-        self.system = system
-        self.V = velocities(system, system.u_all)
-
-    def laws(self, values: Sequence[object], extra: dict[str, SX] | None = None) -> SX:
-        """Laws of t (and further symbols) as a column."""
-        known = {**self.system.values, **(extra or {})}
-        return ca.vertcat(*(to_casadi(value, known) for value in values))
-
-    def rotation(self, body: str) -> SX:
-        """R of a body frame: body to world components."""
-        k = self.system.index[body]
-        if k < 0:
-            return ca.SX.eye(3)
-        return ca.mtimes(self.system.poses[k].E.T, self.system.links[k].to_body.E.T)
-
-    def point(self, body: str, point: Sequence[object]) -> SX:
-        """World position of a point given in a body frame."""
-        k, p = self.system.point(body, point)
-        if k < 0:
-            return p
-        pose = self.system.poses[k]
-        return pose.r + ca.mtimes(pose.E.T, p)
-
-    def axis(self, body: str, axis: Sequence[float]) -> SX:
-        """World components of a direction fixed in a body."""
-        return ca.mtimes(self.rotation(body), ca.DM(list(axis)))
-
-    def local(self, body: str, x: SX) -> SX:
-        """Coordinates in a body frame of a world position."""
-        return ca.mtimes(self.rotation(body).T, x - self.point(body, (0.0, 0.0, 0.0)))
-
-    def angular_velocity(self, body: str) -> SX:
-        """World components of a body's angular velocity."""
-        k = self.system.index[body]
-        if k < 0:
-            return ca.SX.zeros(3)
-        return ca.mtimes(self.system.poses[k].E.T, self.V[k][:3])
-
-    def velocity(self, body: str, x: SX) -> SX:
-        """World velocity of the body's material point that is at the world position `x`."""
-        k = self.system.index[body]
-        if k < 0:
-            return ca.SX.zeros(3)
-        E, o = self.system.poses[k].E, self.system.poses[k].r
-        w, v = ca.mtimes(E.T, self.V[k][:3]), ca.mtimes(E.T, self.V[k][3:])
-        return v + cross(w, x - o)
-
-
 NO_SINE = 1e-280
 """Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
 
@@ -190,7 +137,7 @@ def _none(scene: Scene, constraint: Constraint) -> list[SX]:
 
 
 def _loop(scene: Scene, c: Loop) -> list[SX]:
-    gap = scene.point(c.body2, c.point2) - scene.point(c.body1, c.point1)
+    gap = scene.place(c.body2, c.point2) - scene.place(c.body1, c.point1)
     first = scene.rotation(c.body1)
     local = ca.mtimes(first.T, gap)
     parallel = [ca.DM(list(n)) for n in perpendiculars(c.axis1)]
@@ -217,14 +164,14 @@ def _turned(scene: Scene, c: Loop, first: SX) -> list[SX]:
 
 def _distance(scene: Scene, c: Distance) -> list[SX]:
     """(d·d − l²)/2l: smooth, and a length near the constraint."""
-    gap = scene.point(c.body2, c.point2) - scene.point(c.body1, c.point1)
-    length = scene.laws((c.length,))
+    gap = scene.place(c.body2, c.point2) - scene.place(c.body1, c.point1)
+    length = scene.vector((c.length,))
     return [(ca.dot(gap, gap) - length**2) / (2 * length)]
 
 
 def _point_on(scene: Scene, c: PointOn) -> list[SX]:
-    x = scene.local(c.on, scene.point(c.body, c.point))
-    return _entries(scene.laws(c.equations, {"x": x[0], "y": x[1], "z": x[2]}))
+    x = scene.local(c.on, scene.place(c.body, c.point))
+    return _entries(scene.vector(c.equations, {"x": x[0], "y": x[1], "z": x[2]}))
 
 
 def _angle(scene: Scene, c: Angle) -> list[SX]:
@@ -235,15 +182,15 @@ def _angle(scene: Scene, c: Angle) -> list[SX]:
     first, second = scene.axis(c.body1, c.axis1), scene.axis(c.body2, c.axis2)
     normal = cross(first, second)
     sine = ca.sqrt(ca.dot(normal, normal) + NO_SINE)
-    return [ca.atan2(sine, ca.dot(first, second)) - scene.laws((c.angle,))]
+    return [ca.atan2(sine, ca.dot(first, second)) - scene.vector((c.angle,))]
 
 
 def _holonomic(scene: Scene, c: Holonomic) -> list[SX]:
-    return [scene.laws((c.law,))]
+    return [scene.vector((c.law,))]
 
 
 def _motion(scene: Scene, c: MotionConstraint) -> list[SX]:
-    return [scene.laws((c.law,))]
+    return [scene.vector((c.law,))]
 
 
 @dataclass(frozen=True)
@@ -257,12 +204,12 @@ class _Contact:
 
 def _contact(scene: Scene, c: Rolling) -> _Contact:
     n = scene.axis(c.on, c.normal)
-    centre = scene.point(c.body, c.centre)
-    radius, tube = _entries(scene.laws((c.radius, c.tube)))
-    above = ca.dot(centre - scene.point(c.on, c.point), n)
+    centre = scene.place(c.body, c.centre)
+    radius, tube = _entries(scene.vector((c.radius, c.tube)))
+    above = ca.dot(centre - scene.place(c.on, c.point), n)
     point = centre - tube * n
     height = above - tube
-    if not (isinstance(c.radius, float) and c.radius == 0.0):
+    if not is_zero(c.radius):
         a = scene.axis(c.body, c.axis)
         lean = ca.dot(n, a)
         sine = ca.sqrt(1 - lean**2)
@@ -284,16 +231,16 @@ def _rolling_position(scene: Scene, c: Rolling) -> list[SX]:
 def _rolling_motion(scene: Scene, c: Rolling) -> list[SX]:
     contact = _contact(scene, c)
     x = scene.local(c.on, contact.point)
-    surface = scene.laws(c.surface_velocity, {"x": x[0], "y": x[1], "z": x[2]})
+    surface = scene.vector(c.surface_velocity, {"x": x[0], "y": x[1], "z": x[2]})
     slip = scene.velocity(c.body, contact.point) - scene.velocity(c.on, contact.point)
     slip = slip - ca.mtimes(scene.rotation(c.on), surface)
     return [ca.dot(tangent, slip) for tangent in contact.tangents]
 
 
 def _skate(scene: Scene, c: Skate) -> list[SX]:
-    x = scene.point(c.body, c.point)
+    x = scene.place(c.body, c.point)
     slip = scene.velocity(c.body, x) - scene.velocity(c.on, x)
-    return [ca.dot(scene.axis(c.body, c.lateral), slip) - scene.laws((c.drift,))]
+    return [ca.dot(scene.axis(c.body, c.lateral), slip) - scene.vector((c.drift,))]
 
 
 _POSITIONS: dict[type, Callable[[Scene, Any], list[SX]]] = {

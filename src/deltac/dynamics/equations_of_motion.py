@@ -21,12 +21,13 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.constraints import Rows, constraint_rows
-from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 
@@ -225,7 +226,7 @@ def evaluate_at(function: Any, *given: ArrayLike) -> list[Array]:
     columns = [np.asarray(x, dtype=float) for x in given]
     batch = max((x.shape[1] for x in columns if x.ndim == 2), default=None)
     if batch is None:
-        return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
+        return _at_one_state(function, columns)
     wide = [
         x.reshape(1, -1) if x.ndim == 1 and x.shape == (batch,) and k == 0 else x
         for k, x in enumerate(columns)
@@ -233,6 +234,22 @@ def evaluate_at(function: Any, *given: ArrayLike) -> list[Array]:
     wide = [x if x.ndim == 2 else np.repeat(x.reshape(-1, 1), batch, axis=1) for x in wide]
     called = function.map(batch).call([ca.DM(np.ascontiguousarray(x)) for x in wide])
     return [np.array(x).reshape(-1, batch) for x in called]
+
+
+def _at_one_state(function: Any, columns: list[Array]) -> list[Array]:
+    """Outputs (n,), through buffers: CasADi's own conversions take longer than most functions."""
+    sizes = [int(function.numel_out(k)) for k in range(function.n_out())]
+    dense = all(function.nnz_out(k) == size for k, size in enumerate(sizes))
+    if not dense or [x.size for x in columns] != [function.nnz_in(k) for k in range(len(columns))]:
+        return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
+    buffer, evaluate = function.buffer()
+    given, found = [np.ascontiguousarray(x) for x in columns], [np.empty(size) for size in sizes]
+    for place, arrays in ((buffer.set_arg, given), (buffer.set_res, found)):
+        for k, array in enumerate(arrays):
+            if array.size:
+                place(k, array.data)
+    evaluate()
+    return found
 
 
 def matrices(flat: Array, rows: int, columns: int) -> Array:

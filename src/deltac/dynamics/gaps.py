@@ -31,7 +31,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.dynamics.recursions import gather, velocities
+from deltac.dynamics.points import BodyPoint
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
@@ -55,6 +55,7 @@ class Gap:
     n: SX
     on_first: SX
     on_second: SX
+    system: System
     links: tuple[int, int]
 
     @property
@@ -62,28 +63,22 @@ class Gap:
         """Where the contact is: halfway between the surface points."""
         return 0.5 * (self.on_first + self.on_second)
 
-    def relative_velocity(self, system: System, V: Sequence[SX]) -> SX:
-        """Velocity (3,) of the first body's material point at `place` relative to the second's.
+    @property
+    def points(self) -> tuple[BodyPoint, BodyPoint]:
+        """The material points of the first and the second body at `place`."""
+        first, second = (BodyPoint.at(self.system, k, self.place) for k in self.links)
+        return first, second
 
-        `V` are spatial velocities of all links, such as ``velocities(system, system.u_all)``.
-        """
-        first, second = (velocity_at(system, V, k, self.place) for k in self.links)
-        return first - second
+    @property
+    def relative_velocity(self) -> SX:
+        """Velocity (3,) of the first body's material point at `place` relative to the second's."""
+        first, second = self.points
+        return first.velocity - second.velocity
 
-    def wrenches(self, system: System, force: SX) -> dict[int, SX]:
-        """Force vectors at links (link frames) of `force` (3,) on the first, its opposite on the second."""
-        found: dict[int, SX] = {}
-        for sign, k in zip((1, -1), self.links):
-            if k >= 0:
-                pose = system.poses[k]
-                f = sign * ca.mtimes(pose.E, force)
-                arm = ca.mtimes(pose.E, self.place - pose.r)
-                found[k] = ca.vertcat(cross(arm, f), f)
-        return found
-
-    def generalized(self, system: System, force: SX) -> SX:
-        """Generalized force (nu,) of `force` on the first body and its opposite on the second."""
-        return gather(system, self.wrenches(system, force))
+    def loads(self, force: SX) -> list[tuple[BodyPoint, SX]]:
+        """`force` (3,) on the first body, its opposite on the second."""
+        first, second = self.points
+        return [(first, force), (second, -force)]
 
 
 def gaps(system: System, first: Shape, second: Shape) -> tuple[Gap, ...]:
@@ -99,22 +94,21 @@ def gaps(system: System, first: Shape, second: Shape) -> tuple[Gap, ...]:
         ends = (point, point - g * n)
         if flipped:
             n, ends = -n, (ends[1], ends[0])
-        made.append(Gap(label, g, n, *ends, links))
+        made.append(Gap(label, g, n, *ends, system, links))
     return tuple(made)
 
 
-def all_velocities(system: System) -> list[SX]:
-    """Spatial velocities of all links at the system's speeds."""
-    return velocities(system, system.u_all)
-
-
-def velocity_at(system: System, V: Sequence[SX], k: int, place: SX) -> SX:
-    """World velocity of the material point of link k that is at `place` in the world."""
-    if k < 0:
-        return ca.SX.zeros(3)
-    pose = system.poses[k]
-    arm = ca.mtimes(pose.E, place - pose.r)
-    return ca.mtimes(pose.E.T, V[k][3:] + cross(V[k][:3], arm))
+def sliding_point(
+    system: System, body: str, point: Sequence[object], on: str, normal: Sequence[float]
+) -> Gap:
+    """Where a point of a body slides on a plane of another: a contact point that is always closed."""
+    place = BodyPoint(system, *system.point(body, point)).place
+    k = system.index[on]
+    n = ca.SX(ca.DM(list(normal)))
+    if k >= 0:
+        turned = ca.mtimes(system.poses[k].E.T, system.links[k].to_body.E.T)
+        n = ca.mtimes(turned, n)
+    return Gap("", ca.SX(0), n, place, place, system, (system.index[body], k))
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltac.dynamics.coordinates import OwnCoordinates
-from deltac.dynamics.gaps import gaps
 from deltac.dynamics.recursions import crba
+from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained, Terms, acatastatic
@@ -60,23 +60,18 @@ def impact_points(system: System) -> tuple[ImpactPoint, ...]:
 
 
 def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
-    entry = system.mechanism.coordinates[stop.coordinate]
-    first = system.mechanism.coordinates.of(entry.joint).start
-    place = system.mechanism.speeds.of(entry.joint).start + entry.index - first
-    q = system.q_all[entry.index]
+    q, along = Scene(system).coordinate(stop.coordinate)
     made = []
     for label, sign, limit in (("lower", 1.0, stop.lower), ("upper", -1.0, stop.upper)):
         if limit is None:
             continue
         bound = system.number(limit)
-        normal = ca.SX.zeros(len(system.mechanism.speeds))
-        normal[place] = sign
         made.append(
             ImpactPoint(
                 stop.name,
                 label,
                 gap=sign * (q - bound),
-                normal=normal,
+                normal=sign * along,
                 drift=-sign * ca.jacobian(bound, system.t),
                 n=ca.SX.zeros(3),
                 push=ca.SX.zeros(len(system.mechanism.speeds), 3),
@@ -88,9 +83,10 @@ def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
 
 
 def _shape_points(system: System, impact: Impact) -> list[ImpactPoint]:
-    made = []
-    for gap in gaps(system, impact.first, impact.second):
-        push = ca.horzcat(*(gap.generalized(system, axis) for axis in ca.horzsplit(ca.SX.eye(3))))
+    scene, made = Scene(system), []
+    for gap in scene.touches(impact.first, impact.second):
+        axes = ca.horzsplit(ca.SX.eye(3))
+        push = ca.horzcat(*(scene.generalized(gap.loads(axis)) for axis in axes))
         made.append(
             ImpactPoint(
                 impact.name,

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from deltac.dynamics.forces import Channel
 from deltac.dynamics.recursions import armature, gather, velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import Link, System
+from deltac.mechanism.channels import Channel
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,11 @@ def without_inertia(M: Array) -> NDArray[np.intp]:
         return np.zeros(0, dtype=np.intp)
     size = np.sqrt(np.maximum(np.diagonal(M), 0.0))
     size = np.where(size > 0.0, size, 1.0)
-    energies, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
-    still = motions[:, energies <= mass_rounding(len(M))]
+    scaled, least = M / (size[:, None] * size[None, :]), mass_rounding(len(M))
+    if np.linalg.eigvalsh(scaled).min(initial=1.0) > least:
+        return np.zeros(0, dtype=np.intp)
+    energies, motions = np.linalg.eigh(scaled)
+    still = motions[:, energies <= least]
     return np.flatnonzero(np.abs(still).max(axis=1, initial=0.0) > 1e-6)
 
 

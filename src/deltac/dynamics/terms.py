@@ -16,12 +16,12 @@ import casadi as ca
 
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, solve_tall
-from deltac.dynamics.forces import Channel, channels, total_force
+from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import Schur
 from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import Channel, ChannelName
 
 DRIFT = ChannelName("correction", "drift")
 """The channel of motion that violates its constraints."""

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.caching import LRUCache, Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
-from deltac.dynamics.forces import Channel, total_force
+from deltac.dynamics.forces import total_force
 from deltac.dynamics.independence import independence
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.recursions import rnea
@@ -33,7 +33,7 @@ from deltac.energy.sampling.segments import Rows
 from deltac.errors import LogError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory

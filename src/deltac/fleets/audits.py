@@ -6,7 +6,7 @@ import glob as globbing
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,14 @@ from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.fleets.verdicts import AuditTask, verdicts
 from deltac.interrupts import interruptible
 from deltac.isolation import Failure
 from deltac.models import Model, ModelLike, load_model
-from deltac.trajectories.formats.files import FORMATS
+from deltac.trajectories.formats.files import FORMATS, is_log_folder
 from deltac.trajectories.formats.mapping import as_mapping
 
 OUTCOME: dict[str, str] = {
@@ -73,11 +73,7 @@ class AuditPiece:
 
     def halves(self) -> tuple[AuditPiece, AuditPiece]:
         """The first ones, and the others."""
-        m = self.rows // 2
-        return (
-            replace(self, logs=self.logs[:m], addresses=self.addresses[:m]),
-            replace(self, logs=self.logs[m:], addresses=self.addresses[m:]),
-        )
+        return halved(self, "logs", "addresses")
 
     def __call__(self) -> bytes:
         """Their rows, as a Parquet file."""
@@ -118,7 +114,7 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
     for one in map(str, many):
         if "://" in one:
             found += _remote(one)
-        elif Path(one).is_dir():
+        elif Path(one).is_dir() and not is_log_folder(Path(one)):
             found += sorted(str(p) for p in Path(one).iterdir() if p.suffix.lower() in FORMATS)
         elif globbing.has_magic(one) and not Path(one).exists():
             matches = sorted(globbing.glob(one, recursive=True))
@@ -137,9 +133,11 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
 
 
 def is_fleet(logs: Sequence[str]) -> bool:
-    """Whether these are a folder, a pattern, or in a store, and so a fleet even if they are few."""
+    """Whether these are a folder of logs, a pattern, or in a store, and so a fleet even if they are few."""
     return any(
-        "://" in one or Path(one).is_dir() or (globbing.has_magic(one) and not Path(one).exists())
+        "://" in one
+        or (Path(one).is_dir() and not is_log_folder(Path(one)))
+        or (globbing.has_magic(one) and not Path(one).exists())
         for one in logs
     )
 
@@ -269,7 +267,7 @@ class AuditPlan:
 
     def run(self, folder: Path, execution: Execution, **options: Any) -> Fleet:
         """Do what is missing."""
-        store = Store.make(folder, "audit", self.name, self.told)
+        store = Store.make(folder, "audit", self.name, self.told, {self.name: self.told["model"]})
         return run_fleet(
             store,
             self.addresses,

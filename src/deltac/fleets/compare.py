@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from deltac.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.fleets.result import shown_cell
-from deltac.fleets.rows import FAILED
+from deltac.fleets.rows import FAILED, SETTING
 from deltac.fleets.store import Store
 from deltac.results import Report, Section, Table
 
@@ -34,7 +34,7 @@ SEVERITY = {
     FAILED: 3,
 }
 
-POINT = ("log", "episode", "model", "solver", "step", "duration")
+POINT = ("log", "episode", *SETTING)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.errors import SpecificationError
-from deltac.fleets.spec import Range, SweepSpec
+from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
+from deltac.files import read_bytes
+from deltac.fleets.rows import SETTING
+from deltac.fleets.spec import Range, SweepSpec, make_spec
 from deltac.limits import Limits, require_memory
 
 
@@ -24,6 +28,7 @@ class Setting:
     model: str
     solver: str | None
     step: float | None
+    solver_tolerance: float | None
     duration: float | None
 
 
@@ -50,13 +55,14 @@ GROUPS = ("parameter", "q", "u")
 def lay_out(spec: SweepSpec) -> Design:
     """The points of a sweep, in order: settings first, and of these the model first.
 
-    A grid has every combination. A list takes the k-th value of everything for the k-th point. A Latin
-    hypercube or a Sobol sequence fills the space of parameters and states with `points` points, each run
-    in every setting. Seeded: the same always.
+    A grid has every combination. A list takes the k-th value of everything for the k-th point, from the plan
+    or from a table. A Latin hypercube or a Sobol sequence fills the space of parameters and states with
+    `points` points, each run in every setting. Seeded: the same always.
 
     Raises InputError for designs without points, lists of unequal length, ranges without a count.
     """
-    chosen = {name: getattr(spec.vary, name) for name in ("model", "solver", "step", "duration")}
+    spec = with_points(spec)
+    chosen = {name: getattr(spec.vary, name) for name in SETTING}
     for name, values in chosen.items():
         if values is not None and getattr(spec, name) is not None:
             raise SpecificationError(
@@ -93,6 +99,73 @@ def lay_out(spec: SweepSpec) -> Design:
         values = _drawn(spec, axes, len(settings))
     which = np.repeat(np.arange(len(settings)), len(values))
     return Design(settings, which, tuple(axes), np.tile(values, (len(settings), 1)))
+
+
+def with_points(spec: SweepSpec) -> SweepSpec:
+    """The sweep with the points of its table, if it names one, as values of its axes.
+
+    Columns are called as axes are: ``parameter.m``, ``q.hip``, ``u.hip``, ``solver``, ``step``.
+
+    Raises InputError for a table that cannot be read, unknown columns, and cells that are no such value.
+    """
+    name = spec.design.file
+    if name is None:
+        return spec
+    if spec.design.kind != "list":
+        raise SpecificationError(
+            f"design.file: a table is a list of points, and design.kind is {spec.design.kind!r}; write "
+            "kind = 'list'"
+        )
+    vary = spec.vary.model_dump(by_alias=True, exclude_none=True)
+    for column, values in _table_columns(Path(name)).items():
+        group, dot, own = column.partition(".")
+        if (own in vary.get(group, {})) if dot else (column in vary):
+            raise SpecificationError(
+                f"{column} is a column of {name} and under vary too; leave out one of them"
+            )
+        if dot:
+            vary.setdefault(group, {})[own] = values
+        else:
+            vary[column] = values
+    try:
+        made = make_spec({"vary": vary})
+    except InputError as error:
+        raise SpecificationError(f"{name}: {error} (rows count from 0)") from None
+    return spec.model_copy(update={"vary": made.vary})
+
+
+def _table_columns(path: Path) -> dict[str, list[Any]]:
+    """The columns of a CSV or Parquet file with points, each named as an axis and without gaps."""
+    import polars
+
+    kind = path.suffix.lower()
+    if kind not in (".csv", ".parquet"):
+        raise FileError(f"{path}: expected a table of points, .csv or .parquet")
+    try:
+        content = io.BytesIO(read_bytes(path, "text"))
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from None
+    try:
+        frame = polars.read_csv(content) if kind == ".csv" else polars.read_parquet(content)
+    except (OSError, polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
+        raise FileError(f"{path} cannot be read: {str(error).splitlines()[0]}") from error
+    _check_size(len(frame), len(frame.columns))
+    if not len(frame):
+        raise SpecificationError(f"{path}: a table without points: it has no rows")
+    for name in frame.columns:
+        group, dot, own = name.strip().partition(".")
+        if not (own and group in GROUPS if dot else name.strip() in SETTING):
+            known = [*SETTING, *(f"{g}.NAME" for g in GROUPS)]
+            raise UnknownName(f"{path}: unknown column {name!r}{closest(name, known)}")
+        if frame[name].null_count():
+            row = int(frame[name].is_null().arg_max() or 0)
+            raise SpecificationError(
+                f"{path}: column {name!r} has no value in row {row} (rows count from 0); give every point one"
+            )
+    return {
+        name.strip(): [float(v) if isinstance(v, int) else v for v in frame[name].to_list()]
+        for name in frame.columns
+    }
 
 
 def _check_size(points: int, axes: int) -> None:

@@ -1,8 +1,8 @@
 """Batched logs: many episodes in one file, read one after the other or side by side.
 
-Two layouts are known: a column ``episode`` that tells the rows of each (Parquet, CSV), and arrays (T, N, n)
-of N episodes at common times, as simulators on GPUs hand them over (NPZ, HDF5). Files are read from disks, or
-from wherever fsspec reaches.
+Three layouts are known: a column ``episode`` that tells the rows of each, groups of HDF5 (see
+`trajectories.formats.episodes`), and arrays (T, N, n) of N episodes at common times, as simulators on
+GPUs hand them over (NPZ, HDF5). Files are read from disks, or from wherever fsspec reaches.
 """
 
 from __future__ import annotations
@@ -13,19 +13,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from deltac.errors import FileError, InputError, LogError, PackageError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model
 from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.episodes import COLUMNS, episodes
 from deltac.trajectories.formats.files import naming, read_raw, read_trajectory
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.raw import Collector, RawLog, checked_raw
 from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
-COLUMN = "episode"
 TIMES = ("time", "t", "tout")
 
 
@@ -77,14 +75,19 @@ def episode_names(source: str) -> list[str] | None:
                 return _parquet_episodes(path)
             if suffix == ".csv":
                 with path.open("rb") as file:
-                    head = file.readline(1 << 16)
-                if COLUMN not in head.decode("utf-8", "replace").strip().split(","):
+                    head = file.readline(1 << 16).decode("utf-8", "replace")
+                if not set(COLUMNS) & {name.strip() for name in head.split(",")}:
                     return None
-                values = read_raw(path).columns.get(COLUMN)
-                return None if values is None else _names(values)
-            if suffix in (".npz", ".h5", ".hdf5"):
-                arrays = _arrays(path)
-                return None if arrays is None else [str(k) for k in range(_count(arrays))]
+            elif suffix in (".npz", ".h5", ".hdf5"):
+                if (arrays := _arrays(path)) is not None:
+                    return [str(k) for k in range(_count(arrays))]
+                if suffix == ".npz":
+                    return None
+            else:
+                return None
+            raw = read_raw(path)
+            names = list(episodes(raw))
+            return names if len(names) > 1 or set(COLUMNS) & raw.columns.keys() else None
     except Exception:  # its row will say what is wrong
         return None
     return None
@@ -93,12 +96,8 @@ def episode_names(source: str) -> list[str] | None:
 def _parquet_episodes(path: Path) -> list[str] | None:
     from deltac.trajectories.formats.parquet import read_parquet_groups
 
-    found = read_parquet_groups(path, COLUMN, None)
+    found = read_parquet_groups(path, COLUMNS, None)
     return None if found is None else list(found)
-
-
-def _names(values: Any) -> list[str]:
-    return [f"{value:g}" for value in dict.fromkeys(np.asarray(values).tolist())]
 
 
 def read_episodes(
@@ -139,7 +138,8 @@ def read_episode(
     names = episode_names(source)
     if names is None:
         raise LogError(
-            f"{source}: it has no episodes; expected a column 'episode', or arrays (T, N, n) of N episodes"
+            f"{source}: it has no episodes; expected a column 'episode' or 'episode_index', groups "
+            "data/demo_0 or episode_0 of HDF5, or arrays (T, N, n) of N episodes"
         )
     if name not in names:
         raise UnknownName(f"{source}: there is no episode {name!r}{closest(name, names)}")
@@ -154,17 +154,13 @@ def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLo
     if suffix == ".parquet":
         from deltac.trajectories.formats.parquet import read_parquet_groups
 
-        yield from (read_parquet_groups(path, COLUMN, names) or {}).items()
-    elif suffix == ".csv":
-        raw = read_raw(path)
-        own = raw.columns[COLUMN]
-        for name in names:
-            rows = np.array([f"{value:g}" == name for value in own])
-            columns = {n: c[rows] for n, c in raw.columns.items() if n != COLUMN}
-            yield name, RawLog(columns, None, raw.units, raw.meanings)
+        yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
+        return
+    arrays = _arrays(path) if suffix in (".npz", ".h5", ".hdf5") else None
+    if arrays is None:
+        found = episodes(read_raw(path))
+        yield from ((name, found[name]) for name in names if name in found)
     else:
-        arrays = _arrays(path)
-        assert arrays is not None
         count = _count(arrays)
         for name in names:
             k = int(name)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 from deltac.errors import ArgumentsError, ProcessLost
 from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
-from deltac.fleets.result import Fleet, summarise
+from deltac.fleets.result import OUTSIDE, Fleet, summarise
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import RESULTS, Store
 from deltac.isolation import Failure
+
+
+class RecomputedWarning(UserWarning):
+    """Rows of a folder are of other versions of the programs or of a model, and are made again."""
 
 
 def run_fleet(
@@ -25,6 +31,7 @@ def run_fleet(
     retry_failed: bool = False,
     progress: Callable[[float], None] | None = None,
     reproducer: Callable[[Work], str],
+    notice: Callable[[str], None] | None = None,
 ) -> Fleet:
     """Do what is not there, and make the table.
 
@@ -37,6 +44,7 @@ def run_fleet(
         retry_failed: try again what was set aside before.
         progress: called with the fraction done, first with what was there before.
         reproducer: the command that makes the row of such a piece alone.
+        notice: called with what the user should know before the work is done; a `RecomputedWarning` without.
 
     Raises:
         InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made stay.
@@ -44,6 +52,7 @@ def run_fleet(
     if executor is not None and execution.scheduler is not None:
         raise ArgumentsError("give executor= or scheduler=, not both")
     with store.locked():
+        before = store.begin()
         done = store.done()
         if retry_failed:
             failed = store.aside()
@@ -51,6 +60,17 @@ def run_fleet(
             store.forget(failed)
             done -= failed.keys()
         store.plan(addresses)
+        others = len(done - set(addresses))
+        changed = _changed(before, store.head)
+        if others and changed:
+            told = (
+                f"{store.folder}: {others} rows there are of {changed} and are made again; the old ones stay "
+                f"{OUTSIDE}"
+            )
+            if notice is None:
+                warnings.warn(told, RecomputedWarning, stacklevel=2)
+            else:
+                notice(told)
         missing = [k for k, address in enumerate(addresses) if address not in done]
         count, total = len(addresses) - len(missing), len(addresses)
 
@@ -82,7 +102,22 @@ def run_fleet(
                 )
         frame = store.table()
         store.write_frame(RESULTS, frame)
-        return summarise(store, frame, total)
+        return summarise(store, frame, total, others)
+
+
+def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Which programs or models are others than before, though the plan may be the same; "" if none."""
+    old, new = (head.get("versions") or {} for head in (before, now))
+    programs = [
+        f"{name} {old.get(name, '–')} → {new.get(name, '–')}"
+        for name in dict.fromkeys([*old, *new])
+        if old.get(name) != new.get(name)
+    ]
+    if before and programs:
+        return f"other versions ({', '.join(programs)})"
+    old, new = (head.get("models") or {} for head in (before, now))
+    models = [name for name in new if name in old and old[name] != new[name]]
+    return f"another version of the model {', '.join(map(repr, models))}" if models else ""
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.arguments import checked
-from deltac.fleets.rows import FAILED
+from deltac.fleets.rows import FAILED, SETTING
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
 
@@ -27,6 +27,9 @@ EXIT_CODES = {
     "consistent": 0,
 }
 
+OUTSIDE = "outside of the table"
+"""Where rows are that the plan does not have."""
+
 SHOWN = 10
 """Worst cases that are listed."""
 
@@ -42,6 +45,7 @@ class Fleet(Report):
         total: how many rows it has to have; `done`: how many it has, with those that failed.
         verdicts: how many rows have each verdict; "failed": those that could not be made.
         aside: how many of the failed were set aside since their process died, hung or went wrong.
+        others: how many rows of an earlier plan, version or model the folder holds besides.
         exit_codes: those that rows have, each once.
         worst: the worst rows: failed ones, then by the energy error as a fraction.
     """
@@ -53,6 +57,7 @@ class Fleet(Report):
     done: int
     verdicts: Mapping[str, int]
     aside: int
+    others: int
     exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
 
@@ -110,7 +115,7 @@ class Fleet(Report):
                 )
                 for row in frame.iter_rows(named=True)
             )
-        keys = [n for n in ("model", "solver", "step", "duration") if n in frame.columns]
+        keys = [n for n in SETTING if n in frame.columns]
         if not keys or not len(frame):
             return ()
         several = [n for n in keys if n == "model" or frame[n].n_unique() > 1]
@@ -150,6 +155,8 @@ class Fleet(Report):
                 f"{self.aside} were set aside, since their process died, took too long or went wrong; "
                 f"{self.folder}/aside has the error of each and the command that runs it alone."
             )
+        if self.others:
+            yield f"{self.others} other rows, of an earlier plan, version or model, are {OUTSIDE}."
         yield f"Table: {self.folder / RESULTS}"
 
 
@@ -228,7 +235,7 @@ def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
     return tuple(bad.select(keep).to_dicts())
 
 
-def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
+def summarise(store: Store, frame: polars.DataFrame, total: int, others: int) -> Fleet:
     """The fleet of the rows that are there."""
     return Fleet(
         kind=str(store.head.get("kind")),
@@ -238,6 +245,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int) -> Fleet:
         done=len(frame),
         verdicts=_counted(frame),
         aside=len(store.aside()),
+        others=others,
         exit_codes=_exit_codes(frame),
         worst=_worst(frame, SHOWN),
     )
@@ -250,4 +258,6 @@ def fleet_status(folder: str | Path) -> Fleet:
     Raises InputError for a folder that is none of ours, or of a later version.
     """
     store = Store.open(Path(folder))
-    return summarise(store, store.table(), len(store.planned()))
+    planned, rows = store.planned(), store.rows()
+    frame = store.table(rows)
+    return summarise(store, frame, len(planned), len(rows) - len(frame))

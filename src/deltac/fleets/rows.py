@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from deltac.isolation import Failure
+
+Piece = TypeVar("Piece", bound=Any)
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""
 
 FAILED = "failed"
 """The verdict of a row that could not be made: its code and message say why."""
+
+SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
+"""Columns that tell the setting of a run."""
 
 MEASURED = ("seconds",)
 """Columns that differ between two runs of the same work."""
@@ -42,6 +48,16 @@ def rows_as_parquet(
     target = io.BytesIO()
     frame.write_parquet(target)
     return target.getvalue()
+
+
+def halved(piece: Piece, *names: str) -> tuple[Piece, Piece]:
+    """A piece of work as two, cut in the middle of what it has of each row, by name."""
+    middle = len(piece.addresses) // 2
+    first, second = (
+        replace(piece, **{name: getattr(piece, name)[part] for name in names})
+        for part in (slice(None, middle), slice(middle, None))
+    )
+    return first, second
 
 
 def failed_outcome(failure: Failure) -> dict[str, list[Any]]:

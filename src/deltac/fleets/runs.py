@@ -6,14 +6,14 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, rows_as_parquet
+from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
 from deltac.isolation import Failure
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -51,7 +51,8 @@ class Task:
     """What the runs of a piece share.
 
     label: the model's name in the table. `start`: where a run starts, but for what the axes say. `fixed` in
-    the mechanism already: parameters given once for all runs. Solver, step and duration are written out.
+    the mechanism already: parameters given once for all runs. Solver, step and duration are written out;
+    `solver_tolerance` is None for solvers with fixed steps, and for the default one.
     """
 
     verb: str
@@ -60,6 +61,7 @@ class Task:
     start: State
     solver: str
     step: float | None
+    solver_tolerance: float | None
     duration: float
     tolerance: float
     axes: tuple[str, ...]
@@ -80,11 +82,7 @@ class RunPiece:
 
     def halves(self) -> tuple[RunPiece, RunPiece]:
         """The first runs, and the others."""
-        middle = self.rows // 2
-        return (
-            replace(self, values=self.values[:middle], addresses=self.addresses[:middle]),
-            replace(self, values=self.values[middle:], addresses=self.addresses[middle:]),
-        )
+        return halved(self, "values", "addresses")
 
     def __call__(self) -> bytes:
         """The rows, as a Parquet file."""
@@ -98,7 +96,8 @@ class RunPiece:
         """Model, setting and axes of the first run."""
         task = self.task
         values = dict(zip(task.axes, self.values[0].tolist()))
-        return {"model": task.label, "solver": task.solver, "step": task.step, **values}
+        setting = {"model": task.label, "solver": task.solver, "step": task.step}
+        return {**setting, "solver_tolerance": task.solver_tolerance, **values}
 
     def _table(self, outcome: Mapping[str, Any]) -> bytes:
         task = self.task
@@ -106,6 +105,7 @@ class RunPiece:
             "model": (TEXT, [task.label] * self.rows),
             "solver": (TEXT, [task.solver] * self.rows),
             "step": (NUMBER, [task.step] * self.rows),
+            "solver_tolerance": (NUMBER, [task.solver_tolerance] * self.rows),
             "duration": (NUMBER, [task.duration] * self.rows),
             **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(task.axes)},
         }
@@ -238,12 +238,13 @@ def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[A
 def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
     """The mechanism and the run of one point, `values` (1, axes)."""
     from deltac.simulation.simulate import Record, simulate
+    from deltac.simulation.solvers import solver_options
 
     mechanism = task.mechanism.with_parameters(**_parameters(task, values[0]))
     Q, U = _states(task, values)
     start = State(task.start.t, Q[0], U[0])
-    record = Record(TESTING)
-    return mechanism, simulate(mechanism, start, task.duration, task.step, task.solver, record)
+    record, solver = Record(TESTING), solver_options(task.solver, task.solver_tolerance)
+    return mechanism, simulate(mechanism, start, task.duration, task.step, solver, record)
 
 
 def _single(piece: RunPiece) -> dict[str, Any]:
@@ -280,15 +281,22 @@ def _single(piece: RunPiece) -> dict[str, Any]:
 
 
 def _study(piece: RunPiece) -> dict[str, Any]:
-    """One study: at 4, 2 and 1 times the step; at 1, 1/2 and 1/4 where these do not divide the duration."""
+    """One study: at 4, 2 and 1 times the step; at 1, 1/2 and 1/4 where these do not divide the duration.
+
+    Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
+    """
     from deltac.diagnosis.study.study import study
+    from deltac.simulation.solvers import DEFAULT_TOLERANCE, find_solver
 
     task, (row,) = piece.task, piece.values
     mechanism = task.mechanism.with_parameters(**_parameters(task, row))
     Q, U = _states(task, piece.values)
     began = time.process_time()
-    steps = None
-    if task.step is not None:
+    steps = tolerances = None
+    if not find_solver(task.solver).takes_steps:
+        finest = task.solver_tolerance or DEFAULT_TOLERANCE
+        tolerances = [100.0 * finest, 10.0 * finest, finest]
+    elif task.step is not None:
         ratio = task.duration / (4.0 * task.step)
         whole = abs(ratio - round(ratio)) < 1e-9 * ratio
         steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]
@@ -298,6 +306,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         task.duration,
         steps,
         task.solver,
+        tolerances=tolerances,
         testing=TESTING,
         tolerance=task.tolerance,
     )

@@ -85,6 +85,7 @@ class Varied(_Strict):
     model: Names | None = None
     solver: Names | None = None
     step: Annotated[list[Positive], Field(min_length=1)] | None = None
+    solver_tolerance: Annotated[list[Positive], Field(min_length=1)] | None = None
     duration: Annotated[list[Positive], Field(min_length=1)] | None = None
     parameter: dict[str, Axis] = {}
     q: dict[str, Axis] = {}
@@ -92,11 +93,15 @@ class Varied(_Strict):
 
 
 class DesignSpec(_Strict):
-    """How points are laid: every combination, value by value, or at random."""
+    """How points are laid: every combination, value by value, or at random.
+
+    `file`: a table (CSV or Parquet) with the points of a list, a column for each axis.
+    """
 
     kind: Literal["grid", "list", "latin-hypercube", "sobol"] = "grid"
     points: Annotated[int, Field(ge=1, strict=True)] | None = None
     seed: Annotated[int, Field(ge=0, strict=True)] = 0
+    file: str | None = None
 
 
 class Execution(_Strict):
@@ -124,7 +129,11 @@ class Execution(_Strict):
 
 
 class SweepSpec(_Strict):
-    """A sweep. `tolerance`: accepted energy error as a fraction of the energy that the system has."""
+    """A sweep.
+
+    `tolerance`: accepted energy error as a fraction of the energy that the system has; `solver_tolerance`:
+    that of solvers which choose their steps.
+    """
 
     name: str = ""
     verb: Literal["simulate", "study"] = "simulate"
@@ -132,6 +141,7 @@ class SweepSpec(_Strict):
     state: str | None = None
     solver: str | None = None
     step: Positive | None = None
+    solver_tolerance: Positive | None = None
     duration: Positive | None = None
     tolerance: Annotated[float, Field(gt=0.0, lt=1.0, strict=True)] = 1e-3
     parameter: dict[str, Number] = {}
@@ -151,7 +161,11 @@ def read_spec(path: str | Path) -> SweepSpec:
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     spec = _validated(document, lambda place: f"{source}, line {line_of(text, place)}")
-    return spec if spec.name else spec.model_copy(update={"name": source.stem})
+    spec = spec if spec.name else spec.model_copy(update={"name": source.stem})
+    if spec.design.file is None:
+        return spec
+    table = str(source.parent / spec.design.file)
+    return spec.model_copy(update={"design": spec.design.model_copy(update={"file": table})})
 
 
 def make_spec(values: Mapping[str, Any]) -> SweepSpec:

@@ -12,7 +12,7 @@ import contextlib
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,7 +63,8 @@ def digest(contents: Any) -> bytes:
 class Store:
     """A folder of results.
 
-    head: what it is of, as in its fleet.json: kind ("sweep" or "audit"), name, plan, versions.
+    head: what it is of, as in its fleet.json: kind ("sweep" or "audit"), name, plan, digests of the models by
+        name, versions.
     """
 
     folder: Path
@@ -92,12 +93,21 @@ class Store:
         return Store(folder, head)
 
     @staticmethod
-    def make(folder: Path, kind: str, name: str, plan: Any) -> Store:
-        """The folder to write to, made where it is not there.
+    def make(
+        folder: Path, kind: str, name: str, plan: Any, models: Mapping[str, str] | None = None
+    ) -> Store:
+        """The folder to write to, made where it is not there; nothing that it holds is changed.
 
         Raises InputError if it holds something else: another sweep, files of others.
         """
-        head = {"format": FORMAT, "kind": kind, "name": name, "plan": plan, "versions": versions()}
+        head = {
+            "format": FORMAT,
+            "kind": kind,
+            "name": name,
+            "plan": plan,
+            "models": dict(models or {}),
+            "versions": versions(),
+        }
         store = Store(folder, head)
         if (folder / HEAD).exists():
             before = Store.open(folder).head
@@ -106,16 +116,23 @@ class Store:
                     f"{folder} holds the {before.get('kind')} {before.get('name')!r}, this is the {kind} "
                     f"{name!r}. Choose another folder by --out, or remove that one"
                 )
-        elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        elif folder.exists() and (not folder.is_dir() or _strange(folder)):
             raise FileError(
                 f"{folder} is there already, and no folder of results; choose another one by --out"
             )
         with _refusals(folder):
-            (folder / PIECES).mkdir(parents=True, exist_ok=True)
-            (folder / ASIDE).mkdir(exist_ok=True)
-            remove_abandoned(folder / PIECES)
-            store.write_json(HEAD, head)
+            folder.mkdir(parents=True, exist_ok=True)
         return store
+
+    def begin(self) -> dict[str, Any]:
+        """Write what the folder is of from now on, within `locked`; returns what it was of before, or {}."""
+        before = Store.open(self.folder).head if (self.folder / HEAD).exists() else {}
+        with _refusals(self.folder):
+            for name in (PIECES, ASIDE):
+                (self.folder / name).mkdir(exist_ok=True)
+            remove_abandoned(self.folder / PIECES)
+        self.write_json(HEAD, self.head)
+        return before
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
@@ -188,9 +205,10 @@ class Store:
         except (OSError, polars.exceptions.PolarsError) as error:
             raise FileError(f"{self.folder / PLAN} cannot be read: {error}") from error
 
-    def table(self) -> polars.DataFrame:
-        """The planned rows that are there, in the plan's order."""
-        return self.planned().join(self.rows(), on="address", how="inner", maintain_order="left")
+    def table(self, rows: polars.DataFrame | None = None) -> polars.DataFrame:
+        """The planned rows that are there (of `rows`, if these were read already), in the plan's order."""
+        found = self.rows() if rows is None else rows
+        return self.planned().join(found, on="address", how="inner", maintain_order="left")
 
     # --- what failed -----------------------------------------------------------------------------
 
@@ -253,6 +271,12 @@ class Store:
         """Write a file of the folder."""
         with _refusals(self.folder), appearing(self.folder / name) as file:
             file.write(content)
+
+
+def _strange(folder: Path) -> bool:
+    """Whether a folder without a head holds something else than what is written before it."""
+    with _refusals(folder):
+        return any(p.name not in (LOCK, PIECES, ASIDE) for p in folder.iterdir())
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -43,18 +43,7 @@ def write_summary(
     y: str | None = None,
     case: Callable[[str, Path], None] | None = None,
 ) -> None:
-    """Write the page of a fleet, without scripts and with all of its pictures inside.
-
-    Args:
-        fleet: what it is of.
-        path: where to, ending in ``.html``.
-        x: the axis of the heat maps to the right; by default the first two that vary.
-        y: their other axis.
-        case: writes the page of one row, by its address, to a path; the worst cases link to theirs.
-
-    Raises:
-        InputError: another ending, a folder that does not exist, an axis that the table lacks.
-    """
+    """Write the page of a fleet, without scripts and with all of its pictures inside; see `Fleet.report`."""
     target = check_page(path)
     write_text(page(fleet, x=x, y=y, links=_cases(fleet, target, case)), target)
 
@@ -92,7 +81,7 @@ def page(fleet: Fleet, *, x: str | None = None, y: str | None = None, links: Any
         heads = (
             "model",
             "solver",
-            "step (s)",
+            "step (s) or tolerance",
             "runs",
             "within",
             "largest error",
@@ -139,14 +128,14 @@ def recommended(frame: polars.DataFrame) -> tuple[tuple[str, ...], ...]:
 
     if not {"model", "solver", "step", "verdict"} <= set(frame.columns) or not len(frame):
         return ()
-    by = frame.group_by("model", "solver", "step", maintain_order=True).agg(
+    by = frame.group_by("model", *_own_setting(frame), maintain_order=True).agg(
         polars.len().alias("runs"),
         (polars.col("verdict") == "consistent").sum().alias("good"),
         polars.col("relative").max(),
         polars.col("evaluations").mean(),
         polars.col("seconds").mean(),
     )
-    if by.select("solver", "step").n_unique() < 2:
+    if by.select(_own_setting(frame)).n_unique() < 2:
         return ()
     rows: list[tuple[str, ...]] = []
     for (model,), part in by.group_by("model", maintain_order=True):
@@ -157,11 +146,22 @@ def recommended(frame: polars.DataFrame) -> tuple[tuple[str, ...], ...]:
             continue
         best = fit.sort(cost).row(0, named=True)
         rows.append((
-            str(model), best["solver"], number(best["step"]) if best["step"] else "–", str(best["runs"]),
+            str(model), best["solver"], _knob(best), str(best["runs"]),
             percent(best["good"] / best["runs"]), percent(best["relative"] or 0.0),
             number(best["evaluations"]) if best["evaluations"] else "–",
         ))  # fmt: skip
     return tuple(rows)
+
+
+def _own_setting(frame: polars.DataFrame) -> list[str]:
+    """What of a setting a designer chooses: solver, and step or tolerance."""
+    return [n for n in ("solver", "step", "solver_tolerance") if n in frame.columns]
+
+
+def _knob(row: Mapping[str, Any]) -> str:
+    """The tolerance of a solver that has one, else the step."""
+    value = row.get("solver_tolerance") or row["step"]
+    return number(value) if value else "–"
 
 
 # --- pictures --------------------------------------------------------------------------------------
@@ -173,7 +173,8 @@ def axes_of(frame: polars.DataFrame) -> list[str]:
     varied = [
         n
         for n in frame.columns
-        if (n.split(".")[0] in groups or n == "step") and frame[n].n_unique() > 1
+        if (n.split(".")[0] in groups or n in ("step", "solver_tolerance"))
+        and frame[n].n_unique() > 1
     ]
     return sorted(varied, key=lambda n: -frame[n].n_unique())
 
@@ -241,15 +242,23 @@ def _heat_map(frame: polars.DataFrame, x: str, y: str) -> Figure:
 
 
 def work_precision(frame: polars.DataFrame) -> list[Figure]:
-    """Energy errors over evaluations of ẋ: medians and largest, a curve for each solver, a panel a model."""
+    """Energy errors over cost: medians and largest, a curve for each solver, a panel a model.
+
+    Cost is in evaluations of ẋ, or in processor time where solvers do not count these.
+    """
     import polars
 
-    if not {"evaluations", "relative", "solver"} <= set(frame.columns):
+    if not {"evaluations", "seconds", "relative", "solver"} <= set(frame.columns):
         return []
-    usable = frame.filter(polars.col("evaluations").is_not_null() & (polars.col("relative") > 0.0))
-    settings = usable.select("model", "solver", "step").unique()
-    if len(settings) < 2:
+    usable = frame.filter(polars.col("relative") > 0.0)
+    if len(usable.select("model", *_own_setting(usable)).unique()) < 2:
         return []
+    counted = not usable["evaluations"].null_count()
+    measure, label = (
+        ("evaluations", "evaluations of ẋ for a run")
+        if counted
+        else ("seconds", "processor time of a run (s)")
+    )
     from matplotlib.figure import Figure as Drawn
 
     from deltac.report.style import styled
@@ -261,20 +270,20 @@ def work_precision(frame: polars.DataFrame) -> list[Figure]:
             panel = drawn.add_subplot()
             for own in part.partition_by("solver", maintain_order=True):
                 points = (
-                    own.group_by("step")
+                    own.group_by(_own_setting(own))
                     .agg(
-                        polars.col("evaluations").mean(),
+                        polars.col(measure).mean().alias("cost"),
                         polars.col("relative").median().alias("median"),
                         polars.col("relative").max().alias("largest"),
                     )
-                    .sort("evaluations")
+                    .sort("cost")
                 )
-                name, cost = str(own["solver"][0]), points["evaluations"]
+                name, cost = str(own["solver"][0]), points["cost"]
                 (line,) = panel.loglog(cost, points["median"], "o-", label=f"{name}, median")
                 panel.loglog(
                     cost, points["largest"], "v:", color=line.get_color(), label=f"{name}, largest"
                 )
-            panel.set_xlabel("evaluations of ẋ for a run")
+            panel.set_xlabel(label)
             panel.set_ylabel("|ΔC| as a fraction of the energy")
             panel.set_title(str(part["model"][0]), fontsize=9)
             panel.legend(fontsize=8)

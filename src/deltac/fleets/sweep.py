@@ -77,7 +77,30 @@ def plan_sweep(
         if setting.model not in loaded:
             loaded[setting.model] = load_model(named.get(setting.model, setting.model))
         tasks.append(_task(spec, setting, loaded[setting.model], design.axes))
+    if spec.design.kind != "list":
+        design, tasks = _distinct(design, tasks)
     return Plan(spec, design, tuple(tasks), tuple(_addresses(design, tasks)))
+
+
+def _distinct(design: Design, tasks: Sequence[Task]) -> tuple[Design, list[Task]]:
+    """Each setting once: to a solver without fixed steps, all steps that are varied are the same."""
+
+    def key(task: Task) -> tuple[Any, ...]:
+        return (task.label, task.solver, task.step, task.solver_tolerance, task.duration)
+
+    first: dict[tuple[Any, ...], int] = {}
+    for k, task in enumerate(tasks):
+        first.setdefault(key(task), k)
+    if len(first) == len(tasks):
+        return design, list(tasks)
+    kept = list(first.values())
+    rows = np.isin(design.setting, kept)
+    return Design(
+        tuple(design.settings[k] for k in kept),
+        np.searchsorted(kept, design.setting[rows]),
+        design.axes,
+        design.values[rows],
+    ), [tasks[k] for k in kept]
 
 
 def _spec(source: Any, options: Mapping[str, Any]) -> tuple[SweepSpec, dict[str, ModelLike]]:
@@ -160,7 +183,12 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     duration = model.lasting(setting.duration)
     problem = model.problem
     solver = find_solver(setting.solver or (problem.solver if problem else "ode5"))
-    step = setting.step
+    step, solver_tolerance = setting.step, setting.solver_tolerance
+    # Each kind of solver has one of the two.
+    if solver.takes_steps:
+        solver_tolerance = None
+    elif spec.vary.step is not None or spec.design.file is not None:
+        step = None
     if step is None and problem is not None and solver.takes_steps:
         step = problem.step
     if solver.takes_steps:
@@ -176,6 +204,7 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
         start=State(start.t, q, u),
         solver=solver.name,
         step=step,
+        solver_tolerance=solver_tolerance,
         duration=duration,
         tolerance=spec.tolerance,
         axes=axes,
@@ -197,6 +226,8 @@ def _addresses(design: Design, tasks: Sequence[Task]) -> Iterator[str]:
             "tolerance": task.tolerance,
             "versions": made_by,
         }
+        if task.solver_tolerance is not None:
+            told["solver_tolerance"] = task.solver_tolerance
         seeds.append(hashlib.blake2b(digest(told), digest_size=ADDRESS))
     # By name, so that the order of the axes does not count.
     order = sorted(range(len(design.axes)), key=lambda k: design.axes[k])
@@ -237,9 +268,10 @@ def sweep(
         source: a ``.toml`` file that describes the sweep (see docs/fleets.md), the same as a mapping, or a
             model, or a list of models; `vary`, `design` and `options` then say the rest.
         out: folder of the results; by default the sweep's name with ``.sweep``, in the working directory.
-        vary: axes by name: "model", "solver", "step", "duration", "parameter.m", "q.hip", "u.hip"; values,
-            an array, or {"from": …, "to": …, "count": …, "scale": "log"}.
-        design: {"kind": "grid"}, "list", "latin-hypercube" or "sobol"; random ones with "points" and "seed".
+        vary: axes by name: "model", "solver", "step", "solver_tolerance", "duration", "parameter.m", "q.hip",
+            "u.hip"; values, an array, or {"from": …, "to": …, "count": …, "scale": "log"}.
+        design: {"kind": "grid"}, "list", "latin-hypercube" or "sobol"; random ones with "points" and "seed",
+            lists with the "file" of a table, if the points are there.
         workers: processes; by default one a core.
         executor: who does the work instead: any that follows `concurrent.futures`.
         scheduler: address of a Dask scheduler whose workers do the work instead.
@@ -248,8 +280,8 @@ def sweep(
         chunk: runs in a piece.
         retry_failed: try again what was set aside before.
         progress: called with the fraction done.
-        **options: verb ("simulate", "study"), name, state, solver, step, duration, tolerance, parameter, q,
-            u, as in the TOML file.
+        **options: verb ("simulate", "study"), name, state, solver, step, solver_tolerance, duration,
+            tolerance, parameter, q, u, as in the TOML file.
 
     Returns:
         The fleet: counts of verdicts, the worst cases, `frame` with a row for every run.
@@ -296,11 +328,18 @@ def run_plan(
     retry_failed: bool = False,
     progress: Callable[[float], None] | None = None,
     reproducer: str = "",
+    notice: Callable[[str], None] | None = None,
 ) -> Fleet:
     """Do what of a plan is not there, and make the table."""
     told = plan.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
     return run_fleet(
-        Store.make(folder, "sweep", plan.spec.name, told),
+        Store.make(
+            folder,
+            "sweep",
+            plan.spec.name,
+            told,
+            {task.label: task.mechanism.hash for task in plan.tasks},
+        ),
         plan.addresses,
         lambda missing, workers: pieces(plan, missing, workers, execution.chunk),
         execution,
@@ -308,6 +347,7 @@ def run_plan(
         retry_failed=retry_failed,
         progress=progress,
         reproducer=lambda work: f"{reproducer} --only {work.addresses[0]}",
+        notice=notice,
     )
 
 

@@ -29,7 +29,7 @@ from deltac.mechanism.forces import (
 )
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import q, u
-from deltac.mechanism.scope import Element
+from deltac.mechanism.scene import Element
 
 
 @dataclass

@@ -143,6 +143,7 @@ def lower(
     _check_arguments(function, arguments)
     work: dict[int, Scalar] = {}
     nonzeros: list[dict[int, Scalar]] = [{} for _ in range(function.n_out())]
+    shared, inverses = _shared_divisors(function), dict[int, Scalar]()
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         reads, writes = function.instruction_input(k), function.instruction_output(k)
@@ -152,6 +153,11 @@ def lower(
             nonzeros[writes[0]][writes[1]] = work[reads[0]]
         elif op == casadi.OP_CONST:
             work[writes[0]] = algebra.constant(function.instruction_constant(k))
+        elif k in shared:
+            if shared[k] not in inverses:
+                inverses[shared[k]] = algebra.constant(1.0) / work[reads[-1]]
+            inverse = inverses[shared[k]]
+            work[writes[0]] = inverse if op == casadi.OP_INV else work[reads[0]] * inverse
         elif op in algebra.operations:
             work[writes[0]] = algebra.operations[op](*(work[i] for i in reads))
         else:
@@ -163,6 +169,23 @@ def lower(
         _densify(function.sparsity_out(i), values, algebra.constant(0.0))
         for i, values in enumerate(nonzeros)
     ]
+
+
+def _shared_divisors(function: Function) -> dict[int, int]:
+    """Divisions by a number that others are divided by too -> the instruction that finds the number.
+
+    They become products with its reciprocal: a division takes as long as ten products. (CasADi makes a
+    division of x·(1/d), so that expressions cannot say it.)
+    """
+    found: dict[int, int] = {}  # place in the work vector -> the instruction that wrote there last
+    divided: dict[int, list[int]] = {}
+    for k in range(function.n_instructions()):
+        op, writes = function.instruction_id(k), function.instruction_output(k)
+        if op in (casadi.OP_DIV, casadi.OP_INV):
+            divided.setdefault(found[function.instruction_input(k)[-1]], []).append(k)
+        if op != casadi.OP_OUTPUT:
+            found[writes[0]] = k
+    return {k: by for by, these in divided.items() if len(these) > 1 for k in these}
 
 
 def _check_arguments(function: Function, arguments: Sequence[Sequence[Scalar]]) -> None:

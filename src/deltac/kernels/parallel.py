@@ -10,11 +10,20 @@ from contextlib import contextmanager
 from threading import Event, Lock, local
 from typing import TypeVar
 
+from deltac.errors import InputError
+
 T = TypeVar("T")
 
 
 def cores() -> int:
-    """The cores that this process may use."""
+    """The cores that this process may use: `DELTAC_THREADS` if that is set, else those it may run on.
+
+    Raises InputError for a `DELTAC_THREADS` that is no whole number above zero.
+    """
+    if chosen := os.environ.get("DELTAC_THREADS", "").strip():
+        if not chosen.isdecimal() or int(chosen) < 1:
+            raise InputError(f"DELTAC_THREADS={chosen!r}: expected a whole number above zero")
+        return int(chosen)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

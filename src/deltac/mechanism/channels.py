@@ -7,6 +7,7 @@ list, so that logs, ledgers and verdicts of every simulator speak of the same th
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NoReturn, TypeAlias
 
 from deltac.arrays import Array
@@ -73,6 +74,22 @@ class ChannelName(str):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ChannelName, (self.kind, self.element)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of energy flow, in the symbols of a traced mechanism.
+
+    `force` (nu,) is its generalized force on all speeds. A potential channel has the energy
+    `potential` (J). `explicit` (W) is power that belongs to no force: ∂V/∂t of a potential whose law
+    depends on time. `logged` marks a motor whose value comes from a controller or a log.
+    """
+
+    name: ChannelName
+    force: Any
+    potential: Any = None
+    explicit: Any = None
+    logged: bool = False
 
 
 ByChannel: TypeAlias = Mapping[Any, Array]

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from deltac.errors import ModelError, UnknownName
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.friction import FrictionLaw, as_friction
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import Quantity, positive
-from deltac.mechanism.scope import Element, Scope, constructor
+from deltac.mechanism.quantities import Quantity, is_zero, positive
+from deltac.mechanism.scene import Element, Load, Scene
+from deltac.mechanism.scope import Scope, constructor
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
@@ -67,6 +69,56 @@ class Contact(Element):
         if self.friction is not None:
             source = self.allow_energy_source
             self.friction.check(scope, self.where, scope.constants, source=source)
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """Elastic forces, dissipation and friction at every contact point of the two shapes."""
+        elastic: list[Load] = []
+        dissipative: list[Load] = []
+        rubbing: list[Load] = []
+        potential = scene.number(0.0)
+        for touch in scene.touches(self.first, self.second):
+            velocity = touch.relative_velocity
+            closing = -scene.dot(touch.n, velocity)
+            energy, f_e, f_n = self.normal_force(scene, touch.gap, closing)
+            potential += energy
+            elastic += touch.loads(f_e * touch.n)
+            dissipative += touch.loads((f_n - f_e) * touch.n)
+            if self.friction is not None:
+                rubbing += touch.loads(self.friction.slip_force(scene, f_n, touch.n, velocity))
+        made = [self.channel("spring", scene.generalized(elastic), potential)]
+        if not is_zero(self.dissipation):
+            made.append(self.channel("contact", scene.generalized(dissipative)))
+        if self.friction is not None:
+            made.append(self.channel("friction", scene.generalized(rubbing)))
+        return made
+
+    def normal_force(self, scene: Scene, gap: Any, closing: Any) -> tuple[Any, Any, Any]:
+        """V (J), the elastic force f_e and the normal force f_n >= 0 (N) of a gap that closes at a speed."""
+        k, d, n = map(scene.number, (self.stiffness, self.dissipation, self.exponent))
+        touching = gap < 0
+        # Powers of an overlap of 0 have no derivative; apart, a value that has one stands in.
+        x = scene.where(touching, -gap, 1)
+        power = _power(scene, self.exponent, x)
+        energy = scene.where(touching, k * power * x / (n + 1), 0)
+        f_e = scene.where(touching, k * power, 0)
+        if self.model == "hunt-crossley":
+            return energy, f_e, f_e * scene.maximum(1 + d * closing, 0)
+        return energy, f_e, scene.where(touching, scene.maximum(k * power + d * closing, 0), 0)
+
+
+def _power(scene: Scene, exponent: Quantity, x: Any) -> Any:
+    """xⁿ, continued to x < 0 as x |x|ⁿ⁻¹.
+
+    A solver that looks for the instant of touch tries states beyond it. |x| is √(x² + tiny), which has no
+    branch of its own and a derivative everywhere. Half integers go by roots, much faster than a power.
+    """
+    if isinstance(exponent, float) and exponent == 1.0:
+        return x
+    square = x * x + 1e-300
+    if isinstance(exponent, float) and exponent in (1.5, 2.0):
+        root = scene.sqrt(square)
+        return x * (scene.sqrt(root) if exponent == 1.5 else root)
+    return x * square ** (0.5 * (scene.number(exponent) - 1))
 
 
 @constructor

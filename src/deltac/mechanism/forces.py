@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from deltac.errors import ModelError, UnknownName, closest
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law, symbol_names
-from deltac.mechanism.quantities import (
-    ZERO,
-    Quantity,
-    Vector,
-    positive,
-    vector,
-)
-from deltac.mechanism.scope import Element, Scope, constructor, require_count
+from deltac.mechanism.quantities import ZERO, Quantity, Vector, is_zero, positive, vector
+from deltac.mechanism.scene import Element, Load, Scene
+from deltac.mechanism.scope import Scope, constructor, require_count
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,30 @@ class JointSpring(Element):
         require_count(self.rest, springs, f"rest of {self.where}")
         scope.laws((*self.stiffness, *self.rest), scope.in_time, self.where)
 
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The spring; ∂V/∂t too where it depends on time."""
+        if self.potential is not None:
+            V, force, explicit = scene.from_potential(self.joint, self.potential)
+            return self.spring_channels(scene.on_joint(self.joint, force), V, explicit)
+        plain, quaternion = scene.coordinates(self.joint)
+        stiffness = [scene.number(law) for law in self.stiffness]
+        stretches = [q - scene.number(rest) for q, rest in zip(plain, self.rest)]
+        forces = [-k * x for k, x in zip(stiffness, stretches)]
+        if quaternion is not None:
+            # Rotation vector φ n by the half angle; of q and −q the shorter turn is meant.
+            w, v = quaternion[0], quaternion[1:]
+            sine = scene.sqrt(scene.dot(v, v))
+            turn = 2 * scene.atan2(sine, scene.abs(w))
+            turned = sine > 1e-12 * scene.abs(w)
+            per_sine = scene.where(turned, turn / scene.where(turned, sine, 1), 2 / scene.abs(w))
+            forces.append(-stiffness[-1] * per_sine * scene.where(w < 0, -1, 1) * v)
+            stretches.append(turn)
+        V = sum(0.5 * k * x**2 for k, x in zip(stiffness, stretches))
+        explicit = sum(0.5 * scene.time_rate(k) * x**2 for k, x in zip(self.stiffness, stretches))
+        for k, x, rest in zip(stiffness, stretches[: len(plain)], self.rest):
+            explicit -= k * x * scene.time_rate(rest)
+        return self.spring_channels(scene.on_joint(self.joint, forces), V, explicit)
+
 
 @dataclass(frozen=True)
 class JointDamper(Element):
@@ -86,6 +107,11 @@ class JointDamper(Element):
             if not self.allow_energy_source and scope.is_constant(law):
                 scope.takes_energy(law, f"damping of {self.where}")
 
+    def channels(self, scene: Scene) -> list[Channel]:
+        """−c u for each speed."""
+        force = -scene.vector(self.damping) * scene.speeds(self.joint)
+        return [self.channel("damper", scene.on_joint(self.joint, force))]
+
 
 @dataclass(frozen=True)
 class JointTorque(Element):
@@ -108,6 +134,12 @@ class JointTorque(Element):
         if self.torque is not None:
             require_count(self.torque, len(speeds), f"law of {self.where}")
             scope.laws(self.torque, scope.in_motion, f"law of {self.where}")
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The law, or what a controller or a log gives."""
+        logged = self.torque is None
+        force = scene.inputs(self.name) if self.torque is None else scene.vector(self.torque)
+        return [self.channel("actuator", scene.on_joint(self.joint, force), logged=logged)]
 
 
 @dataclass(frozen=True)
@@ -133,6 +165,15 @@ class PointForce(Element):
         scope.body(self.body, self.where, ground=False)
         scope.laws(self.point, scope.constants, f"point of {self.where}")
         scope.laws((*self.force, *self.moment), scope.in_motion, f"law of {self.where}")
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The force at the point and the moment on the body."""
+        force, moment = scene.vector(self.force), scene.vector(self.moment)
+        if self.frame == "body":
+            R = scene.rotation(self.body)
+            force, moment = R @ force, R @ moment
+        load = (scene.point(self.body, self.point), force, moment)
+        return [self.channel("applied", scene.generalized([load]))]
 
 
 @dataclass(frozen=True)
@@ -168,6 +209,35 @@ class SpringDamper(Element):
         scope.laws(points, scope.constants, f"a point of {self.where}")
         scope.laws((self.stiffness, self.length), scope.in_time, self.where)
         scope.laws([self.damping], scope.constants, f"damping of {self.where}")
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The spring, ∂V/∂t too where it depends on time, and the damper."""
+        first = scene.point(self.body1, self.point1)
+        second = scene.point(self.body2, self.point2)
+        between = second.place - first.place
+        made: list[Channel] = []
+        if not is_zero(self.stiffness):
+            k, rest = scene.number(self.stiffness), scene.number(self.length)
+            k_rate, rest_rate = scene.time_rate(self.stiffness), scene.time_rate(self.length)
+            if is_zero(self.length):
+                # Without a rest length the force is −k times the vector: smooth through coincident points.
+                square, pull = scene.dot(between, between), k * between
+                V, explicit = 0.5 * k * square, 0.5 * k_rate * square
+            else:
+                distance = scene.sqrt(scene.dot(between, between))
+                stretch = distance - rest
+                pull = k * stretch * (between / distance)
+                V = 0.5 * k * stretch**2
+                explicit = 0.5 * k_rate * stretch**2 - k * stretch * rest_rate
+            force = scene.generalized([(first, pull), (second, -pull)])
+            made += self.spring_channels(force, V, explicit)
+        if not is_zero(self.damping):
+            along = between / scene.sqrt(scene.dot(between, between))
+            parting = scene.dot(along, second.velocity - first.velocity)
+            pull = scene.number(self.damping) * parting * along
+            force = scene.generalized([(first, pull), (second, -pull)])
+            made.append(self.channel("damper", force))
+        return made
 
 
 @dataclass(frozen=True)
@@ -232,6 +302,50 @@ class Tendon(Element):
                 "quaternions"
             )
 
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The cord's spring and damper, along the gradient of its length."""
+        length, J = self._length(scene)
+        low, high = (scene.number(end) for end in self.length)
+        stretch = length - low
+        if self.length[0] != self.length[1]:
+            stretch = scene.maximum(length - high, 0) + scene.minimum(stretch, 0)
+        made: list[Channel] = []
+        if not all(is_zero(a) for a in self.stiffness):
+            a = [scene.number(law) for law in self.stiffness]
+            potential = sum(a[k] * stretch ** (k + 2) / (k + 2) for k in range(len(a)))
+            tension = sum(a[k] * stretch ** (k + 1) for k in range(len(a)))
+            made.append(self.channel("spring", -tension * J, potential))
+        if not all(is_zero(a) for a in self.damping):
+            rate = scene.power(J)
+            # Even powers with the sign of the rate: v |v|.
+            powers = [
+                rate ** (k + 1) if k % 2 == 0 else rate**k * scene.abs(rate)
+                for k in range(len(self.damping))
+            ]
+            tension = sum(scene.number(c) * power for c, power in zip(self.damping, powers))
+            made.append(self.channel("damper", -tension * J))
+        return made
+
+    def _length(self, scene: Scene) -> tuple[Any, Any]:
+        """The length and its gradient J (nu,) along the speeds: l̇ = J·u."""
+        length, J = scene.number(0.0), scene.generalized([])
+        for name, law in self.coordinates:
+            q, along = scene.coordinate(name)
+            factor = scene.number(law)
+            length += factor * q
+            J += factor * along
+        for branch in self.branches:
+            factor = scene.number(branch.factor)
+            for (body, point), (next_body, next_point) in pairwise(branch.points):
+                first, second = scene.point(body, point), scene.point(next_body, next_point)
+                between = second.place - first.place
+                distance = scene.sqrt(scene.dot(between, between))
+                length += factor * distance
+                if body != next_body:  # within one body nothing changes
+                    pull = factor * between / distance
+                    J -= scene.generalized([(first, pull), (second, -pull)])
+        return length, J
+
 
 @dataclass(frozen=True)
 class GravityCompensation(Element):
@@ -252,6 +366,14 @@ class GravityCompensation(Element):
         for name, fraction in self.fractions:
             scope.body(name, self.where, ground=False)
             scope.laws([fraction], scope.constants, f"fraction of {name!r} in {self.where}")
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """−c m g at the mass centres."""
+        loads: list[Load] = [
+            (scene.mass_centre(body), -scene.number(c) * scene.weight(body))
+            for body, c in self.fractions
+        ]
+        return [self.channel("applied", scene.generalized(loads))]
 
 
 def _spring_kinds(*laws: Any) -> tuple[str, ...]:

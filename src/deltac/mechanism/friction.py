@@ -12,19 +12,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from deltac.errors import ModelError
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import (
-    ZERO,
-    Quantity,
-    Vector,
-    positive,
-    unit_vector,
-    vector,
-)
-from deltac.mechanism.scope import GROUND, Element, Scope, constructor, require_count
+from deltac.mechanism.quantities import ZERO, Quantity, Vector, positive, unit_vector, vector
+from deltac.mechanism.scene import Element, Scene
+from deltac.mechanism.scope import GROUND, Scope, constructor, require_count
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
+
+TINY = 1e-8
+"""Slip speeds are softened by this part of the width: the direction of no slip is then no 0/0.
+
+The force errs by less than 10⁻¹⁶ of itself above a hundred-millionth of the width.
+"""
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,23 @@ class FrictionLaw:
                     "least that in slip"
                 )
 
+    def strength(self, scene: Scene, square: Any) -> Any:
+        """The strength c + (s − c) e^{−(v/v_S)²} at the square of the slip speed."""
+        c = scene.number(self.coulomb)
+        if self.stribeck is None:
+            return c
+        excess = scene.number(self.static) - c
+        return c + excess * scene.exp(-square / scene.number(self.stribeck) ** 2)
+
+    def slip_force(self, scene: Scene, normal_force: Any, n: Any, velocity: Any) -> Any:
+        """−N f(|v_t|) v_t/|v_t| (3,), v_t the part of the velocity across n."""
+        slip = velocity - scene.dot(n, velocity) * n
+        square = scene.dot(slip, slip)
+        width = scene.number(self.width)
+        speed = scene.sqrt(square + (TINY * width) ** 2)
+        per_speed = self.strength(scene, square) * scene.tanh(speed / width) / speed
+        return -normal_force * (per_speed + scene.number(self.viscous)) * slip
+
 
 @dataclass(frozen=True)
 class JointFriction(Element):
@@ -99,6 +117,16 @@ class JointFriction(Element):
         require_count(self.laws, len(speeds), f"laws of {self.where}")
         for law in self.laws:
             law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """−f(|u|) sign u on each speed of the joint."""
+        forces, speeds = [], scene.speeds(self.joint)
+        for k, law in enumerate(self.laws):
+            u = speeds[k]
+            # Odd in u already: tanh changes sign, and the excess is even.
+            dry = law.strength(scene, u**2) * scene.tanh(u / scene.number(law.width))
+            forces.append(-dry - scene.number(law.viscous) * u)
+        return [self.channel("friction", scene.on_joint(self.joint, forces))]
 
 
 @dataclass(frozen=True)
@@ -131,6 +159,13 @@ class PointFriction(Element):
         scope.laws(self.point, scope.constants, f"point of {self.where}")
         scope.laws([self.normal_force], scope.in_motion, f"normal force of {self.where}")
         self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """−N f(|v_t|) v_t/|v_t| at the body's point, its opposite on the body beneath."""
+        touch = scene.sliding(self.body, self.point, self.on, self.normal)
+        strength = scene.maximum(scene.number(self.normal_force), 0)
+        force = self.law.slip_force(scene, strength, touch.n, touch.relative_velocity)
+        return [self.channel("friction", scene.generalized(touch.loads(force)))]
 
 
 @constructor

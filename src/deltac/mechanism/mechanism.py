@@ -19,7 +19,8 @@ from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scope import GROUND, Element, Part, Scope, constructor
+from deltac.mechanism.scene import Element
+from deltac.mechanism.scope import GROUND, Part, Scope, constructor
 from deltac.mechanism.state import State, make_state
 from deltac.mechanism.visuals import Visual
 from deltac.results import Section, Shown, Table, number

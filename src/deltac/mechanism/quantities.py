@@ -121,6 +121,11 @@ def _determinant(r: list[list[float]]) -> float:
     )
 
 
+def is_zero(law: Quantity) -> bool:
+    """Whether it is the number zero; an expression may be zero by the present values of parameters only."""
+    return isinstance(law, float | int) and law == 0
+
+
 def positive(value: Any, where: str, *, allow_zero: bool = False) -> Quantity:
     """A quantity that must be positive; expressions are checked where parameters are known."""
     quantity = as_law(value, where)

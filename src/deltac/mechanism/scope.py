@@ -144,10 +144,6 @@ class Part:
         raise NotImplementedError
 
 
-class Element(Part):
-    """A force element: what flows through it is in its channels."""
-
-
 def require_count(values: Sequence[Any], expected: int, where: str) -> None:
     """InputError unless there are as many values as expected."""
     if len(values) != expected:

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.caching import derived
 from deltac.dynamics.digits import acceleration_error
-from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
@@ -194,15 +194,16 @@ def check_accelerations(
     if not np.isfinite(x0).all():
         raise StateError("the coordinate map has no finite own coordinates for the initial state")
     if flow.traced and controller is None:
-        xdot = np.array(_accelerations(flow)(state.t, x0, p)).ravel()
+        (xdot,) = evaluate_at(_accelerations(flow), state.t, x0, p)
     else:
         rate = StageRate(flow, controller, p)
         rate.hold(state.t, x0)
         xdot = rate(state.t, x0)
     _, u_part, _ = flow.parts
     if flow.equations is None:
-        M = np.array(_inertias(flow)(state.t, x0, p))
-        if error := singular_inertia(mechanism, M):
+        n = len(flow.system.free_u)
+        (M,) = evaluate_at(_inertias(flow), state.t, x0, p)
+        if error := singular_inertia(mechanism, M.reshape(n, n)):
             raise error
         _check_digits(mechanism, vary, rows, state, p)
     bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
@@ -218,7 +219,7 @@ def check_accelerations(
 @derived
 def _accelerations(flow: Flow) -> Any:
     """(t, x; p) -> ẋ, as a CasADi function."""
-    return ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot])
+    return ca.Function("f", [flow.t, flow.x, flow.p], [ca.densify(flow.xdot)], {"cse": True})
 
 
 @derived

@@ -20,7 +20,6 @@ from deltac.arguments import checked
 from deltac.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
-from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
@@ -35,7 +34,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import ArgumentsError, InputError
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State

@@ -38,22 +38,16 @@ def observer(flow: Flow) -> Kernel:
             "driving": flow.driving,
             **{str(name): force for name, force in flow.reactions.items()},
             **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
+            **({"phi": flow.bound.rows.phi} if flow.bound is not None and flow.projecting else {}),
         },
         flow.p,
         name="observation",
     )
 
 
-def recorded(
-    mechanism: Mechanism,
-    flow: Flow,
-    observe: Kernel,
-    motion: Motion,
-    p: Array,
-    provenance: Provenance,
-) -> Trajectory:
-    """The samples of a motion as a trajectory of the mechanism."""
-    q_part, u_part, summed = flow.parts
+def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
+    """What the observer sees of the samples of a motion, time first."""
+    q_part, u_part, _ = flow.parts
     arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
@@ -65,8 +59,20 @@ def recorded(
                 for t, x in zip(motion.t, motion.x)
             ]
         )
-    seen = observe(parameters=p, **arrays)
-    rows = len(motion.t)
+    return observe(parameters=p, **arrays)
+
+
+def recorded(
+    mechanism: Mechanism,
+    flow: Flow,
+    seen: dict[str, Array],
+    motion: Motion,
+    p: Array,
+    provenance: Provenance,
+) -> Trajectory:
+    """The samples of a motion, and what was seen of them, as a trajectory of the mechanism."""
+    rows, (_, _, summed) = len(motion.t), flow.parts
+    seen = {name: values[:rows] for name, values in seen.items()}
     singular = _singular(flow, seen, motion, p)
     note = _where(singular) if singular.size else _near(seen, motion, provenance)
     q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
@@ -120,19 +126,15 @@ def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[Cha
     return forces
 
 
-def while_assembled(flow: Flow, motion: Motion, p: Array) -> Motion:
+def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motion:
     """The motion up to where its constraints can no longer be met, and words for it.
 
     A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
     what comes after is no motion.
     """
-    if not flow.projecting or flow.bound is None:
+    if "phi" not in seen or flow.bound is None:
         return motion
-    rows = flow.bound.rows
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    kernel = flow.once("violation", lambda: Kernel(inputs, {"phi": rows.phi}, name="violation"))
-    given = {"p": p} if flow.p.shape[0] else {}
-    phi = np.abs(kernel(t=motion.t, x=motion.x, **given)["phi"].reshape(len(motion.t), -1))
+    rows, phi = flow.bound.rows, np.abs(seen["phi"].reshape(len(motion.t), -1))
     lost = ~(phi <= LOST).all(axis=1)
     if not lost.any():
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"

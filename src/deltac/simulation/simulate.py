@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -39,7 +39,13 @@ from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
-from deltac.simulation.recording import observer, recorded, while_assembled, with_occurrences
+from deltac.simulation.recording import (
+    observed,
+    observer,
+    recorded,
+    while_assembled,
+    with_occurrences,
+)
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
     Adaptive,
@@ -48,7 +54,6 @@ from deltac.simulation.solvers import (
     Solver,
     Sundials,
     Taylor,
-    find_solver,
     solver_options,
 )
 from deltac.simulation.step_size.stiffness import explained
@@ -77,10 +82,14 @@ class Record:
         testing: names of the testing functions whose power is integrated by the same solver and step; the
             integrals (J) are in the trajectory's `integrals`.
         every: keep every so many steps of a fixed-step solver.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+            Of a mechanism with constraints they may be as many as there are independent ones, or more: the
+            constraints give the others. The trajectory's provenance holds them.
     """
 
     testing: Sequence[str] = ("wang", "liu-huston")
     every: int = 1
+    coordinates: CoordinateMap | None = None
 
     @staticmethod
     def of(given: Record | Sequence[str] | int) -> Record:
@@ -100,7 +109,7 @@ class Record:
 RECORD = Record()
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
+@renamed_keywords(mechanism="model")
 @interruptible()
 def simulate(
     model: ModelLike,
@@ -113,9 +122,7 @@ def simulate(
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
-    coordinates: CoordinateMap | None = None,
     vary: Sequence[str] = (),
-    switches: bool = False,
     progress: Callable[[float], None] | None = None,
     **renamed: Any,
 ) -> Trajectory:
@@ -136,13 +143,8 @@ def simulate(
         controller: sets the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
-        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy. Of
-            a mechanism with constraints they may be as many as there are independent ones, or more: the
-            constraints give the others. The trajectory's provenance holds them.
         vary: parameters that stay parameters of the compiled code, so that other values of them need no
             new compilation.
-        switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
-            let no step go across one: the solver keeps its order.
         progress: called with the fraction done.
         **renamed: arguments of version 0.1, which say what to write now.
 
@@ -166,12 +168,12 @@ def simulate(
     if renamed:
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)
-    found, wanted, kept = find_solver(options.name), Record.of(record), keeping(constraints)
+    found, wanted, kept = options.solver, Record.of(record), keeping(constraints)
     equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
     every = count(wanted.every, "record: every")
     check_request(mechanism, state, found, equations, controller, step)
-    watching = check_events(mechanism, equations, switches)
+    watching = check_events(mechanism, equations, options.switches)
     check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
@@ -181,12 +183,11 @@ def simulate(
         found,
         wanted,
         equations,
-        coordinates,
         vary,
         rows,
         kept,
-        watching,
-        switches,
+        watching=watching,
+        switches=options.switches,
     )
     flow = made.flow
     check_derivatives(flow, found, controller)
@@ -230,7 +231,8 @@ def simulate(
     motion = loop.run()
     if found.family == "fixed":
         motion = explained(flow, found, duration / steps, p, x0, motion)
-    motion = while_assembled(flow, motion, p)
+    seen = observed(flow, made.observe, motion, p)
+    motion = while_assembled(flow, motion, seen)
     if motion.message:
         warn_user(motion.message, SimulationStoppedWarning)
     if flow.correcting:
@@ -244,9 +246,9 @@ def simulate(
         model_hash=mechanism.hash,
         completed=not motion.message,
         message=motion.message,
-        **_circumstances(mechanism, equations, controller, flow, events, coordinates),
+        **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, made.observe, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)
@@ -280,10 +282,10 @@ def _compiled(
     solver: Solver,
     record: Record,
     equations: Equations | None,
-    coordinates: CoordinateMap | None,
     vary: Sequence[str],
     rows: tuple[int, ...],
     constraints: Keeping,
+    *,
     watching: bool,
     switches: bool,
 ) -> Compiled:
@@ -297,7 +299,7 @@ def _compiled(
         solver.name,
         tuple(record.testing),
         None if written is None else written.key,
-        coordinates,
+        record.coordinates,
         tuple(vary),
         rows,
         constraints,
@@ -306,8 +308,9 @@ def _compiled(
     )
 
     def make() -> Compiled:
-        flow = build_flow(mechanism, record.testing, written, coordinates, vary, rows, constraints)
-        events = eventful(flow, coordinates, switches) if watching else None
+        split = record.coordinates
+        flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
+        events = eventful(flow, split, switches) if watching else None
         moving = flow if events is None else events.flow
         method: Method = None
         if solver.family == "fixed":
@@ -345,10 +348,9 @@ def _stepper(
     if isinstance(options, Taylor):
         return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
     assert isinstance(options, Sundials | Scipy)
-    solver = find_solver(options.name)
     if isinstance(options, Sundials):
-        return SundialsSteps(flow, solver, p, options.tolerance)
-    return ScipySteps(flow, solver, rate, p, options.tolerance, compiled=compiled)
+        return SundialsSteps(flow, options.solver, p, options.tolerance)
+    return ScipySteps(flow, options.solver, rate, p, options.tolerance, compiled=compiled)
 
 
 def _circumstances(
@@ -387,8 +389,11 @@ def _as_before(
     wanted = Record(
         old.get("testing", wanted.testing),
         old.get("record_every", wanted.every),
+        old.get("coordinates", old.get("speeds", wanted.coordinates)),
     )
     solver = solver_options(solver, old.get("tolerance"), old.get("spectral_radius"))
+    if "switches" in old:
+        solver = replace(solver, switches=old["switches"])
     constraints = stabilised(old["stabilisation"]) if "stabilisation" in old else constraints
     if old.get("correct") not in (None, "energy"):
         raise InputError(
@@ -404,6 +409,9 @@ def _as_before(
 
 
 _RENAMED = {
+    "coordinates": ("deltac.Record(coordinates=…)",),
+    "speeds": ("deltac.Record(coordinates=…)",),
+    "switches": ("an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",),
     "testing": ("simulate(record=…)",),
     "record_every": ("deltac.Record(every=…)",),
     "tolerance": ("an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass, fields
-from typing import ClassVar, TypeAlias
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 from deltac.arguments import checked
 from deltac.errors import InputError, SolverError, UnknownName, WrongType
@@ -83,9 +83,30 @@ DEFAULT_TOLERANCE = 1e-9
 """Relative tolerance of the solvers that choose their steps, where none is asked for."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What every solver can be told; the classes below add what is their own.
+
+    Attributes:
+        switches: find the instants at which a law has a kink or a jump (abs, sign, min, max, where), and
+            let no step go across one: the solver keeps its order.
+    """
+
+    switches: bool = False
+
+    @property
+    def solver(self) -> Solver:
+        """The solver that these are the options of."""
+        return find_solver(self.name)  # type: ignore[attr-defined]
+
+    def with_tolerance(self, tolerance: float) -> Options:
+        """The same solver with another tolerance, of those that have one."""
+        return replace(self, tolerance=tolerance)  # type: ignore[call-arg]
+
+
 @dataclass(frozen=True)
-class FixedStep:
-    """A solver of fixed steps by its name, explicit or implicit; it has no options of its own."""
+class FixedStep(Options):
+    """A solver of fixed steps by its name, explicit or implicit, without further options."""
 
     name: str = "ode5"
     families: ClassVar[tuple[str, ...]] = ("fixed", "implicit")
@@ -95,7 +116,7 @@ class FixedStep:
 
 
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(Options):
     """The generalized-α method of Chung and Hulbert, implicit, with fixed steps.
 
     `spectral_radius` is that at infinite frequency, from 0 (asymptotic annihilation) to 1 (no high-frequency
@@ -115,7 +136,7 @@ class GeneralizedAlpha:
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class Adaptive(Options):
     """An explicit method of ours that chooses its steps by the local error and by ΔC.
 
     `method` is "ode3", "ode5" or "ode8". `tolerance` bounds both the local error of coordinates and speeds,
@@ -143,7 +164,7 @@ class Adaptive:
 
 
 @dataclass(frozen=True)
-class Scipy:
+class Scipy(Options):
     """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
 
     `tolerance` is relative; a thousandth of it is the absolute one.
@@ -159,7 +180,7 @@ class Scipy:
 
 
 @dataclass(frozen=True)
-class Sundials:
+class Sundials(Options):
     """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
 
     `tolerance` is relative; a thousandth of it is the absolute one.
@@ -175,7 +196,7 @@ class Sundials:
 
 
 @dataclass(frozen=True)
-class Taylor:
+class Taylor(Options):
     """Heyoka's adaptive Taylor method, the reference: its order follows from the tolerance.
 
     `tolerance` None is the precision of the numbers, double or, with `quad`, quadruple.
@@ -194,19 +215,6 @@ class Taylor:
         return "taylor-quad" if self.quad else "taylor"
 
 
-Options: TypeAlias = FixedStep | GeneralizedAlpha | Adaptive | Scipy | Sundials | Taylor
-"""A solver with its options."""
-
-OPTIONS: tuple[type[Options], ...] = (
-    FixedStep,
-    GeneralizedAlpha,
-    Adaptive,
-    Scipy,
-    Sundials,
-    Taylor,
-)
-
-
 def solver_options(
     solver: str | Options, tolerance: float | None = None, spectral_radius: float | None = None
 ) -> Options:
@@ -214,7 +222,7 @@ def solver_options(
 
     InputError for an unknown solver, and for an option that it does not have, naming those that do.
     """
-    if isinstance(solver, OPTIONS):
+    if isinstance(solver, Options):
         if tolerance is not None or spectral_radius is not None:
             what = "tolerance" if tolerance is not None else "spectral_radius"
             raise SolverError(f"{what}= was given beside {solver!r}; give it to that object")
@@ -296,6 +304,8 @@ def find_solver(name: object) -> Solver:
             f"solver is {name!r}; expected a name, such as 'ode5', or an object such as "
             "deltac.solvers.Scipy('DOP853', tolerance=1e-9)"
         )
+    if name in SOLVERS:
+        return SOLVERS[name]
     known = {**_BY_ALIAS, **SOLVERS}
     alike = {n: s for n, s in known.items() if n.lower() == name.lower()}
     solver = known.get(name) or (next(iter(alike.values())) if len(alike) == 1 else None)

@@ -24,12 +24,14 @@ _PART_UNITS |= dict.fromkeys(("x", "y", "z", "slide"), "m")
 class MechanismNames:
     """What a log of a mechanism holds: names of `coordinates` and `speeds` in order, with units.
 
-    `motors`: the channel of the motor that acts on a speed, by the speed's name.
+    `motors`: the channel of the motor that acts on a speed, by the speed's name. `bodies`: the body that a
+    joint of one coordinate carries, by the coordinate's name.
     """
 
     coordinates: Mapping[str, str]
     speeds: Mapping[str, str]
     motors: Mapping[str, str] = field(default_factory=dict)
+    bodies: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mechanism: Mechanism | MechanismNames) -> MechanismNames:
@@ -46,6 +48,11 @@ class MechanismNames:
                 for element in mechanism.forces
                 if isinstance(element, JointTorque)
                 for k in range(*mechanism.speeds.of(element.joint).indices(len(mechanism.speeds)))
+            },
+            {
+                joint.name: joint.child
+                for joint in mechanism.joints
+                if joint.name in mechanism.coordinates.names
             },
         )
 

@@ -581,7 +581,4 @@ def _moving(rows: _Rows, stretches: Sequence[_Stretch]) -> Array:
 
 def _noise(values: Array) -> Array:
     """Standard deviation of white noise on each column, (T, n); zero where none shows."""
-    made = np.zeros_like(values)
-    for k, column in enumerate(values.T):
-        made[:, k] = white_noise(column)
-    return made
+    return np.broadcast_to(white_noise(values), values.shape)

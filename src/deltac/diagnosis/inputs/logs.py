@@ -20,6 +20,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.parquet import parquet_facts
+from deltac.trajectories.formats.reading import LEFT_OUT
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import row_name
 
@@ -161,6 +162,9 @@ def _whole(
     mechanism: Mechanism, given: Trajectory, work: str | None, *, measured: bool = True
 ) -> Log:
     run, findings = in_model_order(mechanism, given)
+    if told := given.provenance.notes.get(LEFT_OUT):
+        what = "rows in which a value is missing were left out"
+        findings.append(Finding("left-out", what, told, "Nothing, if samples were lost"))
     _refuse_garbage(run)
     if not measured:
         return balanced(mechanism, run, work, tuple(findings))

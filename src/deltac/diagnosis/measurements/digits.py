@@ -68,16 +68,18 @@ def _count(column: Array) -> float:
 
 
 def _significant(size: Array, probes: Array) -> Array | None:
+    numbers = probes.tolist()
     for digits in range(3, 13):
-        if all(float(f"{x:.{digits - 1}e}") == x for x in probes):
+        if all(float(f"{x:.{digits - 1}e}") == x for x in numbers):
             decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
             return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
     return None
 
 
 def _decimals(size: Array, probes: Array) -> Array | None:
+    numbers = probes.tolist()
     for decimals in range(1, 13):
-        if all(round(x, decimals) == x for x in probes.tolist()):
+        if all(round(x, decimals) == x for x in numbers):
             return np.full_like(size, 0.5 * 10.0**-decimals)
     return None
 
@@ -86,22 +88,21 @@ WHITE = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
 
-def white_noise(x: Array) -> float:
-    """Standard deviation of white noise on samples of a smooth signal, by its high differences.
+def white_noise(x: Array) -> Array:
+    """Standard deviation of white noise on samples of smooth signals (T, n), of each by its high differences.
 
     Differences of order 2m of white noise have √C(4m, 2m) times its deviation; those of a smooth signal
     fall from one order to the next. What falls is taken for signal.
     """
     if len(x) < 16:
-        return 0.0
-    sixth = 1.4826 * float(np.median(np.abs(np.diff(x, 6)))) / np.sqrt(924.0)
-    eighth = 1.4826 * float(np.median(np.abs(np.diff(x, 8)))) / np.sqrt(12870.0)
-    if sixth <= 0.0 or not WHITE[0] < eighth / sixth < WHITE[1]:
-        return 0.0
-    return float(eighth)
+        return np.zeros(x.shape[1])
+    high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
+    sixth = 1.4826 * np.median(np.abs(high), axis=1) / np.sqrt(924.0)
+    eighth = 1.4826 * np.median(np.abs(np.diff(high, 2)), axis=1) / np.sqrt(12870.0)
+    white = (WHITE[0] * sixth < eighth) & (eighth < WHITE[1] * sixth)
+    return np.where(white, eighth, 0.0)
 
 
 def scatter(values: Array) -> Array:
     """Three standard deviations of noise and half a digit of every number (T, n)."""
-    noise = np.array([white_noise(column) for column in values.T]).reshape(1, -1)
-    return np.asarray(resolution(values) + 3.0 * noise)
+    return np.asarray(resolution(values) + 3.0 * white_noise(values))

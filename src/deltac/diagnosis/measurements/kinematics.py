@@ -130,108 +130,151 @@ class Comparison:
         return np.abs(self.defect) > FAR * (self.bar + typical) + 1e-6 * _size(self.moved)
 
 
+AT_ONCE = 1 << 17
+"""Numbers of several columns that are compared at once: they stay in the processor's cache."""
+
+
 def compare(
     t: Array,
     moved: Array,
     rate: Array,
     bar: Array,
     edges: Sequence[tuple[int, int]],
-    integrals: Sequence[tuple[Array, Array]],
     *,
     projected: bool = False,
-) -> Comparison | None:
-    """Compare changes (T − 1,) over all intervals with a rate (T,), between gaps (`edges`).
+) -> list[Comparison | None]:
+    """Compare changes (T − 1, n) over all intervals with rates (T, n), between gaps (`edges`), by columns.
 
-    `bar` is what digits and noise of x and x' make of a change (T − 1,), `integrals` are those of the rate,
-    see `splined`. `projected` tells whether states may have been put back onto constraints after each step.
-    None where nothing moves.
+    `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
+    may have been put back onto constraints after each step. None where nothing moves.
     """
+    size = max(1, AT_ONCE // max(1, len(t)))
+    found: list[Comparison | None] = []
+    for first in range(0, moved.shape[1], size):
+        some = slice(first, first + size)
+        found += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
+    return found
+
+
+def _compared(
+    t: Array,
+    moved: Array,
+    rate: Array,
+    bar: Array,
+    edges: Sequence[tuple[int, int]],
+    projected: bool,
+) -> list[Comparison | None]:
     parts = []
-    for (a, b), (fine, coarse) in zip(edges, integrals):
+    for a, b in edges:
         s, x = t[a:b], rate[a:b]
-        h = np.diff(s)
+        h = np.diff(s)[:, None]
+        fine, coarse = (_integrals(s, x, k) for k in (5, 3))
         trapezoid = 0.5 * h * (x[1:] + x[:-1])
-        second = np.diff(x, 2)
-        curved = 0.5 * h * (np.append(second, second[-1]) + np.insert(second, 0, second[0]))
+        second = np.diff(x, 2, axis=0)
+        curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
         spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
-        parts.append((np.arange(a, b - 1), fine, trapezoid, h * np.diff(x), curved, spread))
-    start, fine, trapezoid, L, C, S = (np.concatenate(x) for x in zip(*parts))
-    D, noise = moved[start], bar[start]
-    if not _size(fine) > 0.0 or not _size(D) > 0.0:
-        return None
+        parts.append((fine, trapezoid, h * np.diff(x, axis=0), curved, spread))
+    start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
+    # From here on a row of every array is a column of the log.
+    fine, trapezoid, L, C, S = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))
+    D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
+    moving = np.flatnonzero((_sizes(fine) > 0.0) & (_sizes(D) > 0.0))
+    found: list[Comparison | None] = [None] * len(D)
+    if not len(moving):
+        return found
+    fine, trapezoid, L, C, S, D, noise = (x[moving] for x in (fine, trapezoid, L, C, S, D, noise))
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
-    fits = [
-        (x, *_robust(x, L, D, np.hypot(noise, 1e-3 * _size(D) + S), noise))
-        for x in (fine, trapezoid)
-    ]
-    I, r, late, left, keep = min(fits, key=lambda fit: float(np.median(np.abs(fit[3]))))
-    X = np.column_stack([I, L])
-    W = X[keep]
-    scatter = float(np.sqrt(np.mean(left[keep] ** 2)))
-    inverse = np.linalg.pinv(W.T @ W)
-    error = scatter * float(np.sqrt(max(inverse[0, 0], 0.0)))
+    told = np.stack([fine, trapezoid])
+    r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * _sizes(D)[:, None] + S), noise)
+    best = np.argmin(np.median(np.abs(left), axis=-1), axis=0)
+    I, r, late, left, keep = (x[best, np.arange(len(D))] for x in (told, r, late, left, keep))
+    kept = np.maximum(keep.sum(axis=-1), 1)
+    scatter = np.sqrt(np.sum(keep * left**2, axis=-1) / kept)
     # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
     # that looks like another r, and is found from what it would leave besides.
-    alone = C[keep] - W @ np.linalg.lstsq(W, C[keep], rcond=1e-9)[0]
-    size = float(np.sqrt(np.mean(alone**2)))
-    c = min(QUADRATURE, 4.0 * scatter / size) if size > 0.0 else QUADRATURE
+    x, y, variance = _least_squares(I * keep, L * keep, C * keep)
+    error = scatter * np.sqrt(variance)
+    alone = keep * (C - x[:, None] * I - y[:, None] * L)
+    size = np.sqrt(np.sum(alone**2, axis=-1) / kept)
     if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
-        c = QUADRATURE + PROJECTION
-    systematic = c * _size(C) / _size(I)
-    steady = _steady(I[keep], (D - late * L)[keep], r)
+        c = np.full_like(size, QUADRATURE + PROJECTION)
+    else:
+        c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
+    ratio_error = SURE * error + c * _sizes(C) / _sizes(I)
     most = QUADRATURE + PROJECTION * projected
-    by_scheme = float(C[keep] @ left[keep]) / max(float(C[keep] @ C[keep]), 1e-300)
-    rest = _size(left - np.clip(by_scheme, -most, most) * C)
-    unsteady = np.sqrt(max(rest**2 - _size(noise + S) ** 2, 0.0)) / _size(D)
-    return Comparison(
-        r,
-        SURE * error + systematic,
-        late,
-        left,
-        noise + S,
-        D,
-        I,
-        start,
-        np.diff(t)[start],
-        steady,
-        _size(L) > 4.0 * _size(noise),
-        float(unsteady),
-    )
+    squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
+    by_scheme = np.clip(np.sum(keep * C * left, axis=-1) / squares, -most, most)
+    rest = _sizes(left - by_scheme[:, None] * C)
+    unsteady = np.sqrt(np.maximum(rest**2 - _sizes(noise + S) ** 2, 0.0)) / _sizes(D)
+    instant = _sizes(L) > 4.0 * _sizes(noise)
+    h = np.diff(t)[start]
+    for k, column in enumerate(moving):
+        kept_rows = keep[k]
+        found[column] = Comparison(
+            float(r[k]),
+            float(ratio_error[k]),
+            float(late[k]),
+            left[k],
+            noise[k] + S[k],
+            D[k],
+            I[k],
+            start,
+            h,
+            _steady(I[k, kept_rows], (D[k] - late[k] * L[k])[kept_rows], float(r[k])),
+            bool(instant[k]),
+            float(unsteady[k]),
+        )
+    return found
 
 
-def splined(
-    t: Array, x: Array, edges: Sequence[tuple[int, int]]
-) -> list[list[tuple[Array, Array]]]:
-    """∫x dt over the intervals between gaps, by splines of degree 5 and 3, of every column of x (T, n)."""
+def _integrals(t: Array, x: Array, degree: int) -> Array:
+    """∫x dt over the intervals (T − 1, n) of every column, by splines."""
     from scipy.interpolate import make_interp_spline
 
-    whole = [
-        [
-            np.diff(make_interp_spline(t[a:b], x[a:b], k=k).antiderivative()(t[a:b]), axis=0)
-            for k in (5, 3)
-        ]
-        for a, b in edges
-    ]
-    return [[(fine[:, j], coarse[:, j]) for fine, coarse in whole] for j in range(x.shape[1])]
+    return np.asarray(np.diff(make_interp_spline(t, x, k=degree).antiderivative()(t), axis=0))
+
+
+COLLINEAR = 1e-9
+"""Smallest ratio of the singular values of two columns that are told apart."""
+
+
+def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
+    """The x and z of least |x a + z b − y|² along the last axis, and the variance of x for unit scatter.
+
+    By Gram–Schmidt. Where b is a multiple of a, of all solutions the smallest.
+    """
+
+    def over(x: Array, by: Array) -> Array:
+        return np.divide(x, by, out=np.zeros_like(by), where=by > 0.0)
+
+    aa = np.sum(a * a, axis=-1)
+    k = over(np.sum(a * b, axis=-1), aa)
+    c = b - k[..., None] * a
+    cc = np.sum(c * c, axis=-1)
+    apart = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
+    first = over(np.sum(a * y, axis=-1), aa)
+    z = np.where(apart, over(np.sum(c * y, axis=-1), cc), k * first / (1.0 + k**2))
+    one = np.ones_like(aa)
+    variance = np.where(apart, over(one, aa) + over(k**2, cc), over(one, aa) / (1.0 + k**2) ** 2)
+    return first - k * z, z, variance
 
 
 def _robust(
     told: Array, linear: Array, moved: Array, spread: Array, noise: Array
-) -> tuple[float, float, Array, Mask]:
-    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers."""
-    X = np.column_stack([told, linear])
+) -> tuple[Array, Array, Array, Mask]:
+    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
+
+    Along the last axis, of every column at once.
+    """
     weight = 1.0 / spread
-    left = np.zeros_like(moved)
-    r, late = 1.0, 0.0
     for _ in range(12):
-        W = X * weight[:, None]
-        r, late = (float(x) for x in np.linalg.lstsq(W, moved * weight, rcond=1e-9)[0])
-        left = moved - X @ np.array([r, late])
-        typical = float(np.median(np.abs(left)))
+        r, late, _ = _least_squares(told * weight, linear * weight, moved * weight)
+        left = moved - r[..., None] * told - late[..., None] * linear
+        size = np.abs(left)
+        typical = np.median(size, axis=-1, keepdims=True)
         # Absolute values count, not squares: a few impacts must not bend the line.
-        weight = 1.0 / np.sqrt(spread * np.maximum(np.abs(left), 1e-3 * spread + typical))
-    keep = np.abs(left) <= 7.0 * float(np.median(np.abs(left))) + 3.0 * noise
-    return r, late, left, keep
+        weight = 1.0 / np.sqrt(spread * np.maximum(size, 1e-3 * spread + typical))
+    return r, late, left, size <= 7.0 * typical + 3.0 * noise
 
 
 def _steady(told: Array, moved: Array, ratio: float) -> bool:
@@ -252,38 +295,35 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
         return {}
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     free = {int(k) for k in mechanism.free.u}
-    h = np.diff(run.t)
-    fine_u = scatter(run.u) * h[:, None].max(initial=0.0)
-    found: dict[str, Comparison] = {}
+    fine_u = scatter(run.u) * float(np.diff(run.t).max(initial=0.0))
     fine_q = scatter(run.q)
     projected = bool(mechanism.constraints)
-    sums = splined(run.t, run.u, edges)
+    rates: list[int] = []
+    moved, bars = [], []
     for i, j in kinematics.rates:
         if j in free:
-            bar = fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j]
-            made = compare(
-                run.t, np.diff(run.q[:, i]), run.u[:, j], bar, edges, sums[j], projected=projected
-            )
-            if made is not None:
-                found[run.speeds[j]] = made
+            rates.append(j)
+            moved.append(np.diff(run.q[:, i]))
+            bars.append(fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j])
     for _, i, j in kinematics.quaternions:
         if j not in free:
             continue
         turned = rotation_vectors(run.q[:, i : i + 4])
+        # Half a turn more per row, and the commutator of turns: of second order in the angle.
+        size = np.linalg.norm(turned, axis=1)
+        bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + size**3 / 6.0
+        bar = bar + 0.1 * size * np.pad(
+            np.linalg.norm(np.diff(turned, axis=0), axis=1), (0, 1), mode="edge"
+        )
         for k in range(3):
-            # Half a turn more per row, and the commutator of turns: of second order in the angle.
-            size = np.linalg.norm(turned, axis=1)
-            bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + fine_u[1:, j + k] + size**3 / 6.0
-            bar = bar + 0.1 * size * np.pad(
-                np.linalg.norm(np.diff(turned, axis=0), axis=1), (0, 1), mode="edge"
-            )
-            own = sums[j + k]
-            made = compare(
-                run.t, turned[:, k], run.u[:, j + k], bar, edges, own, projected=projected
-            )
-            if made is not None:
-                found[run.speeds[j + k]] = made
-    return found
+            rates.append(j + k)
+            moved.append(turned[:, k])
+            bars.append(bar + fine_u[1:, j + k])
+    if not rates:
+        return {}
+    M, B = (np.stack(columns, axis=1) for columns in (moved, bars))
+    made = compare(run.t, M, run.u[:, rates], B, edges, projected=projected)
+    return {run.speeds[j]: one for j, one in zip(rates, made) if one is not None}
 
 
 def rotation_vectors(p: Array) -> Array:
@@ -343,15 +383,12 @@ def accelerations(run: Trajectory) -> Accelerations:
     assert run.udot is not None
     told = np.full_like(run.u, np.nan)
     edges = stretches(run)
-    lates: list[float] = []
     fine = scatter(run.u)
     for a, b in edges:
         told[a:b] = make_interp_spline(run.t[a:b], run.u[a:b], k=5).derivative()(run.t[a:b])
-    for j, sums in enumerate(splined(run.t, run.udot, edges) if edges else ()):
-        bar = fine[1:, j] + fine[:-1, j]
-        made = compare(run.t, np.diff(run.u[:, j]), run.udot[:, j], bar, edges, sums)
-        if made is not None and made.off < 0.5:
-            lates.append(made.late)
+    bar = fine[1:] + fine[:-1]
+    made = compare(run.t, np.diff(run.u, axis=0), run.udot, bar, edges) if edges else []
+    lates = [one.late for one in made if one is not None and one.off < 0.5]
     return Accelerations(_difference(run), float(np.median(lates)) if lates else 0.0, told)
 
 
@@ -688,7 +725,14 @@ def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
 
 def _size(x: Array) -> float:
     """Root mean square without the largest tenth."""
-    if not len(x):
-        return 0.0
-    squares = np.sort(np.asarray(x, dtype=float) ** 2)
-    return float(np.sqrt(np.mean(squares[: max(1, int(0.9 * len(squares)))])))
+    return float(_sizes(x))
+
+
+def _sizes(x: Array) -> Array:
+    """The same along the last axis of (…, I)."""
+    count = x.shape[-1]
+    if not count:
+        return np.zeros(x.shape[:-1])
+    most = max(1, int(0.9 * count))
+    squares = np.partition(np.asarray(x, dtype=float) ** 2, most - 1, axis=-1)
+    return np.asarray(np.sqrt(np.mean(squares[..., :most], axis=-1)))

@@ -24,10 +24,10 @@ from deltac.dynamics.equations_of_motion import (
     evaluate_at,
     matrices,
 )
-from deltac.dynamics.forces import Channel
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import ModelError
+from deltac.mechanism.channels import Channel
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State

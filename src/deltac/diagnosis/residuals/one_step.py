@@ -230,23 +230,27 @@ class Model:
         """q̇ (T, nq) of the free coordinates."""
         return self._functions.qdot(t, q, u)[0]
 
-    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
-        """Inertia N (T, n, n) and compliance C (T, n, n): both M, M⁻¹ where nothing is constrained.
+    def inertia(self, t: Array, q: Array) -> Array:
+        """Inertia N (T, n, n): M, or with constraints that of the motions that these leave, M C M."""
+        M, G = self._matrices(t, q)
+        return M @ self._compliance(M, G) @ M if self.rows_of_G else M
 
-        With constraints they belong to the motions that these leave: C = M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹ and
-        N = M C M.
-        """
+    def compliance(self, t: Array, q: Array) -> Array:
+        """Compliance C (T, n, n): M⁻¹, or with constraints M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
+        return self._compliance(*self._matrices(t, q))
+
+    def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         flat, g = self._functions.matrices(t, q)
-        M: Array = flat.reshape(-1, self.n, self.n)
+        G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
+        return flat.reshape(len(t), self.n, self.n), G
+
+    def _compliance(self, M: Array, G: Array) -> Array:
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         if not self.rows_of_G:
-            return M, inverse
-        G = g.reshape(-1, self.n, self.rows_of_G).transpose(0, 2, 1)
+            return inverse
         response = inverse @ G.transpose(0, 2, 1)
-        C = inverse - response @ np.linalg.pinv(G @ response, rcond=1e-10) @ response.transpose(
-            0, 2, 1
-        )
-        return M @ C @ M, C
+        left = np.linalg.pinv(G @ response, rcond=1e-10)
+        return np.asarray(inverse - response @ left @ response.transpose(0, 2, 1))
 
     def violation(self, rows: Rows) -> float:
         """How far speeds violate the constraints, as a share of what is added up in them."""
@@ -468,7 +472,6 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
     h0 = whole.h[k]
     a00 = model.acceleration(t0, q0, u0, F0)
     a11 = model.acceleration(t1, q1, u1, F1)
-    _, C = model.matrices(t0, q0)
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
     mean = 0.5 * (F0 + F1)
@@ -489,6 +492,7 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
         found.append(Relation(name, forces or "start", value, at))
 
+    C = model.compliance(t0, q0) if model.damped else np.zeros(0)
     for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
         a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
         offer("euler" + mark, a)
@@ -552,7 +556,7 @@ def identify(
     h0, D = whole.h[k], whole.D
     t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
     a00 = model.acceleration(t0, q0, u0, F0)
-    N, _ = model.matrices(t0, q0)
+    N = model.inertia(t0, q0)
     relations = _relations(model, whole, k)
     Dk = D[k]
     typical = float(np.median(_norm(N, a00))) + float(np.median(_norm(N, Dk))) + 1e-300
@@ -611,7 +615,12 @@ def _nearly_all(values: Array) -> float:
 
 def _norm(N: Array, w: Array) -> Array:
     """√(wᵀ N w) (T,)."""
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", w, N, w), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(_energy(N, w), 0.0)))
+
+
+def _energy(N: Array, w: Array) -> Array:
+    """wᵀ N w (T,)."""
+    return np.asarray(np.sum(w * (N @ w[:, :, None])[:, :, 0], axis=1))
 
 
 def _held(F: Array, c: float) -> Array:
@@ -895,7 +904,7 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     t0, q0, u0, F0 = rows.t[:-1], rows.q[:-1], rows.u[:-1], rows.F[:-1]
     t1, q1, u1, F1 = rows.t[1:], rows.q[1:], rows.u[1:], rows.F[1:]
     a0, a1 = a[:-1], a[1:]
-    N, C = model.matrices(t0, q0)
+    N = model.inertia(t0, q0)
     columns = {
         "q": model.acceleration(t0, q1, u0, F0) - a0,
         "u": model.acceleration(t0, q0, u1, F0) - a0,
@@ -903,7 +912,7 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     bounds = {"q": 0.75, "u": 0.75}
     if model.damped:
         change = model.damping(t0, q0, u1, F0) - model.damping(t0, q0, u0, F0)
-        columns["damping"] = np.einsum("tij,tj->ti", C, change)
+        columns["damping"] = np.einsum("tij,tj->ti", model.compliance(t0, q0), change)
         bounds["damping"] = 1.0
     if model.of_time:
         columns["t"] = model.acceleration(t1, q0, u0, F0) - a0
@@ -947,7 +956,7 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     curve = 0.5 * (np.vstack([second, second[-1:]]) + np.vstack([second[:1], second]))
     columns["curve"] = curve
     bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
-    interpolation = _mean(rows.t, a, 5) - _mean(rows.t, a, 3)
+    interpolation = rows.D - w - _mean(rows.t, a, 3)
     return _Defects(w, columns, N, a0, interpolation, forces, bounds)
 
 
@@ -975,11 +984,12 @@ def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
         for p in parts:
             X = np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2)
             left = p.w - X @ c
-            energy = np.einsum("ti,tij,tj->t", left, p.N, left)
+            energy = _energy(p.N, left)
             kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
-            NX = p.N[kept] @ X[kept]
-            A += np.einsum("tia,tib->ab", X[kept], NX)
-            b += np.einsum("tia,ti->a", NX, p.w[kept])
+            X, NX = X[kept], p.N[kept] @ X[kept]
+            flat = NX.reshape(-1, len(names))
+            A += X.reshape(-1, len(names)).T @ flat
+            b += p.w[kept].ravel() @ flat
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
         S = A / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(S)
@@ -1159,8 +1169,8 @@ def _as_forces(
             [found.bounds.get(n, 0.0) * found.columns.get(n, nothing) for n in names], axis=2
         )
     # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
-    there, _ = model.matrices(t[1:], q[1:])
-    told, _ = model.matrices(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
+    there = model.inertia(t[1:], q[1:])
+    told = model.inertia(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
     momentum = np.einsum("tij,tj->ti", there - told, u[:-1]) / rows.h
     forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
     return np.concatenate([forces, forces[-1:]])

@@ -16,9 +16,8 @@ from deltac.arrays import Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
-from deltac.dynamics.contact import rubbing_point
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
-from deltac.dynamics.gaps import Gap, all_velocities, gaps
+from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
@@ -464,7 +463,8 @@ def _places(kane: Kane) -> Iterator[Place]:
                     name = f"friction {element.name!r}"
                     yield Place(kane, name, s.u_all[k], None, _scales(mechanism, law))
         elif isinstance(element, PointFriction):
-            slip = _slip(kane, rubbing_point(s, element))
+            touch = sliding_point(s, element.body, element.point, element.on, element.normal)
+            slip = _slip(touch)
             yield Place(
                 kane, f"friction {element.name!r}", slip, None, _scales(mechanism, element.law)
             )
@@ -472,7 +472,7 @@ def _places(kane: Kane) -> Iterator[Place]:
             rubbing, depth = element.friction, _depth(mechanism, element)
             scales = {} if rubbing is None else _scales(mechanism, rubbing)
             for gap in gaps(s, element.first, element.second):
-                slip = nothing if rubbing is None else _slip(kane, gap)
+                slip = nothing if rubbing is None else _slip(gap)
                 yield Place(kane, f"contact {element.name!r}", slip, gap.gap, scales, depth)
 
 
@@ -483,8 +483,8 @@ def _scales(mechanism: Mechanism, law: FrictionLaw) -> dict[str, float]:
     return found
 
 
-def _slip(kane: Kane, gap: Gap) -> SX:
-    velocity = gap.relative_velocity(kane.system, all_velocities(kane.system))
+def _slip(gap: Gap) -> SX:
+    velocity = gap.relative_velocity
     return velocity - ca.dot(gap.n, velocity) * gap.n
 
 

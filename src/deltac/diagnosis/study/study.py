@@ -636,7 +636,7 @@ def _own(
     if equations is not None:
         equations = carefully(equations, mechanism, state)
     options = solver_options(solver)
-    found = find_solver(options.name)
+    found = options.solver
     if adaptive and found.takes_steps:
         raise SolverError(
             f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
@@ -652,7 +652,7 @@ def _own(
             state,
             duration,
             duration / SAMPLES if adaptive else step,
-            solver_options(found.name, step) if adaptive else options,
+            options.with_tolerance(step) if adaptive else options,
             testing,
             equations,
             controller=controller,

@@ -13,13 +13,14 @@ import numpy as np
 from deltac.analysis.evaluate import Evaluation, evaluated
 from deltac.analysis.model import Instants
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Scene as Places
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
+from deltac.dynamics.scene import Scene as Places
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.constraints import Distance, Loop, PointOn
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import PointForce
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.quantities import is_zero
 from deltac.mechanism.scope import GROUND
 from deltac.report.page.geometry import constant
 from deltac.report.page.parts import Numbers
@@ -126,7 +127,7 @@ def _acting(mechanism: Mechanism, run: Trajectory) -> Iterator[_Acting]:
             yield _Acting(
                 e.name, "contact", three, body.body, other.body, tuple(body.position), True
             )
-        elif isinstance(e, PointForce) and any(_is_force(x) for x in e.force):
+        elif isinstance(e, PointForce) and not all(is_zero(x) for x in e.force):
             yield _Acting(e.name, "applied", (f"applied {e.name}",), e.body, GROUND, tuple(e.point))
     looks = {v.name: v for v in mechanism.visuals}
     for channel in run.forces:
@@ -140,10 +141,6 @@ def _acting(mechanism: Mechanism, run: Trajectory) -> Iterator[_Acting]:
             )
 
 
-def _is_force(law: Any) -> bool:
-    return not (isinstance(law, float | int) and law == 0)
-
-
 def _jacobian(
     mechanism: Mechanism, at: Instants, body: str, other: str, point: Sequence[Any]
 ) -> tuple[Array, Array]:
@@ -155,7 +152,7 @@ def _jacobian(
 
     def function() -> Any:
         places = system.once("scene", lambda: Places(system))
-        x = places.point(body, point)
+        x = places.place(body, point)
         moves = places.velocity(body, x) - places.velocity(other, x)
         turns = places.angular_velocity(body) - places.angular_velocity(other)
         rates = ca.jacobian(ca.vertcat(moves, turns), system.u)

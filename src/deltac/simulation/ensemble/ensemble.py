@@ -22,7 +22,7 @@ from deltac.deprecation import renamed_keywords
 from deltac.errors import InputError, ModelError
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
-from deltac.kernels.parallel import check_cancelled, spread
+from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
@@ -197,8 +197,9 @@ def simulate_ensemble(
         group = np.flatnonzero((h == size) & np.array([other is one for other in solvers]))
         per_record = round(interval / size)
         advance = Advance(flow, one, per_record, along)
-        starts = range(0, len(group), advance.chunk)
-        jobs += [(advance, per_record, group[i : i + advance.chunk]) for i in starts]
+        chunk = advance.chunk(len(group), threads or cores())
+        starts = range(0, len(group), chunk)
+        jobs += [(advance, per_record, group[i : i + chunk]) for i in starts]
     telling = _Telling(progress, sum(records * each * len(own) for _, each, own in jobs))
 
     def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:

@@ -50,6 +50,10 @@ def member_steps(step: ArrayLike, duration: float) -> Array:
 def member_solvers(solver: str | FixedStep | Sequence[str | FixedStep]) -> list[Solver]:
     """The explicit fixed-step solvers of those names; InputError for any other."""
     names = [solver] if isinstance(solver, str) or not isinstance(solver, Iterable) else [*solver]
+    if any(isinstance(name, FixedStep) and name.switches for name in names):
+        raise SolverError(
+            "ensembles step across switches; leave switches out, or simulate one by one"
+        )
     names = [name.name if isinstance(name, FixedStep) else name for name in names]
     if not names:
         raise SolverError(f"solver is {solver!r}; expected a name, or N of them")

@@ -90,14 +90,15 @@ class Advance:
             rate_kernel(flow).compile()
         self.along = along
 
-    @property
-    def chunk(self) -> int:
-        """How many members go together."""
+    def chunk(self, members: int, threads: int) -> int:
+        """How many of so many members go together: what stays in the cache, and as much for every thread."""
         arrays = 2 if self.fused else self.solver.stages + 3
         most = CHUNK_BYTES // (8 * (int(self.rows) + 2) * arrays)
-        most = min(max(most, CHUNKS[0]), CHUNKS[1])
+        most = min(max(most, CHUNKS[0]), CHUNKS[1]) // LANES
+        rounds = -(-members // (LANES * most * threads))
         # An odd number of vectors: rows a power of two apart would share few places in the cache.
-        return max(1, (most // LANES - 1) | 1) * LANES
+        even = -(-members // (LANES * rounds * threads)) | 1
+        return min(max(even, CHUNKS[0] // LANES), most - 1 | 1) * LANES
 
     def __call__(
         self, x: Array, taken: Array, p: Array, span: Span, tick: Tick

@@ -19,8 +19,8 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.caching import LRUCache
 from deltac.deprecation import renamed_keywords
-from deltac.dynamics.contact import rubbing_point
-from deltac.dynamics.gaps import Gap, all_velocities, gaps, velocity_at
+from deltac.dynamics.gaps import Gap, gaps, sliding_point
+from deltac.dynamics.points import BodyPoint
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
 from deltac.errors import StateError, warn_user
@@ -124,7 +124,6 @@ def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]
 
     def make() -> tuple[dict[str, tuple[str, ...]], Any]:
         system = trace(mechanism)
-        V = all_velocities(system)
         free = system.free_u
         labels: dict[str, tuple[str, ...]] = {}
         columns = []
@@ -135,7 +134,7 @@ def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]
             for point in points:
                 # Apart, each surface point is taken where it is: it is there that they would touch.
                 one, other = (
-                    velocity_at(system, V, k, place)
+                    BodyPoint.at(system, k, place).velocity
                     for k, place in zip(point.links, (point.on_first, point.on_second))
                 )
                 v = one - other
@@ -166,7 +165,7 @@ def _points(system: System, element: object) -> tuple[Gap, ...]:
         case Contact():
             return gaps(system, element.first, element.second)
         case PointFriction():
-            return (rubbing_point(system, element),)
+            return (sliding_point(system, element.body, element.point, element.on, element.normal),)
     return ()
 
 

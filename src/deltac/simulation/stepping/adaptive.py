@@ -146,7 +146,7 @@ class AdaptiveSteps:
                     )
         raise StepFailed(
             f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; what was "
-            "computed so far is kept. Look for a law that jumps there (switches=True), or allow more"
+            "computed so far is kept. Where a law jumps, use Adaptive(switches=True); or allow more"
         )
 
     def accept(self, t: float, x: Array) -> None:

@@ -186,5 +186,5 @@ def _require_smooth(flow: Flow, function: Any) -> None:
             where = f"the motion of joint {joint.name!r}"
     raise SolverError(
         f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
-        "where, a comparison; the spring of a quaternion). Use switches=True, 'ode5' or 'DOP853'"
+        "where, a comparison; the spring of a quaternion). Use Taylor(switches=True), 'ode5' or 'DOP853'"
     )

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from deltac.errors import FileError, InputError, LogError, WrongType, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits, require_memory
-from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header
+from deltac.trajectories.formats.arrangement import arranged
+from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header, seconds_of
 from deltac.trajectories.formats.units import unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory, row_name
 
@@ -72,7 +73,8 @@ def read_csv(path: Path) -> RawLog:
     except _polars_errors() as error:
         raise _malformed(rest, len(names), lines, separator, error) from error
     frame.columns = names
-    return replace(raw_log(frame, header, lines + 1), units=table.units)
+    log = raw_log(frame, header, lines + 1)
+    return replace(log, units={**table.units, **log.units})
 
 
 def polars_frame(rest: bytes, separator: str, keys: list[str]) -> polars.DataFrame:
@@ -108,7 +110,7 @@ class _Table:
     separator: str = ","
 
 
-SEPARATORS = (",", ";", "\t", " ")
+SEPARATORS = (",", ";", "\t", "|", " ")
 _LOOKED_AT = 2**18
 """Bytes at the start of a table in which its form is looked for."""
 _MOST_HEADERS = 4
@@ -156,6 +158,9 @@ def _foreign(data: bytes) -> _Table | None:
     short = not split[first][-1]  # rows that end with a separator which the names lack
     while k >= 0 and len(headers) < _MOST_HEADERS:
         fields = split[k]
+        if len(fields) != width:  # names may be separated otherwise than numbers
+            ways = (_fields(lines[k], other) for other in SEPARATORS)
+            fields = next((way for way in ways if len(way) == width), fields)
         wide = len(fields) == width or (short and len(fields) == width - 1)
         if not wide or any(map(_is_number, fields)) or _comment(lines[k]):
             break
@@ -172,6 +177,8 @@ def _foreign(data: bytes) -> _Table | None:
         rest = b"\n".join(_BLANKS.sub(b"\t", line.strip()) for line in rest.splitlines())
     if separator != ",":
         rest = rest.replace(b",", b".")
+    elif first and rest.find(head := lines[first - 1].strip().encode()) >= 0:
+        rest = b"\n".join(line for line in rest.split(b"\n") if line.strip() != head)  # said again
     Limits.current().check("columns", width, "the log has")
     Limits.current().check("header", start, f"line {first + 1}: the lines before the rows are of")
     return _Table(
@@ -198,7 +205,7 @@ def _shape(lines: Sequence[str]) -> tuple[str, int] | None:
 
 def _fields(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split()
+        return [a or b for a, b in re.findall(r'"([^"]*)"|(\S+)', line)]
     try:
         row = next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
     except csv.Error:
@@ -208,7 +215,7 @@ def _fields(line: str, separator: str) -> list[str]:
 
 def _is_row(fields: Sequence[str], width: int, separator: str) -> bool:
     """Whether these are the fields of a row of numbers: at least half of them are."""
-    if len(fields) != width:
+    if len(fields) != width or any(field in SEPARATORS for field in fields):
         return False
     if separator != ",":
         fields = [field.replace(",", ".") for field in fields]
@@ -298,39 +305,61 @@ def _head(data: bytes) -> tuple[Header, bytes, int, bytes]:
 
 
 def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = None) -> RawLog:
-    """The columns of a frame as numbers; what holds none is skipped, for it may not be needed."""
+    """The columns of a frame as numbers; what holds none is skipped, for it may not be needed.
+
+    In other programs' tables, times may be texts or whole numbers since 1970, and values missing (NaN).
+    """
     columns: dict[str, FloatArray] = {}
     skipped: dict[str, str] = {}
-    for series in frame.get_columns():
+    units: dict[str, str] = {}
+    for series in (frame if header is not None else arranged(frame)).get_columns():
         name = series.name
+        seconds = None if header is not None else _instants(series)
+        if seconds is not None:
+            columns[name], units[name] = seconds, "s"
+            continue
         try:
-            columns[name] = numbers(name, series, first_line)
+            columns[name] = numbers(name, series, first_line, missing=header is None)
         except InputError as error:
-            seconds = None if header is not None else _instants(series)
-            if seconds is None:
-                skipped[name] = str(error)
-            else:
-                columns[name] = seconds
-    return RawLog(columns, header, skipped=skipped)
+            skipped[name] = str(error)
+    return RawLog(columns, header, skipped=skipped, units=units)
 
 
 def _instants(series: polars.Series) -> FloatArray | None:
-    """Dates with times of day, as seconds since the first; None for anything else."""
+    """Dates, durations and whole numbers since 1970, as seconds since the first; None for anything else."""
     import polars
 
     if series.dtype == polars.String:
-        if not _DATE.match(str(series[0])):
-            return None
+        first = str(series[0]).strip()
         with contextlib.suppress(*_polars_errors()):
-            series = series.str.to_datetime(time_unit="ns", strict=True)
-    if not isinstance(series.dtype, polars.Datetime) or series.null_count():
+            if _DATE.match(first):
+                series = series.str.to_datetime(time_unit="ns", strict=True)
+            elif _CLOCK.fullmatch(first):
+                parts = series.str.strip_chars().str.split(":").list
+                each = [parts.get(k).cast(polars.Float64) for k in (0, 1, 2)]
+                return _array(each[0] * 3600.0 + each[1] * 60.0 + each[2])
+            elif told := _DURATION.fullmatch(first):
+                values = series.str.strip_chars().str.strip_suffix(told[2]).str.strip_chars()
+                return _array(values.cast(polars.Float64)) * unit(told[2]).factor
+            elif _STAMP.fullmatch(first):
+                series = series.str.strip_chars().cast(polars.Int64)
+    if series.dtype.is_integer() and not series.null_count():
+        return seconds_of(series.to_numpy())
+    if not isinstance(series.dtype, polars.Datetime | polars.Duration) or series.null_count():
         return None
     since = (series - series[0]).dt.total_nanoseconds()
-    seconds: FloatArray = since.cast(polars.Float64).to_numpy() / 1e9
-    return seconds
+    return _array(since.cast(polars.Float64)) / 1e9
+
+
+def _array(series: polars.Series) -> FloatArray:
+    values: FloatArray = series.to_numpy()
+    return values
 
 
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_CLOCK = re.compile(r"\d+:\d\d:\d\d(\.\d*)?")
+_DURATION = re.compile(r"([-+.\de]*\d) *(s|sec|ms|us|ns|min)")  # as MATLAB writes durations
+_STAMP = re.compile(r"\d{12,19}")
 
 
 def _column_names(line: bytes, exact: bool) -> list[str]:
@@ -389,8 +418,17 @@ def _malformed(
     return LogError(f"the rows cannot be taken apart: {error}")
 
 
-def numbers(name: str, series: polars.Series, first_line: int | None = None) -> FloatArray:
-    """A column as float64; InputError names the first row that holds no number."""
+_MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
+"""How tables say, in any case, that a value is missing."""
+
+
+def numbers(
+    name: str, series: polars.Series, first_line: int | None = None, *, missing: bool = False
+) -> FloatArray:
+    """A column as float64; InputError names the first row that holds no number.
+
+    Where values may be `missing`, they are NaN, but not up to the end.
+    """
     import polars
 
     if series.dtype == polars.String:
@@ -411,6 +449,13 @@ def numbers(name: str, series: polars.Series, first_line: int | None = None) -> 
             f"column {name!r}: found values of type {series.dtype}, expected numbers in SI units "
             "(times in seconds)"
         )
+    if missing and numbers.null_count() and numbers[-1] is not None:
+        empty = series.is_null()
+        if series.dtype == polars.String:
+            texts = series.str.strip_chars().str.to_lowercase()
+            empty = empty | texts.is_in(list(_MISSING)).fill_null(True)
+        if (empty | numbers.is_not_null()).all():
+            numbers = numbers.fill_null(float("nan"))
     if numbers.null_count():
         row = numbers.is_null().arg_max() or 0
         found = "nothing" if series[row] is None else shown(series[row])

@@ -17,11 +17,12 @@ from deltac.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats import reading
 from deltac.trajectories.formats.delimited import read_csv, write_csv
+from deltac.trajectories.formats.episodes import first_episode, only_episode
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.matlab import read_mat, write_mat
-from deltac.trajectories.formats.npz import read_npz, write_npz
-from deltac.trajectories.formats.opensim import read_opensim
+from deltac.trajectories.formats.npz import read_npy, read_npz, write_npz
+from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim, read_opensim_folder
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
 from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
@@ -59,8 +60,9 @@ _BAG = Format(read_bag, copies=0.0)
 FORMATS: Mapping[str, Format] = {
     ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
-    **dict.fromkeys((".tsv", ".txt", ".dat"), Format(read_csv, copies=6.0)),
+    **dict.fromkeys((".tsv", ".txt", ".dat", ".tab", ".asc"), Format(read_csv, copies=6.0)),
     ".npz": Format(read_npz, write_npz),
+    ".npy": Format(read_npy),
     ".h5": _HDF5,
     ".hdf5": _HDF5,
     ".mat": Format(read_mat, write_mat),
@@ -73,6 +75,17 @@ FORMATS: Mapping[str, Format] = {
     ".mot": _OPENSIM,
 }
 """Every suffix of a log, and its format."""
+
+FOLDERS: Sequence[tuple[Callable[[Path], bool], Callable[[Path], RawLog]]] = (
+    (is_bag_folder, read_bag),
+    (is_opensim_folder, read_opensim_folder),
+)
+"""Folders that are one log: what tells them, and how they are read."""
+
+
+def is_log_folder(path: Path) -> bool:
+    """Whether a folder is one log, and not a folder of several."""
+    return any(is_one(path) for is_one, _ in FOLDERS)
 
 
 def write_trajectory(run: Trajectory, path: str | Path) -> None:
@@ -118,7 +131,7 @@ def read_trajectory(
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     known = as_mapping(mapping)
     with naming(path):
-        return to_trajectory(read_raw(path), known, names)
+        return to_trajectory(only_episode(read_raw(path)), known, names)
 
 
 def explain(
@@ -143,7 +156,7 @@ def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism)
     """
     with naming(path):
         return reading.draft_mapping(
-            read_raw(path), MechanismNames.of(mechanism_names), Path(path).name
+            first_episode(read_raw(path)), MechanismNames.of(mechanism_names), Path(path).name
         )
 
 
@@ -156,8 +169,9 @@ def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[Floa
 def read_raw(path: str | Path) -> RawLog:
     """The columns of a file as they are; InputError when it cannot be read, or is too large."""
     source = Path(path)
-    if is_bag_folder(source):
-        return checked_raw(read_bag(source))
+    for is_one, read in FOLDERS:
+        if is_one(source):
+            return checked_raw(read(source))
     form = _format(path)
     with opened(source) as file:
         start = file.read(4096)
@@ -195,7 +209,6 @@ _REFUSED: Mapping[str, str] = {
     ".slx": "this is a model of Simulink; log its run to a .mat file",
     ".mldatx": "save the run of the Simulation Data Inspector as a .mat file",
     ".osim": "this is a model of OpenSim; the log is a .sto or .mot file",
-    ".npy": "save times, coordinates and speeds in one file: numpy.savez(path, time=…, q=…, v=…)",
 }
 """Files that users take for logs -> what to do instead."""
 

@@ -3,19 +3,22 @@
 Read are numeric arrays and structures of them, at any depth: ``s.joint.q`` is the column of that
 name, so that structures ``q`` and ``u`` with one field for each coordinate give the columns of the
 log schema. Of Simulink's formats: "Structure with time" (a signal is named by its label), "Structure"
-and "Array". Objects (timeseries, Simulink's Dataset, Simscape's simlog) are stored in a form that only
+and "Array". Results of Dymola and OpenModelica are such files, too.
+
+Objects (timeseries, Simulink's Dataset, Simscape's simlog) are stored in a form that only
 MATLAB reads; they are skipped, and the message says how to turn them into structures.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import LogError
+from deltac.errors import FileError, LogError
 from deltac.files import read_bytes
 from deltac.isolation import apart
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
@@ -74,9 +77,59 @@ def read_mat(path: Path) -> RawLog:
     if isinstance(header := found.get("deltac"), str):
         return from_arrays(found, parse_header(header) or {})
     collector = Collector()
+    if "Aclass" in found:
+        _modelica(collector, found)
+        return collector.log()
     for name, value in labelled(found).items():
         _flatten(collector, name, value)
     return collector.log()
+
+
+def _modelica(collector: Collector, found: Mapping[str, Any]) -> None:
+    """Results of Dymola and OpenModelica: tables, and for each variable its name, table, column and sign.
+
+    "binTrans" stores every matrix transposed (Dymola User Manual, section "Trajectory file format").
+    """
+    try:
+        transposed = "binTrans" in found["Aclass"]
+        places = found["dataInfo"].T if transposed else found["dataInfo"]
+        tables = {k: found[f"data_{k}"] for k in (1, 2) if f"data_{k}" in found}
+        names, remarks = (
+            _lines(found[key], len(places), transposed) for key in ("name", "description")
+        )
+        table = tables[2] if transposed else tables[2].T
+        for name, remark, (kind, place, *_) in zip(names, remarks, places):
+            if kind == 1:
+                collector.skip(name, "is a constant of the model")
+                continue
+            unit = re.search(r"\[([^|\]]+)", remark)
+            values = np.sign(place) * table[abs(int(place)) - 1]
+            collector.add(name, values, unit[1].strip() if unit else None)
+    except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
+        raise FileError(
+            f"this is a result of Dymola or OpenModelica whose tables do not fit each other ({error}); "
+            'write it again, or as CSV (OpenModelica: outputFormat="csv")'
+        ) from error
+
+
+def _lines(text: str, count: int, transposed: bool) -> list[str]:
+    """The rows of a matrix of characters, or its columns; one text holds it row after row."""
+    width = len(text) // count
+    parts = [
+        text[k::count] if transposed else text[k * width : (k + 1) * width] for k in range(count)
+    ]
+    return [part.strip(" \0") for part in parts]
+
+
+def _records(items: list[Any]) -> bool:
+    """Whether a structure array has an element for each instant: structures with the same small fields."""
+    first = items[0] if items else None
+    return (
+        isinstance(first, Mapping)
+        and len(items) > 2
+        and any(isinstance(v, np.ndarray) and v.size == 1 for v in first.values())
+        and all(isinstance(item, Mapping) and item.keys() == first.keys() for item in items)
+    )
 
 
 def _flatten(collector: Collector, name: str, value: Any) -> None:
@@ -87,6 +140,8 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
         if "signals" in value:
             _simulink(collector, name, value)
             return
+        if {"solver", "x", "y"} <= value.keys():  # what sol = ode45(…) returns: y of shape (n, T)
+            value = {"t": np.ravel(value["x"]), "y": np.transpose(value["y"])}
         named = value.get("Name")
         fresh = isinstance(named, str) and named and named != name.rpartition(".")[2]
         if fresh and any(key in value for key in _VALUES):
@@ -97,6 +152,14 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
                 collector.add(f"{name}.{key}", item, unit)
             elif not (key in _UNITS and isinstance(item, str)):
                 _flatten(collector, f"{name}.{key}", item)
+    elif isinstance(value, list) and _records(value):
+        for key in value[0]:
+            try:
+                rows = np.array([np.ravel(item[key]) for item in value])
+            except ValueError:
+                collector.skip(f"{name}.{key}", "differs in size from element to element")
+            else:
+                _flatten(collector, f"{name}.{key}", rows)
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _flatten(collector, f"{name}[{index}]", item)

@@ -1,4 +1,4 @@
-"""NumPy's NPZ: arrays by name, and deltac's header as the text array ``deltac``.
+"""NumPy's NPZ and NPY: arrays by name, and deltac's header as the text array ``deltac``.
 
 Archive and headers are taken apart here, not by `numpy.load`: what an array announces must be
 what the archive holds of it, and both are looked at before anything is unpacked. Nothing is unpickled.
@@ -48,6 +48,20 @@ def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
 def read_npz(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or each array of another program's as columns."""
     return _opened(path, _log)
+
+
+def read_npy(path: Path) -> RawLog:
+    """One array, a table with the times in its first column, or with named fields."""
+    with opened(path) as file, damage_named("NPY"):
+        size = os.fstat(file.fileno()).st_size
+        collector = Collector()
+        try:
+            collector.add(
+                "array", _values(file, size, f"the array {shown(path.name)}", Budget(size))
+            )
+        except TypeError as error:
+            raise LogError(f"the array {error}") from None
+    return collector.log()
 
 
 def _opened(path: Path, read: Callable[[zipfile.ZipFile, int], T]) -> T:
@@ -102,23 +116,29 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> A
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise LogError(f"{what} is compressed by a method that NumPy does not write")
     with archive.open(info) as stream:
-        dtype, shape, order, start = _header(stream, what)
-        count = math.prod(shape) * dtype.itemsize
-        if dtype.hasobject:
-            raise TypeError("holds Python objects, not numbers")
-        if dtype.kind not in "biufU":
-            raise TypeError(f"holds values of type {dtype}, not numbers")
-        if start + count != info.file_size:
-            raise FileError(
-                f"{what} announces {shape} values of {dtype.itemsize} bytes, the archive holds "
-                f"{info.file_size - start} bytes of it: the NPZ file is damaged"
-            )
-        if dtype.kind == "U":
-            Limits.current().check("metadata", count // 4, f"{what} is of")
-        budget.take(count)
-        content = stream.read(count)
+        return _values(stream, info.file_size, what, budget)
+
+
+def _values(stream: Any, size: int, what: str, budget: Budget) -> Any:
+    """The array that `size` bytes of a stream hold."""
+    dtype, shape, order, start = _header(stream, what)
+    count = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject:
+        raise TypeError("holds Python objects, not numbers")
+    kinds = [dtype[name].kind for name in dtype.names] if dtype.names else [dtype.kind]
+    if not set(kinds) <= set("biufUmM"):
+        raise TypeError(f"holds values of type {dtype}, not numbers")
+    if start + count != size:
+        raise FileError(
+            f"{what} announces {shape} values of {dtype.itemsize} bytes, the file holds "
+            f"{size - start} bytes of it: it is damaged"
+        )
+    if dtype.kind == "U":
+        Limits.current().check("metadata", count // 4, f"{what} is of")
+    budget.take(count)
+    content = stream.read(count)
     if len(content) != count:
-        raise FileError(f"{what} is cut off: the NPZ file is damaged")
+        raise FileError(f"{what} is cut off: the file is damaged")
     return np.frombuffer(content, dtype).reshape(shape, order=order)
 
 

@@ -9,6 +9,8 @@ rotational coordinates alone, so that their units must be known from a mechanism
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +56,62 @@ def read_opensim(path: Path) -> RawLog:
     return RawLog(
         columns, meanings=_meanings(names), plain_names=True, in_degrees=_in_degrees(header)
     )
+
+
+def is_opensim_folder(path: Path) -> bool:
+    """Whether a folder holds the files of one run: one of its motion, others of what belongs to it."""
+    return path.is_dir() and len(found := _parts(path)) > 1 and len(_motions(found)) == 1
+
+
+def read_opensim_folder(path: Path) -> RawLog:
+    """The files of one run of OpenSim: states, or the kinematics of an analysis, beside forces and controls.
+
+    Columns of the kinematics are coordinates, speeds and accelerations by their file; those of other files
+    are ``<file>/<column>``, and must be at the times of the motion.
+    """
+    parts = _parts(path)
+    motion = _motions(parts)[0]
+    log = read_opensim(parts[motion])
+    time = log.columns["time"]
+    columns, meanings, skipped = dict(log.columns), dict(log.meanings), dict(log.skipped)
+    if kind := _KINEMATICS.get(motion):
+        meanings |= {name: f"{kind}.{name}" for name in columns if name != "time"}
+    for ending, file in parts.items():
+        part = log if ending == motion else read_opensim(file)
+        kind = _KINEMATICS.get(ending)
+        if ending == motion or (kind and motion not in _KINEMATICS):
+            continue  # the states say it as well
+        if not np.array_equal(part.columns.get("time", []), time):
+            skipped[file.name] = f"{file.name!r} has other times than {parts[motion].name!r}"
+            continue
+        for name, values in part.columns.items():
+            if name != "time":
+                columns[f"{ending}/{name}"] = values
+                if kind:
+                    meanings[f"{ending}/{name}"] = f"{kind}.{name}"
+    return replace(log, columns=columns, meanings=meanings, skipped=skipped)
+
+
+_KINEMATICS = {"kinematics_q": "q", "kinematics_u": "u", "kinematics_dudt": "udot"}
+_PARTS = ("states", *_KINEMATICS, "controls", "actuation_force", "forces", "inverse_dynamics")
+"""Endings of the names of files that the tools of OpenSim write of one run."""
+
+
+def _parts(folder: Path) -> dict[str, Path]:
+    """The files of a run by the endings of their names; none where two have the same."""
+    found: dict[str, Path] = {}
+    for file in sorted(folder.iterdir()):
+        stem = re.sub(r"[ -]", "_", file.stem.lower()).replace("forcereporter_", "")
+        ending = next((e for e in _PARTS if stem == e or stem.endswith(f"_{e}")), None)
+        if file.suffix.lower() in (".sto", ".mot") and ending:
+            if ending in found:
+                return {}
+            found[ending] = file
+    return found
+
+
+def _motions(parts: dict[str, Path]) -> Sequence[str]:
+    return [ending for ending in ("states", "kinematics_q") if ending in parts][:1]
 
 
 def _check_header(content: bytes) -> None:
@@ -141,7 +199,8 @@ def _meanings(names: list[str]) -> dict[str, str]:
     meanings, known = {}, set(names)
     for name in names:
         path = name.strip("/").split("/")
-        if name.startswith("/jointset/") and len(path) == 4 and path[-1] in _STATE:
+        joint = path[1:] if name.startswith("/jointset/") else path  # version 4, and before
+        if len(joint) == 3 and path[-1] in _STATE:
             meanings[name] = f"{_STATE[path[-1]]}.{path[-2]}"
         elif name.endswith("_u") and (base := name.removesuffix("_u")) in known:
             meanings[name], meanings[base] = f"u.{base}", f"q.{base}"

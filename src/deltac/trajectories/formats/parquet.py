@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -51,9 +51,9 @@ def read_parquet_part(path: Path, first: int, rows: int, header: Header) -> RawL
 
 @apart
 def read_parquet_groups(
-    path: Path, key: str, wanted: Collection[str] | None
+    path: Path, keys: Sequence[str], wanted: Collection[str] | None
 ) -> dict[str, RawLog] | None:
-    """Other programs' rows by the text of their value in the column `key`; None if there is no such column.
+    """Other programs' rows by the text of their value in the first column of `keys` that is there, or None.
 
     Those of the values `wanted`, in the order of the file; of all of them the names alone if that is None.
     """
@@ -62,7 +62,9 @@ def read_parquet_groups(
     _check(path)
     with damaged():
         table = polars.scan_parquet(path, glob=False)
-        if key not in table.collect_schema():
+        schema = table.collect_schema()
+        key = next((name for name in keys if name in schema), None)
+        if key is None:
             return None
         text = polars.col(key).cast(polars.String)
         if wanted is None:

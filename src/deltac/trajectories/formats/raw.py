@@ -45,6 +45,25 @@ class RawLog:
     scalars: Mapping[str, float] = field(default_factory=dict)
 
 
+EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+"""Whole numbers above these are nano-, micro- and milliseconds since 1970 (the smallest: 1973)."""
+
+
+def seconds_of(stamps: npt.NDArray[Any]) -> FloatArray | None:
+    """Seconds since the first of times that are whole numbers since 1970, dates or durations; else None.
+
+    The difference is taken before rounding: of nanoseconds since 1970 a double keeps 256.
+    """
+    if stamps.dtype.kind in "mM":
+        stamps, factor = stamps.astype(f"{stamps.dtype.kind}8[ns]").astype(np.int64), 1e-9
+    elif stamps.dtype.kind in "iu" and stamps.ndim == 1 and len(stamps) > 1:
+        smallest = float(stamps.min())
+        factor = next((factor for least, factor in EPOCHS if smallest > least), 0.0)
+    else:
+        return None
+    return factor * (stamps - stamps[0]).astype(np.float64) if factor else None
+
+
 def parse_header(text: str | bytes) -> Header:
     """The JSON header of deltac's own logs; InputError when it is damaged."""
     try:
@@ -119,6 +138,12 @@ class Collector:
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
         """A column, or an array of columns."""
         array = np.asarray(values)
+        if array.dtype.names:
+            for field_name in array.dtype.names:
+                self.add(f"{name}.{field_name}", array[field_name])
+            return
+        if array.ndim == 1 and (seconds := seconds_of(array)) is not None:
+            array, unit = seconds, "s"
         if array.dtype.kind not in "iufb":
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
         elif not array.size:
@@ -126,11 +151,16 @@ class Collector:
         elif array.ndim == 0:
             self.scalars[name] = float(array)
             self.skip(name, "is a single number")
+        elif array.ndim == 3 and _plain(name) in _JOINT_STATES and 1 < array.shape[2] <= 9:
+            self.add(f"{name}.position", array[:, :, 0])
+            self.add(f"{name}.velocity", array[:, :, 1])
+            if array.shape[2] > 2:
+                self.add(f"{name}.effort", array[:, :, -1])
         elif array.ndim > 2 and sum(n > 1 for n in array.shape) > 2:
             self.skip(
                 name,
-                f"has shape {array.shape}, perhaps of {len(array)} episodes; expected (T,) or (T, n), time "
-                "first: save one episode a file",
+                f"has shape {array.shape}, perhaps of episodes; expected (T,) or (T, n), time first. Of an "
+                f"array (T, N, n) deltac audit MODEL LOG --out DIR judges all N episodes, --episode K one",
             )
         else:
             if array.size == 1:
@@ -160,7 +190,9 @@ class Collector:
             if array.ndim == 1:
                 parts = {name: array}
             else:
-                if array.shape[0] not in lengths and array.shape[1] in lengths:
+                if array.shape[0] not in lengths and (
+                    array.shape[1] in lengths or _lying(array, lengths)
+                ):
                     array = array.T
                 if array.shape[1] > WIDEST:
                     self.skip(name, f"has shape {array.shape}; time comes first: transpose it")
@@ -171,6 +203,25 @@ class Collector:
                 if name in self.units:
                     units[column] = self.units[name]
         return RawLog(columns, units=units, skipped=self.skipped, scalars=self.scalars)
+
+
+_JOINT_STATES = ("jointstates", "jointstate", "getjointstates")
+"""Arrays (T, n, k) of what PyBullet's getJointStates returns: position, velocity, (reactions,) torque."""
+
+
+def _lying(array: npt.NDArray[Any], lengths: set[int]) -> bool:
+    """Whether a table lies on its side, with the times as its first row, as Simulink's To File writes it."""
+
+    def increasing(values: npt.NDArray[Any]) -> bool:
+        return len(values) > 2 and bool((np.diff(values.astype(np.float64)) > 0.0).all())
+
+    wide = not lengths and array.shape[0] < array.shape[1]
+    return wide and increasing(array[0]) and not increasing(array[:, 0])
+
+
+def _plain(name: str) -> str:
+    """The last part of a name, without marks between its words."""
+    return re.sub(r"[\W_]", "", re.split(r"[./]", name)[-1].lower())
 
 
 _LABELS = frozenset(
@@ -186,7 +237,7 @@ def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
     """
     result = dict(found)
     for key, texts in found.items():
-        if re.sub(r"[\W_]", "", key.lower()) not in _LABELS:
+        if _plain(key) not in _LABELS:
             continue
         listed_texts = list(np.ravel(np.asarray(texts, dtype=object)))
         if isinstance(texts, str) or not all(isinstance(text, str) for text in listed_texts):

@@ -8,16 +8,20 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+import numpy.typing as npt
 
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
-from deltac.trajectories.formats.recognition import Recognised, recognise
+from deltac.trajectories.formats.recognition import Recognised, is_time, recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.rates import derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
+
+LEFT_OUT = "left out"
+"""The note of provenance that says which rows were left out."""
 
 _PURPOSES = {
     "time": "the times of the samples",
@@ -108,8 +112,11 @@ def to_trajectory(
             raise LogError(raw.skipped[name])
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
+    notes: dict[str, str] = {}
     ignored = [r.column for r in readings if not r.meaning]
     by_name = all(r.column == r.meaning for r in readings if r.meaning)
+    if not by_name:  # who writes the names of the schema writes no gaps
+        columns, notes = _complete(columns)
     if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
         like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
         columns = {name: columns.get(name, values) for name, values in like_ours.items()} | columns
@@ -124,8 +131,26 @@ def to_trajectory(
         columns = _ordered(columns, names)
     run = from_columns(columns)
     simulator = mapping.simulator if mapping is not None else run.provenance.simulator
-    source = Provenance(simulator, derived=derived, converted=tuple(units), ignored=tuple(ignored))
+    source = Provenance(
+        simulator, derived=derived, converted=tuple(units), ignored=tuple(ignored), notes=notes
+    )
     return replace(run, provenance=source)
+
+
+def _complete(
+    columns: dict[str, FloatArray],
+) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """The columns without rows in which a value is missing, and a note that says which.
+
+    What is missing up to the end stays, and is refused: so ends a simulation that diverged.
+    """
+    numbers = np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
+    known: npt.NDArray[np.bool_] = ~np.asarray(np.isnan(numbers).any(axis=1))
+    if known.all() or not known.any() or not known[-1]:
+        return columns, {}
+    first, count = int(np.argmin(known)), int((~known).sum())
+    told = f"{count} of {len(known)} rows, row {first} the first: a value is missing there"
+    return {name: values[known] for name, values in columns.items()}, {LEFT_OUT: told}
 
 
 def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
@@ -188,7 +213,7 @@ def _sources(
             if found.target in sources or found.column in taken:
                 continue
             if found.certain:
-                sources[found.target] = Source(found.column)
+                sources[found.target] = Source(found.column or None, step=found.step)
             else:
                 guesses[found.target] = found
     if names is None and _strict(raw, mapping):
@@ -236,6 +261,16 @@ def _missing(
 ) -> InputError:
     taken = {source.column for source in sources.values()}
     unused = [name for name in raw.columns if name not in taken]
+    if target == "time":
+        for name in [name for name in unused if is_time(name)]:
+            rows = np.flatnonzero(~(np.diff(raw.columns[name]) > 0.0)) + 1
+            if len(rows):
+                row = int(rows[0])
+                return LogError(
+                    f"column {name!r} is called a time, but row {row} ({raw.columns[name][row]:.9g}) is not "
+                    f"later than the row before ({raw.columns[name][row - 1]:.9g}). Leave out rows that are "
+                    "there twice, and give each motion a file of its own"
+                )
     hint = (
         f"; did you mean {guess.column!r}?" if guess and guess.column else closest(target, unused)
     )
@@ -252,8 +287,9 @@ def _missing(
 def _line(target: str, guess: Recognised | None, unused: Sequence[str]) -> str:
     """The lines of a mapping that would say what a column is, to be pasted."""
     kind, _, name = target.partition(".")
-    if guess is not None and guess.step is not None:
-        return f"[log] time = {{ step = {guess.step:g} }}"
+    if target == "time" and (guess is None or guess.step is not None):
+        step = f"{guess.step:g}" if guess is not None else "0.01"
+        return f"[log] time = {{ step = {step} }} (s from row to row)"
     column = guess.column if guess is not None else next(iter(unused), "…")
     table = {"q": "coordinates", "u": "speeds", "time": "log"}.get(kind, "log")
     key = "time" if kind == "time" else json.dumps(name, ensure_ascii=False)

@@ -1,9 +1,12 @@
-"""What columns of other programs are, by how people name them: `recognise`.
+"""What columns of other programs are, by how people name them, and by what they do: `recognise`.
 
 A name is taken apart into words, as in ``/joint_states/Elbow.position [deg]``. The words of a coordinate of
 the mechanism say what the column belongs to; of what is left every word must be known as one for positions,
 velocities, accelerations or forces, or as one that says nothing. So ``elbow_pos_desired`` is nothing that
 happened. Arrays are known by their name and their width. What is there twice is not taken.
+
+Where names leave it open, the motion tells: coordinates move as their speeds say. That finds the times among
+several columns, the order of a state vector, and which column is the rate of which.
 """
 
 from __future__ import annotations
@@ -20,35 +23,49 @@ import numpy as np
 
 from deltac.trajectories.columns import ANGULAR, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.raw import RawLog
-from deltac.trajectories.formats.units import column_unit, converts, without_unit
+from deltac.trajectories.formats.units import column_unit, converts, unit, without_unit
 from deltac.trajectories.trajectory import FloatArray
 
 WORDS: Mapping[str, frozenset[str]] = {
     "q": frozenset(
-        "q qpos pos position positions angle angles value theta disp displacement p".split()
+        "q qpos pos position positions angle angles value theta th phi psi disp displacement p "
+        "winkel drehwinkel weg lage".split()
     ),
     "u": frozenset(
-        "qd dq qdot qvel vel vels velocity velocities speed speeds rate omega w v dot angvel".split()
+        "qd dq qdot qvel vel vels velocity velocities speed speeds rate omega w v angvel "
+        "geschwindigkeit winkelgeschwindigkeit drehzahl".split()
     ),
     "udot": frozenset(
-        "qdd ddq qddot qacc acc accel acceleration accelerations vdot udot alpha a b ddot".split()
+        "qdd ddq qddot qacc acc accel acceleration accelerations vdot udot alpha a b "
+        "beschleunigung winkelbeschleunigung".split()
     ),
     "force": frozenset("tau torque torques trq effort efforts moment".split()),
 }
 """Words that say what of a joint a column is. Single letters are those of Simscape's primitives: q, w, b,
 p, v."""
 
+TURNS = frozenset(
+    "angle angles theta th phi psi omega w angular angvel winkel drehwinkel "
+    "winkelgeschwindigkeit drehzahl rpm".split()
+)
+SLIDES = frozenset("x y z s disp displacement weg v linear".split())
+"""Words of quantities of joints that turn, and that slide."""
+
+_DERIVATIVES = {"dot": 1, "d": 1, "prime": 1, "ddot": 2, "dd": 2, "dt": 0}
+"""Words that differentiate what stands beside them, and how often."""
+
 NEUTRAL = frozenset(
     "joint joints jnt coord coordinate coordinates state states data robot sim simulated meas measured "
     "actual real "
     "signal signals values series simlog simout logsout out log jointset rx ry rz px py pz linear sensor "
     "jointstates "
-    "jointstate body link motor dof".split()
+    "jointstate body link motor dof lin".split()
 )
 """Words that say nothing of it."""
 
 TIMES = frozenset(
-    "time t tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo temps".split()
+    "time t ts times tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo "
+    "temps".split()
 )
 NO_TIMES = frozenset(
     "wall cpu solve compute real delta dt step d duration sampling scheduled plan".split()
@@ -58,6 +75,9 @@ NO_TIMES = frozenset(
 STEPS = frozenset("dt timestep ts h sampletime samplingtime sample period deltat".split())
 RATES = frozenset("fs hz rate frequency freq samplerate samplingrate fps".split())
 """Names of single numbers that are the time between rows, s, and rows in a second."""
+
+SKIPS = frozenset("frameskip nsubsteps substeps decimation actionrepeat controldecimation".split())
+"""Names of single numbers that say how many such times lie between two rows."""
 
 _GREEK = {
     "θ": "theta",
@@ -73,14 +93,19 @@ _DOTS = {"\u0307": " dot ", "\u0308": " ddot "}
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     (kind, frozenset(several.split()))
     for kind, several in (
-        ("q", "qpos q positions position pos jointpos jointpositions dofpos"),
-        ("u", "qvel v u qd dq qdot velocities velocity vel jointvel jointvelocities dofvel"),
+        ("q", "qpos q qs positions position pos jointpos jointpositions dofpos"),
+        ("u", "qvel v vs u qd dq qdot velocities velocity vel jointvel jointvelocities dofvel"),
         ("udot", "qacc vdot qdd ddq udot qddot a accelerations acceleration"),
         ("force", "tau torque torques effort efforts jointtorques appliedtorques"),
-        ("x", "x xout state states yout y xs ys trajectory sol"),
     )
 )
-"""Names of arrays: of coordinates, speeds, accelerations, forces, and of coordinates and speeds in one."""
+"""Names of arrays: of coordinates, of speeds, accelerations, forces."""
+
+_STATES = frozenset("x xout state states yout y xs ys trajectory sol obs observations".split())
+"""Names of arrays of coordinates and speeds in one."""
+
+_BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
+"""What people call the one body that floats."""
 
 CLOSE, ALMOST = 0.75, 0.85
 """Similarity of two names, and of whole columns, from which on one may be a slip of the other."""
@@ -113,15 +138,25 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
                 taken.add(one.column)
 
     common = _common_path(list(raw.columns))
-    named = {column: _readings(column, common) for column in raw.columns}
-    take(_time(raw, named))
-    take(_unique(_by_words(named, names)))
+    parts = _components(raw)
+    named = {c: _readings(parts.get(c, c), common) for c in raw.columns}
+    times = list(_times(raw, named))
+    if len(times) == 1:
+        take(iter(times))
+    take(_unique(_by_words(named, _joints(names)), raw, names))
     take(_by_width(raw, names))
     take(_numbered(named, names))
-    take(_unique(_by_unit(raw, named, names, taken)))
+    take(_unique(_sole(raw, named, names, taken), raw, names))
+    take(_state_vectors(raw, names, found))
+    take(_moving_times(raw, names, found))
+    take(iter(times))
+    take(_step(raw, names, found))
+    take(_unique(_by_unit(raw, named, names, taken), raw, names))
+    take(_unique(_by_words(named, _aliases(names), certain=False), raw, names))
     take(_slips(named, names, found, taken))
-    take(_in_order(raw, names, found))
-    take(_step(raw, found))
+    take(_moving(raw, names, found, taken))
+    if not all(target in found for target in _targets(names)["udot"]):
+        return [one for one in found.values() if not one.target.startswith("udot.")]
     return list(found.values())
 
 
@@ -134,6 +169,18 @@ def _readings(column: str, common: str) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys((_words(without_unit(column)), _words(column))))
 
 
+def _components(raw: RawLog) -> dict[str, str]:
+    """Columns of arrays of three or four numbers, by the letters of their components."""
+    letters = {3: "xyz", 4: "wxyz"}
+    return {
+        column: f"{group}_{letter}"
+        for group, columns in _groups(raw).items()
+        if len(columns) in letters
+        and (len(columns) == 3 or "quat" in group.lower() or "rot" in group.lower())
+        for column, letter in zip(columns, letters[len(columns)])
+    }
+
+
 def _common_path(columns: Sequence[str]) -> str:
     """What all names with a path have before them: the name of a variable, a topic, or a model."""
     paths = [column for column in columns if re.search(r"[^./][./]", column)]
@@ -143,14 +190,14 @@ def _common_path(columns: Sequence[str]) -> str:
 
 def _words(name: str) -> tuple[str, ...]:
     """The words of a name, in small letters."""
-    text = unicodedata.normalize("NFC", name)
+    text = unicodedata.normalize("NFC", re.sub(r"['′]", " prime ", name.replace("(t)", "")))
     plain = []
     for letter in text:
         parts = unicodedata.normalize("NFD", letter)
         base, marks = parts[:1], parts[1:]
         # ẋ has a dot; ü has two, and is no second derivative.
         dots = "".join(_DOTS.get(m, "") for m in marks if base.lower() not in "aeiou")
-        plain.append(f" {_GREEK[base]} {dots}" if base in _GREEK else base + dots)
+        plain.append(f" {_GREEK[base]} {dots}" if base in _GREEK else _DOTS.get(base, base) + dots)
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", "".join(plain))
     return tuple(re.findall(r"[^\W\d_]+|\d+", spaced.lower()))
 
@@ -158,21 +205,31 @@ def _words(name: str) -> tuple[str, ...]:
 # --- time ----------------------------------------------------------------------------------------
 
 
-def _time(raw: RawLog, named: Named) -> Iterator[Recognised]:
-    """Columns that are called a time and increase; the first where all are the same."""
+def _times(raw: RawLog, named: Named) -> Iterator[Recognised]:
+    """Columns that are called a time and increase: one that is sure, or those that may be."""
     times = [
         column
         for column, words in named.items()
-        if any(map(_is_time, words))
-        and len(raw.columns[column])
-        and np.all(np.diff(raw.columns[column]) > 0.0)
+        if any(map(_is_time, words)) and _increases(raw.columns[column])
     ]
     exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(named[c])]
     several = exact or times
     if several:
         first = raw.columns[several[0]]
         same = all(np.array_equal(raw.columns[other], first) for other in several)
-        yield Recognised("time", several[0], "called a time", certain=same or len(exact) == 1)
+        for column in several[:1] if same or len(exact) == 1 else several:
+            sure = same or len(exact) == 1
+            yield Recognised("time", column, "called a time", certain=sure)
+
+
+def _increases(values: FloatArray) -> bool:
+    known = values[~np.isnan(values)]
+    return bool(len(known) and np.all(np.diff(known) > 0.0))
+
+
+def is_time(column: str) -> bool:
+    """Whether a column is called a time of the samples."""
+    return any(map(_is_time, _readings(column, "")))
 
 
 def _is_time(words: tuple[str, ...]) -> bool:
@@ -183,16 +240,37 @@ def _is_time(words: tuple[str, ...]) -> bool:
     )
 
 
-def _step(raw: RawLog, found: Mapping[str, Recognised]) -> Iterator[Recognised]:
-    """A single number that is the time between rows, where no column is the time."""
+def _step(
+    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
+) -> Iterator[Recognised]:
+    """A single number that is the time between rows, where no column is the time.
+
+    It is sure if the motion agrees; steps of physics may be so many times shorter as another number says.
+    """
     if "time" in found:
         return
-    for name, value in raw.scalars.items():
-        word = "".join(_words(name))
-        for known, step in ((STEPS, value), (RATES, 1.0 / value if value > 0.0 else 0.0)):
-            if word in known and step > 0.0:
-                yield Recognised("time", "", f"rows are {step:g} s apart, by {name!r}", False, step)
-                return
+    plain = {"".join(_words(name.rpartition(".")[2])): value for name, value in raw.scalars.items()}
+    skips = [value for word, value in plain.items() if word in SKIPS and value > 1.0]
+    steps = [
+        (word, step)
+        for word, value in plain.items()
+        if value > 0.0 and (step := {word in STEPS: value, word in RATES: 1.0 / value}.get(True))
+    ]
+    if not steps:
+        return
+    word, step = steps[0]
+    columns = {one.target: one.column for one in found.values()}
+    rows = len(raw.columns[next(iter(columns.values()))]) if columns else 0
+    for many in (1.0, *skips):
+        misfit = _misfit(many * step * np.arange(float(rows)), columns, raw, names)
+        if misfit is not None and misfit < _AGREES:
+            told = f"{word!r} and how the coordinates move"
+            yield Recognised(
+                "time", "", f"rows are {many * step:g} s apart, by {told}", True, many * step
+            )
+            return
+    told_step = step * (skips[0] if skips else 1.0)
+    yield Recognised("time", "", f"rows are {told_step:g} s apart, by {word!r}", False, told_step)
 
 
 # --- names of joints -----------------------------------------------------------------------------
@@ -224,8 +302,9 @@ def _joints(names: MechanismNames) -> Iterator[_Joint]:
         yield _Joint(_words(name), {"q": f"u.{name}", **_of_speed(name, names)})  # its bare name
         joint, _, part = name.rpartition(".")
         if part in ANGULAR:
-            for alias in ("angular", "gyro"):
-                yield _Joint((*_words(joint), alias, part[1]), _of_speed(name, names))
+            for alias in ("angular", "ang", "angvel", "gyro"):
+                turning = {"q": f"u.{name}", **_of_speed(name, names)}
+                yield _Joint((*_words(joint), alias, part[1]), turning)
 
 
 def _of_speed(speed: str, names: MechanismNames) -> dict[str, str]:
@@ -241,9 +320,24 @@ def force_channel(speed: str, names: MechanismNames) -> str:
     return names.motors.get(speed, f"actuator {speed}")
 
 
-def _by_words(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recognised]]:
+def _aliases(names: MechanismNames) -> Iterator[_Joint]:
+    """Other names of coordinates: of the one joint that floats; of the body that a joint carries."""
+    floating = [n.removesuffix(".qw") for n in names.coordinates if n.endswith(".qw")]
+    for joint in _joints(names):
+        first = _words(floating[0]) if len(floating) == 1 else ()
+        if first and joint.words[: len(first)] == first:
+            for base in _BASES:
+                yield _Joint((*_words(base), *joint.words[len(first) :]), joint.targets)
+        body = names.bodies.get(joint.targets.get("q", "").removeprefix("q."))
+        if body:
+            yield _Joint(_words(body), joint.targets)
+
+
+def _by_words(
+    named: Named, among: Iterator[_Joint], certain: bool = True
+) -> Iterator[tuple[int, Recognised]]:
     """Columns that name a coordinate and what of it, with how many words of them agree."""
-    joints = list(_joints(names))
+    joints = list(among)
     for column, readings in named.items():
         found = [
             (len(joint.words), joint.targets[kind])
@@ -255,7 +349,8 @@ def _by_words(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recogn
         most = max((count for count, _ in found), default=0)
         targets = {target for count, target in found if count == most}
         if len(targets) == 1:
-            yield most, Recognised(targets.pop(), column, "by its name")
+            why = "by its name" if certain else "by another name of the joint or its body"
+            yield most, Recognised(targets.pop(), column, why, certain)
 
 
 def _without(words: tuple[str, ...], part: tuple[str, ...]) -> list[str] | None:
@@ -271,69 +366,143 @@ def _without(words: tuple[str, ...], part: tuple[str, ...]) -> list[str] | None:
 
 def _kind(left: Sequence[str]) -> str | None:
     """What of a joint the other words of a column mean: "q", "u", "udot", "force"; None for nothing known."""
-    telling = [word for word in left if word not in NEUTRAL]
-    if telling in (["d", "dt"], ["d"]):
-        return "u"
-    if telling in (["dot", "dot"], ["d", "d"], ["dd"]):
-        return "udot"
-    if telling == ["angular", "velocity"]:
-        return "u"
-    if telling == ["angular", "acceleration"]:
-        return "udot"
-    if not telling:
-        return "q"
+    words = [part for word in left if word not in NEUTRAL for part in _unglued(word)]
+    if len(words) > 1 and words[0] == "angular":
+        words = words[1:]
+    times = sum(_DERIVATIVES.get(word, 0) for word in words)
+    telling = [word for word in words if word not in _DERIVATIVES]
     kinds = [{kind for kind, known in WORDS.items() if word in known} for word in telling]
-    common = set.intersection(*kinds)
-    if telling[0] in WORDS["q"] and common == set() and telling[1:] in (["dot"], ["ddot"]):
-        return "u" if telling[1] == "dot" else "udot"
-    return common.pop() if len(common) == 1 else None
+    common = set.intersection(*kinds) if kinds else {"q"}
+    if times > 2 or (telling and times and not common & {"q", "u"}):
+        return None
+    if len(common) != 1:
+        return None
+    kind = common.pop()
+    orders = ["q", "u", "udot"]
+    place = orders.index(kind) + times if kind in orders else 0
+    if not times:
+        return kind
+    return orders[place] if place < len(orders) else None
 
 
-def _unique(candidates: Iterator[tuple[int, Recognised]]) -> Iterator[Recognised]:
-    """Of the columns for one target the only one; of several the first, as a guess."""
+_GLUED = re.compile(r"(d{0,2})([^\W\d_]+?)(dot|ddot|dotdot|d|dd|p|pp|prime)?")
+
+
+def _unglued(word: str) -> list[str]:
+    """A word with what differentiates it apart: ``thetadot``, ``dtheta``, ``thdd``, ``xp``."""
+    known = set().union(*WORDS.values()) | _DERIVATIVES.keys()
+    if word in known or not (match := _GLUED.fullmatch(word)):
+        return [word]
+    before, stem, after = match.groups()
+    if stem not in WORDS["q"] | SLIDES - {"v"}:
+        return [word]
+    dots = len(before) + {"dot": 1, "d": 1, "p": 1, "prime": 1, None: 0}.get(after, 2)
+    return [stem, *["dot"] * dots]
+
+
+def _unique(
+    candidates: Iterator[tuple[int, Recognised]], raw: RawLog, names: MechanismNames
+) -> Iterator[Recognised]:
+    """Of the columns for one target the first, as a guess if several say different things."""
     by_target: dict[str, list[Recognised]] = {}
     for _, one in candidates:
         by_target.setdefault(one.target, []).append(one)
     for target, several in by_target.items():
         first = several[0]
-        if len(several) == 1 or not first.certain:
+        values = [_in_si(raw, one.column, si_unit(target, names)) for one in several]
+        same = all(
+            len(v) == len(values[0]) and np.allclose(v, values[0], rtol=1e-4, atol=0.0)
+            for v in values[1:]
+        )
+        if same or not first.certain:
             yield first
         else:
             others = ", ".join(repr(one.column) for one in several[1:4])
             yield Recognised(target, first.column, f"by its name; or {others}", certain=False)
 
 
+def _sole(
+    raw: RawLog, named: Named, names: MechanismNames, taken: set[str]
+) -> Iterator[tuple[int, Recognised]]:
+    """Columns that say only what they are: of the one joint, or of the one that turns, or slides."""
+    joints = [j for j in _joints(names) if "q" in j.targets and "u" in j.targets]
+    joints = [j for j in joints if j.targets["q"].startswith("q.")]
+    for column, readings in named.items():
+        parts = [part for word in readings[0] for part in _unglued(word)]
+        kind = _kind(
+            [part if part not in ("x", "y", "z", "s") else "displacement" for part in parts]
+        )
+        telling = set(parts)
+        if kind == "udot" and all(len(part) == 1 for part in telling):
+            continue  # Simscape's letters beside names of joints; alone they are anything
+        if column in taken or kind is None or not telling - NEUTRAL - _DERIVATIVES.keys():
+            continue
+        told = _told_unit(raw, column)
+        turns, slides = (bool(telling & known) for known in (TURNS, SLIDES))
+        if told is not None:
+            turns, slides = told == "rad", told == "m"
+        wanted = (
+            {"rad"} if turns and not slides else {"m"} if slides and not turns else {"rad", "m"}
+        )
+        fitting = [
+            j for j in joints if kind in j.targets and si_unit(j.targets["q"], names) in wanted
+        ]
+        if len(fitting) != 1 and len(joints) == 1 and told is None and "v" in telling:
+            fitting = joints
+        sure = len(fitting) == 1
+        if len(joints) == 1 and told is None:
+            fitting = joints  # a pendulum's x may be its angle, or how far its bob is
+        if len(fitting) == 1:
+            what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"
+            yield 0, Recognised(fitting[0].targets[kind], column, f"of {what}, by its name", sure)
+
+
+def _told_unit(raw: RawLog, column: str) -> str | None:
+    """Whether a column's unit is one of turning ("rad") or sliding ("m")."""
+    for si in ("rad", "rad/s", "rad/s^2", "m", "m/s", "m/s^2"):
+        told = raw.units.get(column) or column_unit(column, si)
+        if told and converts(told, si):
+            return si.partition("/")[0]
+    return None
+
+
 # --- arrays and numbers --------------------------------------------------------------------------
 
 
 def _targets(names: MechanismNames) -> dict[str, list[str]]:
-    q = [f"q.{name}" for name in names.coordinates]
-    u = [f"u.{name}" for name in names.speeds]
     return {
-        "q": q,
-        "u": u,
+        "q": [f"q.{name}" for name in names.coordinates],
+        "u": [f"u.{name}" for name in names.speeds],
         "udot": [f"udot.{name}" for name in names.speeds],
         "force": [f"force.{force_channel(name, names)}.{name}" for name in names.speeds],
-        "x": [*q, *u],
     }
 
 
 def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
-    """Arrays that are called so, where just one has as many columns as the mechanism has entries."""
+    """Arrays that are called so, where just one has as many columns as the mechanism has entries.
+
+    Arrays of joints may leave out the one that floats.
+    """
     groups = _groups(raw)
-    targets = _targets(names)
-    meant: set[str] = set()
+    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
     for kind, keys in _LAYOUTS:
-        fitting = [
-            (group, columns)
-            for group, columns in groups.items()
-            if _key(group) in keys and len(columns) == len(targets[kind])
-        ]
-        if len(fitting) == 1 and not meant & set(targets[kind]):
-            group, columns = fitting[0]
-            meant |= set(targets[kind])
-            for target, column in zip(targets[kind], columns, strict=True):
-                yield Recognised(target, column, f"in the model's order, by the width of {group!r}")
+        every = _targets(names)[kind]
+        rest = [t for t in every if not any(f".{joint}" in t for joint in floating)]
+        for targets in (every, rest) if len(floating) == 1 else (every,):
+            fitting = [
+                (group, columns)
+                for group, columns in groups.items()
+                if _key(group) in keys
+                and len(columns) == len(targets)
+                and columns != ["a"]  # alone it is anything
+            ]
+            if len(fitting) == 1:
+                group, columns = fitting[0]
+                for target, column in zip(targets, columns, strict=True):
+                    yield Recognised(
+                        target, column, f"in the model's order, by the width of {group!r}"
+                    )
+                break
 
 
 def _groups(raw: RawLog) -> dict[str, list[str]]:
@@ -440,20 +609,184 @@ def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: s
     return best
 
 
-def _in_order(
+# --- what the motion tells -------------------------------------------------------------------------
+
+_AGREES = 0.1
+"""How much of their changes coordinates may differ from the integrals of their speeds."""
+_LOOKED_AT = 4000
+"""Rows that this is looked at in."""
+_MOST_PAIRED = 60
+"""Columns among which rates are searched for."""
+
+
+def _misfit(
+    t: FloatArray, columns: Mapping[str, str], raw: RawLog, names: MechanismNames
+) -> float | None:
+    """How far coordinates do not move as their speeds say, as a fraction of how far they move.
+
+    None where no coordinate with its speed is among the columns (target -> column), or nothing moves.
+    """
+    rows = slice(0, _LOOKED_AT)
+    change = apart = 0.0
+    coordinates, speeds = list(names.coordinates), list(names.speeds)
+    kinematics = Kinematics.of(coordinates, speeds)
+    for i, j in kinematics.rates:
+        pair = [f"q.{coordinates[i]}", f"u.{speeds[j]}"]
+        if not all(target in columns and columns[target] in raw.columns for target in pair):
+            continue
+        q, u = (_in_si(raw, columns[target], si_unit(target, names))[rows] for target in pair)
+        if not len(q) == len(u) == len(t[rows]):
+            return None
+        dq, integral = np.diff(q), 0.5 * np.diff(t[rows]) * (u[1:] + u[:-1])
+        change += float(np.nansum(np.abs(dq)) + np.nansum(np.abs(integral)))
+        apart += float(np.nansum(np.abs(dq - integral)))
+    for _, first, _ in kinematics.quaternions:
+        parts = [columns.get(f"q.{name}", "") for name in coordinates[first : first + 4]]
+        if all(part in raw.columns for part in parts):
+            norm = sum(raw.columns[part][rows] ** 2 for part in parts)
+            if not np.nanmax(np.abs(norm - 1.0)) < _AGREES:
+                return np.inf
+    return apart / change if change > 0.0 else None
+
+
+def _in_si(raw: RawLog, column: str, si: str | None) -> FloatArray:
+    told = raw.units.get(column) or column_unit(column, si)
+    factor = unit(told).factor if told and si and converts(told, si) else 1.0
+    return factor * raw.columns[column]
+
+
+def _orders(names: MechanismNames) -> Iterator[tuple[str, list[str]]]:
+    """The usual orders of a state vector."""
+    targets = _targets(names)
+    q, u = targets["q"], targets["u"]
+    yield "coordinates and speeds", [*q, *u]
+    if len(q) == len(u):
+        yield "each coordinate with its speed", [t for pair in zip(q, u) for t in pair]
+        yield "speeds and coordinates", [*u, *q]
+
+
+def _state_vectors(
     raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
 ) -> Iterator[Recognised]:
-    """A table without names that is as wide as time, coordinates and speeds."""
-    columns = list(raw.columns)
-    targets = ["time", *_targets(names)["x"]]
-    if found or len(columns) != len(targets) or not all(map(_NAMELESS.fullmatch, columns)):
+    """An array, or a table without names, of coordinates and speeds, perhaps after the time.
+
+    Its order is the one in which coordinates move as their speeds say; the name decides only between arrays,
+    and where nothing moves, or the times are not known.
+    """
+    if any(target.startswith(("q.", "u.")) for target in found):
         return
-    first = raw.columns[columns[0]]
-    if np.all(np.diff(first) > 0.0):
-        for target, column in zip(targets, columns, strict=True):
-            yield Recognised(
-                target, column, "by the order time, coordinates, speeds", certain=False
-            )
+    groups = _groups(raw)
+    for column in raw.columns:  # y1, y2; y(1), y(2)
+        if not column.endswith("]") and (match := _NUMBERED.fullmatch(column)):
+            groups.setdefault(match[1].strip(), []).append(column)
+    nameless = [column for column in raw.columns if _NAMELESS.fullmatch(column)]
+    if nameless and len(nameless) == len(raw.columns):
+        groups = {"the table": nameless, **groups}
+    time = found["time"].column if "time" in found else None
+    times = [time] if time else [c for c, values in raw.columns.items() if _increases(values)]
+    agreeing: list[tuple[dict[str, str], str, str]] = []
+    named: list[tuple[dict[str, str], str, str]] = []
+    guessed: list[tuple[dict[str, str], str, str]] = []
+    for group, columns in groups.items():
+        for name, targets in _orders(names):
+            after = len(columns) - len(targets)
+            first = raw.columns[columns[0]]
+            if after not in (0, 1) or (after and not _increases(first)):
+                continue
+            mapped = dict(zip(["time", *targets] if after else targets, columns, strict=True))
+            why = f"in the model's order, {name}, by the width of {group!r}"
+            found_misfits = [
+                m
+                for c in ([columns[0]] if after else times)
+                if (m := _misfit(_in_si(raw, c, "s"), mapped, raw, names)) is not None
+            ]
+            misfit = min(found_misfits, default=None)
+            if misfit is not None and misfit < _AGREES:
+                agreeing.append((mapped, f"{why} and how they move", group))
+            elif name == "coordinates and speeds" and misfit != np.inf:
+                (named if _key(group) in _STATES and not after else guessed).append(
+                    (mapped, why, group)
+                )
+    by_name = [one for one in agreeing if _key(one[2]) in _STATES]
+    sure = by_name if by_name else agreeing
+    if not agreeing and len(named) == 1:
+        sure = named
+    for mapped, why, _ in (sure or named or guessed)[:1]:
+        # of two orders that fit, the first is usual; an array alone in its file is the table as well
+        same = all(set(one[0].values()) == set(mapped.values()) for one in sure)
+        for target, column in mapped.items():
+            yield Recognised(target, column, why, certain=bool(sure) and same)
+
+
+def _moving_times(
+    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
+) -> Iterator[Recognised]:
+    """The one increasing column by which the coordinates move as their speeds say, whatever its name."""
+    if "time" in found:
+        return
+    columns = {one.target: one.column for one in found.values()}
+    fitting = [
+        column
+        for column, values in raw.columns.items()
+        if column not in columns.values() and _increases(values)
+        if (misfit := _misfit(_in_si(raw, column, "s"), columns, raw, names)) is not None
+        and misfit < _AGREES
+    ]
+    if fitting:
+        first = raw.columns[fitting[0]]
+        shifts = [
+            np.ptp(raw.columns[c] - first) if len(raw.columns[c]) == len(first) else np.inf
+            for c in fitting
+        ]
+        same = bool(np.max(shifts) <= 1e-3 * np.ptp(first))
+        yield Recognised("time", fitting[0], "by it coordinates move as their speeds say", same)
+
+
+def _moving(
+    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised], taken: set[str]
+) -> Iterator[Recognised]:
+    """Columns of unknown names that are rates of others: as many pairs as coordinates are missing."""
+    coordinates, speeds = list(names.coordinates), list(names.speeds)
+    pairs = [
+        (f"q.{coordinates[i]}", f"u.{speeds[j]}")
+        for i, j in Kinematics.of(coordinates, speeds).rates
+    ]
+    missing = [pair for pair in pairs if pair[0] not in found and pair[1] not in found]
+    time = raw.columns.get(found["time"].column) if "time" in found else None
+    if not missing or time is None:
+        return
+    rows = slice(0, _LOOKED_AT)
+    free = [
+        c
+        for c, values in raw.columns.items()
+        if c not in taken and len(values) == len(time) and np.ptp(values[rows]) > 0.0
+    ][:_MOST_PAIRED]
+    values = {c: _in_si(raw, c, None)[rows] * _factor(raw, c) for c in free}
+    h = np.diff(time[rows])
+    changes = {c: np.diff(v) for c, v in values.items()}
+    integrals = {c: 0.5 * h * (v[1:] + v[:-1]) for c, v in values.items()}
+
+    def follows(a: str, b: str) -> bool:
+        apart = float(np.nansum(np.abs(changes[a] - integrals[b])))
+        size = float(np.nansum(np.abs(changes[a])) + np.nansum(np.abs(integrals[b])))
+        return a != b and apart < 0.5 * _AGREES * size
+
+    rates = {a: [b for b in free if follows(a, b)] for a in free}
+    found_pairs = [(a, several[0]) for a, several in rates.items() if len(several) == 1]
+    seconds = {b for _, b in found_pairs}
+    found_pairs = [(a, b) for a, b in found_pairs if a not in seconds]
+    if len(found_pairs) == len(missing):
+        for (q, u), (a, b) in zip(missing, found_pairs):
+            why = f"in the order of the file; {b!r} is the rate of {a!r}"
+            yield Recognised(q, a, why, certain=False)
+            yield Recognised(u, b, why, certain=False)
+
+
+def _factor(raw: RawLog, column: str) -> float:
+    """The factor to SI of the unit in brackets, or that the file says."""
+    told = raw.units.get(column) or column_unit(column)
+    return unit(told).factor if told else 1.0
 
 
 _NAMELESS = re.compile(r"column \d+|.*\[\d+\]")
+_NUMBERED = re.compile(r"(.*?[^\W\d_])[ _]?[(\[]?\d+[)\]]?")

@@ -15,7 +15,7 @@ import numpy as np
 from deltac.errors import FileError, InputError, LogError, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits, parse_json
-from deltac.trajectories.formats.raw import Collector, RawLog
+from deltac.trajectories.formats.raw import Collector, RawLog, labelled
 
 
 def read_json(path: Path) -> RawLog:
@@ -27,10 +27,7 @@ def read_json(path: Path) -> RawLog:
             isinstance(v, list) and not _records(v) for v in value.values()
         ):
             return _of_records(rows)
-        collector = Collector()
-        for name, item in _entries(value, ""):
-            _add(collector, name, item)
-        return collector.log()
+        return _of_object({name: _listed(item) for name, item in value.items()})
     if _records(value):
         return _of_records(value)
     raise LogError(
@@ -52,6 +49,38 @@ def read_json_lines(path: Path) -> RawLog:
     if not _records(records):
         raise LogError('expected a JSON object a line, such as {"time": 0.0, "q": [0.1, 0.2]}')
     return _of_records(records)
+
+
+def _of_object(value: Mapping[str, Any]) -> RawLog:
+    collector = Collector()
+    tables = {k: np.asarray(v) for k, v in value.items() if _is_table(v)}
+    for name, item in _entries(labelled({**value, **tables}), ""):
+        _add(collector, name, item)
+    return collector.log()
+
+
+def _is_table(value: Any) -> bool:
+    """Whether this is a list of equally long lists of numbers."""
+    return (
+        isinstance(value, list)
+        and all(isinstance(row, list) and len(row) == len(value[0]) for row in value)
+        and all(isinstance(x, int | float) for row in value for x in row)
+    )
+
+
+def _listed(value: Any) -> Any:
+    """The values of an object whose keys are the numbers of rows, as pandas writes a column by default."""
+    if isinstance(value, Mapping) and value and all(key.isdigit() for key in value):
+        return list(value.values())
+    return value
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
 
 
 def _records(value: Any) -> bool:
@@ -91,8 +120,11 @@ def _add(collector: Collector, name: str, values: Any) -> None:
     try:
         array = np.asarray(values)
     except ValueError:
-        collector.skip(name, "has rows of different lengths")
-        return
+        try:  # tuples in tuples, such as those of PyBullet's getJointStates: (q, u, (six reactions), torque)
+            array = np.asarray([[list(_flat(entry)) for entry in row] for row in values])
+        except (ValueError, TypeError):
+            collector.skip(name, "has rows of different lengths")
+            return
     if array.dtype.kind == "O":
         collector.skip(name, "holds other values than numbers")
     else:

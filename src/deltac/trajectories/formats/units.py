@@ -74,7 +74,7 @@ _ATOMS: dict[str, Unit] = {
 }
 
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
-_FACTOR = re.compile(r"([*/]?)([^\W\d_]+|°|1)(?:\^(-?\d))?")
+_FACTOR = re.compile(r"([*/]?)([^\W\d_]+|°|1)(?:\^?(-?\d))?")
 
 
 def unit(text: str) -> Unit:
@@ -87,12 +87,15 @@ def unit(text: str) -> Unit:
     """
     written = re.sub(r"([⁻¹²³⁴]+)", r"^\1", text.strip()).translate(_SUPERSCRIPTS)
     written = re.sub(r"\s*([*/^])\s*", r"\1", written.replace("**", "^"))
+    written = re.sub(r"\s+per\s+", "/", written, flags=re.IGNORECASE)
     written = re.sub(r"[·⋅. ]", "*", written) or "1"
     factor, dimension, end = 1.0, _NUMBER, 0
     for match in _FACTOR.finditer(written):
         sign, name, power = match.groups()
         if match.start() != end or (sign == "") != (end == 0):
             break
+        if name not in _ATOMS and len(name) > 2:
+            name = name.lower()  # Radians
         if name not in _ATOMS:
             raise UnknownName(f"unknown unit {shown(name)} in {shown(text)}{closest(name, _ATOMS)}")
         exponent = int(power or 1) * (-1 if sign == "/" else 1)

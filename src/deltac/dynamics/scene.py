@@ -1,0 +1,176 @@
+"""The scene of a traced mechanism: where points of bodies are, how they move, and what forces there do.
+
+It is what force elements state their laws on (`mechanism.scene` says what they may ask), and what
+constraints are written on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from deltac.dynamics.gaps import Gap, gaps, sliding_point
+from deltac.dynamics.laws import to_casadi
+from deltac.dynamics.points import BodyPoint, link_velocities, wrenches
+from deltac.dynamics.recursions import gather
+from deltac.dynamics.spatial import SX, cross
+from deltac.dynamics.system import System
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.shapes import Shape
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Points, axes and velocities of bodies in the world, in the symbols of a system."""
+
+    system: System
+
+    sqrt = staticmethod(ca.sqrt)
+    exp = staticmethod(ca.exp)
+    tanh = staticmethod(ca.tanh)
+    atan2 = staticmethod(ca.atan2)
+    abs = staticmethod(ca.fabs)
+    maximum = staticmethod(ca.fmax)
+    minimum = staticmethod(ca.fmin)
+    where = staticmethod(ca.if_else)
+    dot = staticmethod(ca.dot)
+
+    # --- laws
+
+    def number(self, law: object) -> SX:
+        """A law or quantity as a scalar."""
+        return self.system.number(law)
+
+    def vector(self, laws: Sequence[object], extra: dict[str, SX] | None = None) -> SX:
+        """Laws of the system's symbols, and of further ones, as a column."""
+        known = {**self.system.values, **(extra or {})}
+        return ca.vertcat(*(to_casadi(law, known) for law in laws))
+
+    def time_rate(self, law: object) -> SX:
+        """∂/∂t of a law of time."""
+        return ca.jacobian(self.system.number(law), self.system.t)
+
+    def from_potential(self, joint: str, potential: object) -> tuple[SX, SX, SX]:
+        """Of a law V(q, t) of a joint's coordinates: V, −∂V/∂q along the joint's speeds, ∂V/∂t."""
+        system = self.system
+        # Own symbols stand in for t and the joint's coordinates, which may be laws of t themselves.
+        t, q = ca.SX.sym("t"), ca.SX.sym("q", len(system.mechanism.joint(joint).coordinates))
+        names = [f"q.{name}" for name in system.mechanism.joint(joint).coordinates]
+        V = to_casadi(potential, {**system.values, "t": t, **dict(zip(names, ca.vertsplit(q)))})
+        here = ca.vertcat(system.q_all[system.mechanism.coordinates.of(joint)], system.t)
+        V, slope, explicit = ca.substitute(
+            [V, ca.jacobian(V, q).T, ca.jacobian(V, t)], [ca.vertcat(q, t)], [here]
+        )
+        W = next(link.W for link in system.links if link.joint.name == joint)
+        return V, -ca.mtimes(W.T, slope), explicit
+
+    # --- joints
+
+    def coordinates(self, joint: str) -> tuple[list[SX], SX | None]:
+        """The plain coordinates of a joint, and its quaternion (4,; scalar first), if it has one."""
+        q = self.system.q_all[self.system.mechanism.coordinates.of(joint)]
+        start = KINDS[self.system.mechanism.joint(joint).kind].quaternion
+        plain = q.shape[0] if start is None else start
+        return [q[k] for k in range(plain)], None if start is None else q[start:]
+
+    def speeds(self, joint: str) -> SX:
+        """The speeds of a joint."""
+        return self.system.u_all[self.system.mechanism.speeds.of(joint)]
+
+    def inputs(self, motor: str) -> SX:
+        """The values that a controller or a log gives a motor."""
+        return self.system.inputs[self.system.input_places[motor]]
+
+    def coordinate(self, name: str) -> tuple[SX, SX]:
+        """A coordinate, and the unit generalized force (nu,) along the speed that is its rate."""
+        mechanism = self.system.mechanism
+        entry = mechanism.coordinates[name]
+        first = mechanism.coordinates.of(entry.joint).start
+        along = ca.SX.zeros(len(mechanism.speeds))
+        along[mechanism.speeds.of(entry.joint).start + entry.index - first] = 1
+        return self.system.q_all[entry.index], along
+
+    # --- bodies
+
+    def rotation(self, body: str) -> SX:
+        """R of a body frame: body to world components."""
+        k = self.system.index[body]
+        if k < 0:
+            return ca.SX.eye(3)
+        return ca.mtimes(self.system.poses[k].E.T, self.system.links[k].to_body.E.T)
+
+    def axis(self, body: str, axis: Sequence[float]) -> SX:
+        """World components of a direction fixed in a body."""
+        return ca.mtimes(self.rotation(body), ca.DM(list(axis)))
+
+    def point(self, body: str, point: Sequence[object]) -> BodyPoint:
+        """A point given in the frame of a body."""
+        return BodyPoint(self.system, *self.system.point(body, point))
+
+    def place(self, body: str, point: Sequence[object]) -> SX:
+        """World position of a point given in a body frame."""
+        return self.point(body, point).place
+
+    def mass_centre(self, body: str) -> BodyPoint:
+        """The mass centre of a body."""
+        k = self.system.index[body]
+        return BodyPoint(self.system, k, self.system.links[k].centre)
+
+    def weight(self, body: str) -> SX:
+        """The weight (3,) of a body, N."""
+        return self.system.links[self.system.index[body]].mass * self.system.gravity
+
+    def local(self, body: str, x: SX) -> SX:
+        """Coordinates in a body frame of a world position."""
+        return ca.mtimes(self.rotation(body).T, x - self.place(body, (0.0, 0.0, 0.0)))
+
+    @cached_property
+    def _velocities(self) -> list[SX]:
+        return link_velocities(self.system)
+
+    def angular_velocity(self, body: str) -> SX:
+        """World components of a body's angular velocity."""
+        k = self.system.index[body]
+        if k < 0:
+            return ca.SX.zeros(3)
+        return ca.mtimes(self.system.poses[k].E.T, self._velocities[k][:3])
+
+    def velocity(self, body: str, x: SX) -> SX:
+        """World velocity of the body's material point that is at the world position `x`."""
+        k = self.system.index[body]
+        if k < 0:
+            return ca.SX.zeros(3)
+        E, o = self.system.poses[k].E, self.system.poses[k].r
+        w, v = ca.mtimes(E.T, self._velocities[k][:3]), ca.mtimes(E.T, self._velocities[k][3:])
+        return v + cross(w, x - o)
+
+    def touches(self, first: Shape, second: Shape) -> tuple[Gap, ...]:
+        """The contact points of two shapes."""
+        return gaps(self.system, first, second)
+
+    def sliding(
+        self, body: str, point: Sequence[Any], on: str, normal: tuple[float, float, float]
+    ) -> Gap:
+        """Where a point of a body slides on a plane of another, of whose frame the normal is."""
+        return sliding_point(self.system, body, point, on, normal)
+
+    # --- forces
+
+    def on_joint(self, joint: str, values: Any) -> SX:
+        """The generalized force (nu,) of values (a column or a list) on the speeds of a joint."""
+        force = ca.SX.zeros(len(self.system.mechanism.speeds))
+        column = ca.vertcat(*values) if isinstance(values, list) else values
+        force[self.system.mechanism.speeds.of(joint)] = column
+        return force
+
+    def generalized(self, loads: Iterable[tuple[Any, ...]]) -> SX:
+        """The generalized force (nu,) of loads: (point, force) or (point, force, moment)."""
+        return gather(self.system, wrenches(loads))
+
+    def power(self, force: SX) -> SX:
+        """The power of a generalized force, W."""
+        return ca.dot(force, self.system.u_all)

@@ -1,0 +1,163 @@
+"""The mechanism in motion, as the laws of its parts see it.
+
+A force element states its law on a `Scene` in plain operators: it asks where points are and how fast they
+move, and says which forces act there. `dynamics.scene` answers in symbols, so that the law is written once
+and traced for simulation, ledgers and residuals alike, while this package needs no symbolic engine.
+
+Scalars, columns (3,) and generalized forces (nu,) are expressions that take ``+ - * / **``, comparisons, and
+indices; vectors are world components unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, TypeAlias
+
+from deltac.mechanism.channels import Channel, ChannelName
+from deltac.mechanism.scope import Part
+from deltac.mechanism.shapes import Shape
+
+Expr: TypeAlias = Any
+"""A scalar or a column of a traced mechanism."""
+
+
+class BodyPoint(Protocol):
+    """A material point of a body or of the ground."""
+
+    @property
+    def place(self) -> Expr:
+        """Where it is (3,), m."""
+
+    @property
+    def velocity(self) -> Expr:
+        """Its velocity (3,), m/s."""
+
+
+Load: TypeAlias = tuple[BodyPoint, Expr] | tuple[BodyPoint, Expr, Expr]
+"""A force (3,; N) at a point, and perhaps a moment (3,; N·m) on its body."""
+
+
+class Touch(Protocol):
+    """A place where two bodies touch or may touch: the gap g, the normal n from the second to the first."""
+
+    @property
+    def gap(self) -> Expr:
+        """The gap (m), negative where they overlap."""
+
+    @property
+    def n(self) -> Expr:
+        """The unit normal (3,)."""
+
+    @property
+    def relative_velocity(self) -> Expr:
+        """Velocity (3,) of the first body's material point there relative to the second's, m/s."""
+
+    def loads(self, force: Expr) -> Sequence[Load]:
+        """A force (3,) on the first body there, and its opposite on the second."""
+
+
+class Scene(Protocol):
+    """What a law may ask of the mechanism in motion, and what it may do to it."""
+
+    def number(self, law: Any) -> Expr:
+        """A law or quantity as a scalar."""
+
+    def vector(self, laws: Sequence[Any]) -> Expr:
+        """Several laws as a column."""
+
+    def time_rate(self, law: Any) -> Expr:
+        """∂/∂t of a law of time."""
+
+    def coordinates(self, joint: str) -> tuple[list[Expr], Expr | None]:
+        """The plain coordinates of a joint, and its quaternion (4,; scalar first), if it has one."""
+
+    def speeds(self, joint: str) -> Expr:
+        """The speeds of a joint."""
+
+    def inputs(self, motor: str) -> Expr:
+        """The values that a controller or a log gives a motor."""
+
+    def coordinate(self, name: str) -> tuple[Expr, Expr]:
+        """A coordinate, and the unit generalized force (nu,) along the speed that is its rate."""
+
+    def point(self, body: str, point: Sequence[Any]) -> BodyPoint:
+        """A point given in the frame of a body."""
+
+    def mass_centre(self, body: str) -> BodyPoint:
+        """The mass centre of a body."""
+
+    def weight(self, body: str) -> Expr:
+        """The weight (3,) of a body, N."""
+
+    def rotation(self, body: str) -> Expr:
+        """The matrix from components in a body's frame to world components."""
+
+    def touches(self, first: Shape, second: Shape) -> Sequence[Touch]:
+        """The contact points of two shapes."""
+
+    def sliding(
+        self, body: str, point: Sequence[Any], on: str, normal: tuple[float, float, float]
+    ) -> Touch:
+        """Where a point of a body slides on a plane of another, of whose frame the normal is."""
+
+    def on_joint(self, joint: str, values: Expr) -> Expr:
+        """The generalized force (nu,) of values (a column or a list) on the speeds of a joint."""
+
+    def generalized(self, loads: Sequence[Load]) -> Expr:
+        """The generalized force (nu,) of loads."""
+
+    def power(self, force: Expr) -> Expr:
+        """The power of a generalized force, W."""
+
+    def from_potential(self, joint: str, potential: Any) -> tuple[Expr, Expr, Expr]:
+        """Of a law V(q, t) of a joint's coordinates: V, −∂V/∂q along the joint's speeds, ∂V/∂t."""
+
+    # Functions of expressions.
+
+    def sqrt(self, x: Expr) -> Expr:
+        """√x."""
+
+    def exp(self, x: Expr) -> Expr:
+        """eˣ."""
+
+    def tanh(self, x: Expr) -> Expr:
+        """The hyperbolic tangent."""
+
+    def atan2(self, y: Expr, x: Expr) -> Expr:
+        """The angle of (x, y)."""
+
+    def abs(self, x: Expr) -> Expr:
+        """|x|."""
+
+    def maximum(self, x: Expr, y: Expr) -> Expr:
+        """The larger one."""
+
+    def minimum(self, x: Expr, y: Expr) -> Expr:
+        """The smaller one."""
+
+    def where(self, condition: Expr, x: Expr, y: Expr) -> Expr:
+        """X where the condition holds, else y; both must be finite, and so their derivatives."""
+
+    def dot(self, x: Expr, y: Expr) -> Expr:
+        """The scalar product."""
+
+
+class Element(Part):
+    """A force element: what flows through it is in its channels."""
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The forces of the element, and its potential, by channel."""
+        raise NotImplementedError
+
+    def channel(
+        self, kind: str, force: Any, potential: Any = None, *, logged: bool = False
+    ) -> Channel:
+        """The channel of a kind that is named after the element."""
+        return Channel(ChannelName(kind, self.name), force, potential, logged=logged)
+
+    def spring_channels(self, force: Any, potential: Any, explicit: Any) -> list[Channel]:
+        """``spring``, and ``prescribed`` for the power ∂V/∂t of a potential that depends on time."""
+        made = [self.channel("spring", force, potential)]
+        if not explicit.is_zero():
+            made.append(Channel(ChannelName("prescribed", self.name), 0 * force, explicit=explicit))
+        return made

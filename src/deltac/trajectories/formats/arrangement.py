@@ -1,0 +1,171 @@
+"""Tables of other programs in which a row is not simply an instant and a column a quantity.
+
+Each of `ARRANGEMENTS` knows one such form, and makes plain columns of it; whatever is plain already passes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import polars
+
+_NAMELESS = re.compile(r"column \d+")
+_INDEXED = re.compile(r"(.*?)[_.]?\[?(\d+)\]?")
+_NAMES = re.compile(r"(?:.*[^a-z])?names?", re.IGNORECASE)
+_MESSAGE = ("position", "velocity", "effort")
+"""The arrays of ROS's sensor_msgs/JointState after the names, in its order."""
+
+STAMPS = (
+    ("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("seconds", "nanoseconds")
+)  # fmt: skip
+"""Ends of the names of two columns that are one time together: whole seconds, and nanoseconds."""
+
+_MOST_KEYS = 200
+
+
+def arranged(frame: polars.DataFrame) -> polars.DataFrame:
+    """The same table with a row for each instant and a column for each number."""
+    for arrange in ARRANGEMENTS:
+        frame = arrange(frame)
+    return frame
+
+
+def _is_text(series: polars.Series) -> bool:
+    import polars
+
+    if series.dtype != polars.String:
+        return False
+    first = series.drop_nulls().first()
+    if not isinstance(first, str) or not first.strip():
+        return False
+    try:
+        float(first)
+    except ValueError:
+        return True
+    return False
+
+
+def _constant_texts(frame: polars.DataFrame) -> dict[str, str]:
+    """Columns that hold one and the same word, and that word."""
+    return {
+        s.name: str(s.drop_nulls().first()).strip()
+        for s in frame.get_columns()
+        if _is_text(s) and s.null_count() == 0 and s.n_unique() == 1
+    }
+
+
+def _lists(frame: polars.DataFrame) -> polars.DataFrame:
+    """Lists in cells, of Parquet or written as text, ``[0.1, 0.2]``: a column each."""
+    import polars
+
+    parts = []
+    for series in frame.get_columns():
+        cells = series
+        if isinstance(series.dtype, polars.Array):
+            cells = series.arr.to_list()
+        elif _is_text(series) and str(series.drop_nulls().first()).lstrip()[:1] in ("[", "("):
+            plain = series.str.replace_all(r"[\[\]()'\"]", " ").str.strip_chars(" ,\n")
+            cells = plain.str.replace_all(r"[\s,]+", ",").str.split(",")
+        if isinstance(cells.dtype, polars.List) and not cells.dtype.inner.is_nested():
+            widths = cells.list.len().unique()
+            if len(widths) == 1 and 0 < (width := int(widths[0] or 0)) <= _MOST_KEYS:
+                parts += [cells.list.get(k).alias(f"{series.name}[{k}]") for k in range(width)]
+                continue
+        parts.append(series)
+    return polars.DataFrame(parts) if len(parts) != frame.width else frame
+
+
+def _messages(frame: polars.DataFrame) -> polars.DataFrame:
+    """``ros2 topic echo --csv`` of joint states: no names of columns, but the joints' in every row."""
+    texts = {name: text for name, text in _constant_texts(frame).items() if text.isidentifier()}
+    columns = frame.columns
+    if not texts or not all(map(_NAMELESS.fullmatch, columns)):
+        return frame
+    places = [columns.index(name) for name in texts]
+    after = columns[places[-1] + 1 :]
+    many, left = divmod(len(after), len(places))
+    if left or not 1 <= many <= len(_MESSAGE) or places[-1] - places[0] != len(places) - 1:
+        return frame
+    new = [f"{what}.{joint}" for what in _MESSAGE[:many] for joint in texts.values()]
+    heads = dict(zip(columns[: places[0]], STAMPS[0]))
+    return frame.drop(list(texts)).rename(heads | dict(zip(after, new)))
+
+
+def _labels(frame: polars.DataFrame) -> polars.DataFrame:
+    """Names of joints in columns of their own, ``name0``, beside numbered columns: they name these."""
+    labels: dict[str, list[str]] = {}
+    texts = _constant_texts(frame)
+    for column, text in texts.items():
+        if (found := _INDEXED.fullmatch(column)) and _NAMES.fullmatch(found[1]):
+            labels.setdefault(found[1], []).append(text)
+    if len(labels) != 1:
+        return frame
+    ((stem, joints),) = labels.items()
+    groups: dict[str, list[str]] = {}
+    for column in frame.columns:
+        if column not in texts and (found := _INDEXED.fullmatch(column)):
+            groups.setdefault(found[1], []).append(column)
+    new = {
+        column: f"{group}.{joint}"
+        for group, columns in groups.items()
+        if len(columns) == len(joints) == len(set(joints))
+        for column, joint in zip(columns, joints)
+    }
+    return frame.drop([c for c in texts if _INDEXED.fullmatch(c) and c.startswith(stem)]).rename(
+        new
+    )
+
+
+def _long(frame: polars.DataFrame) -> polars.DataFrame:
+    """A row for each joint at each instant ("long", "tidy"): a column for each joint."""
+    import polars
+
+    for key in (s for s in frame.get_columns() if _is_text(s)):
+        count = key.n_unique()
+        if not 1 < count <= _MOST_KEYS or frame.height % count:
+            continue
+        names = set(key[:count])
+        if len(names) != count or not (key[-count:].is_in(list(names))).all():
+            continue
+        rest = [s for s in frame.get_columns() if s.name != key.name and not _is_text(s)]
+        index = next((s.name for s in rest if s.n_unique() * count == frame.height), None)
+        if index is None or len(rest) < 2:
+            continue
+        values = [s.name for s in rest if s.name != index]
+        wide = frame.pivot(on=key.name, index=index, values=values)
+        if len(values) == 1:
+            wide = wide.rename({str(k): f"{k}.{values[0]}" for k in names})
+        return wide.with_columns(polars.all())
+    return frame
+
+
+def _stamps(frame: polars.DataFrame) -> polars.DataFrame:
+    """Times in two columns, seconds and nanoseconds: one column of seconds since the first row."""
+    import polars
+
+    for whole, part in STAMPS:
+        for name in frame.columns:
+            before = name[: len(name) - len(part)]
+            other = before + whole
+            if not name.lower().endswith(part) or other not in frame.columns:
+                continue
+            if before and before[-1].isalnum():
+                continue
+            pair = [
+                frame[n].str.strip_chars() if frame[n].dtype == polars.String else frame[n]
+                for n in (other, name)
+            ]
+            seconds, nanoseconds = (s.cast(polars.Int64, strict=False) for s in pair)
+            if seconds.null_count() or nanoseconds.null_count():
+                continue
+            time = (seconds - seconds[0]).cast(polars.Float64) + 1e-9 * nanoseconds
+            return frame.drop(other, name).insert_column(0, time.alias(f"{before}stamp"))
+    return frame
+
+
+ARRANGEMENTS: Sequence[Callable[[polars.DataFrame], polars.DataFrame]] = (
+    _lists, _messages, _labels, _long, _stamps
+)  # fmt: skip

@@ -1,0 +1,68 @@
+"""Episodes in one file, by how datasets of robot learning keep them: `episodes`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from deltac.errors import LogError, listed
+from deltac.trajectories.formats.raw import RawLog
+
+COLUMNS = ("episode", "episode_index", "episode_id", "demo", "trial", "trajectory_id")
+"""Columns that number the episodes of rows: deltac's and Gymnasium's, LeRobot's, …."""
+
+GROUP = re.compile(r"(?:.*/)?((?:demo|episode|ep|traj|trajectory|rollout|trial)_?\d+)/")
+"""Groups of HDF5 files that hold one each: robomimic's and robosuite's data/demo_0, Minari's episode_0, …."""
+
+
+def episodes(raw: RawLog) -> dict[str, RawLog]:
+    """The episodes of a log by name, in the file's order; empty where it does not speak of any."""
+    if raw.header is not None:
+        return {}
+    for column in COLUMNS:
+        if column in raw.columns:
+            number = raw.columns[column]
+            others = {n: c for n, c in raw.columns.items() if n != column and len(c) == len(number)}
+            return {
+                f"{value:g}": replace(
+                    raw, columns={n: c[number == value] for n, c in others.items()}
+                )
+                for value in dict.fromkeys(number.tolist())
+            }
+    found: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
+    for name, values in raw.columns.items():
+        if match := GROUP.match(name):
+            found.setdefault(match[1], (match[0], {}))[1][name.removeprefix(match[0])] = values
+    return {
+        name: replace(
+            raw,
+            columns=columns,
+            units={n.removeprefix(before): unit for n, unit in raw.units.items()},
+            skipped={
+                n.removeprefix(before): w for n, w in raw.skipped.items() if n.startswith(before)
+            },
+            scalars={n.removeprefix(before): x for n, x in raw.scalars.items()},
+        )
+        for name, (before, columns) in found.items()
+    }
+
+
+def only_episode(raw: RawLog) -> RawLog:
+    """The log of the one episode that a file holds.
+
+    Raises LogError for several.
+    """
+    several = episodes(raw)
+    if len(several) > 1:
+        raise LogError(
+            f"the file holds {len(several)} episodes: {listed(several)}. deltac audit MODEL LOG --out DIR "
+            "judges all of them, --episode NAME one; in Python deltac.audit_many(model, log)"
+        )
+    return next(iter(several.values()), raw)
+
+
+def first_episode(raw: RawLog) -> RawLog:
+    """The first of the episodes that a file holds, or the whole log."""
+    return next(iter(episodes(raw).values()), raw)

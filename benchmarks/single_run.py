@@ -8,6 +8,7 @@ step, stand beside its time. What takes long goes a shorter way; times are compa
 from __future__ import annotations
 
 import statistics
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from peers import PENDULUMS, Absent, Pendulum, Rival, pendulum_rivals
 
 import deltac as dc
-from deltac.kernels import evaluator_name
 from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.solvers import find_solver
 
@@ -126,7 +126,7 @@ def _ours(pendulum: Pendulum) -> dc.Trajectory:
 
 def _reference(problem: dc.problems.Problem) -> Array:
     """Angles at whole seconds from 1 s on, (10, 3)."""
-    solver = "taylor" if evaluator_name() == "heyoka" else "DOP853"
+    solver = "taylor" if find_spec("heyoka") else "DOP853"
     tolerance = None if solver == "taylor" else 1e-13
     mechanism, state = problem.mechanism, problem.state
     solver = dc.solvers.by_name(solver, tolerance)

@@ -41,7 +41,7 @@ def run(rounds: int) -> dict[str, Any]:
         "verdict_s": {kind: statistics.median(taken) for kind, taken in verdicts.items()},
         "verdict_wanted_s": VERDICT_WITHIN,
         # CasADi's evaluator compiles nothing, and keeps nothing.
-        "kernels": [_loaded(dof, rounds) for dof in SIZES if evaluator_name() == "heyoka"],
+        "kernels": [_loaded(dof, rounds) for dof in SIZES if evaluator_name() == "llvm"],
         "loaded_wanted_s": LOADED_WITHIN,
         "checks": [_checked(dof, rounds) for dof in CHECKED],
         "rounds": rounds,
@@ -75,7 +75,7 @@ def told(found: dict[str, Any]) -> str:
 
 def kernel_times(dof: int) -> dict[str, float]:
     """Seconds to write out the accelerations of a chain, and to compile them or find them in the cache."""
-    import heyoka  # noqa: F401  # its import is no part of either
+    import llvmlite.binding  # noqa: F401  # its import is no part of either
 
     kernels: list[Any] = []
     traced = seconds(lambda: kernels.append(accelerations(chain(dof))))

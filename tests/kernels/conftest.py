@@ -3,10 +3,10 @@ from __future__ import annotations
 import pytest
 
 
-@pytest.fixture(params=["heyoka", "casadi"])
+@pytest.fixture(params=["llvm", "casadi"])
 def evaluator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Run the test with each evaluator."""
-    if request.param == "heyoka":
-        pytest.importorskip("heyoka")
+    if request.param == "llvm":
+        pytest.importorskip("llvmlite")
     monkeypatch.setenv("DELTAC_EVALUATOR", request.param)
     return request.param

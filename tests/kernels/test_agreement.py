@@ -1,4 +1,4 @@
-"""heyoka's machine code and CasADi's evaluator say the same of every problem and of random mechanisms.
+"""Machine code and CasADi's evaluator say the same of every problem and of random mechanisms.
 
 Both run the same instructions; they differ by the last bits of sines and by contracted products, which the
 equations magnify: by their condition, which is why the bound is relative to the largest entry.
@@ -28,9 +28,9 @@ QUICK = ("simple-pendulum", "chaotic-double-body", "andrews-squeezer")
 
 
 def assert_agree(outputs: dict, inputs: dict, x: np.ndarray) -> None:
-    pytest.importorskip("heyoka")
+    pytest.importorskip("llvmlite")
     found = []
-    for evaluator in ("heyoka", "casadi"):
+    for evaluator in ("llvm", "casadi"):
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("DELTAC_EVALUATOR", evaluator)
             kernel = Kernel(inputs, outputs).compile()

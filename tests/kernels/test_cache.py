@@ -19,7 +19,7 @@ from deltac.files import appearing
 from deltac.kernels import CacheWarning, cache, cache_info, clear_cache, compiled, verify_cache
 from deltac.kernels.cache import LIMIT
 
-needs_heyoka = pytest.mark.heyoka
+needs_llvm = pytest.mark.heyoka
 
 
 @pytest.fixture(autouse=True)
@@ -48,11 +48,11 @@ def expected() -> float:
 
 def run(folder: Path, code: str = RUN, **environment: str) -> str:
     """Run a small kernel in a new process; returns what it wrote to standard error."""
-    pytest.importorskip("heyoka")
+    pytest.importorskip("llvmlite")
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(sys.path),
-        "DELTAC_EVALUATOR": "heyoka",
+        "DELTAC_EVALUATOR": "llvm",
         "DELTAC_CACHE": "on",
         "DELTAC_CACHE_DIR": str(folder),
         **environment,
@@ -71,7 +71,7 @@ def entries(folder: Path) -> dict[str, float]:
     return {file.name: file.stat().st_mtime for file in folder.glob("*.kernel")}
 
 
-@needs_heyoka
+@needs_llvm
 def test_second_process_finds_the_kernel(tmp_path: Path) -> None:
     assert run(tmp_path) == ""
     first = entries(tmp_path)
@@ -241,7 +241,7 @@ def test_a_new_folder_is_closed_whatever_the_umask(tmp_path: Path) -> None:
     assert file.stat().st_mode & 0o777 == 0o600
 
 
-@needs_heyoka
+@needs_llvm
 def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
     run(tmp_path)
     (file,) = tmp_path.iterdir()
@@ -290,7 +290,7 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     assert (tmp_path / "new").exists()
 
 
-@needs_heyoka
+@needs_llvm
 def test_unusable_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "file"
     file.write_text("in the way")
@@ -300,14 +300,14 @@ def test_unusable_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.Mon
     assert not cache_info().writable
 
 
-@needs_heyoka
+@needs_llvm
 def test_cache_that_vanishes_in_a_run_only_costs_time(tmp_path: Path) -> None:
-    vanish = "import shutil, deltac.kernels.heyoka_evaluator\n"
+    vanish = "import shutil, deltac.kernels.llvm_evaluator\n"
     vanish += f"shutil.rmtree({str(tmp_path)!r})\n"
     assert run(tmp_path, vanish + RUN) == ""
 
 
-@needs_heyoka
+@needs_llvm
 def test_read_only_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tmp_path.chmod(0o555)
     try:
@@ -320,13 +320,13 @@ def test_read_only_folder_only_costs_time(tmp_path: Path, monkeypatch: pytest.Mo
         tmp_path.chmod(0o755)
 
 
-@needs_heyoka
+@needs_llvm
 def test_cache_may_be_off(tmp_path: Path) -> None:
     assert run(tmp_path / "cache", DELTAC_CACHE="off") == ""
     assert not (tmp_path / "cache").exists()
 
 
-@needs_heyoka
+@needs_llvm
 def test_info_and_clear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run(tmp_path)
     (tmp_path / "mine.txt").write_text("not the cache's")

@@ -166,8 +166,8 @@ def test_branch_not_taken_does_not_spread_its_nan(evaluator: str) -> None:
 def test_minimum_and_maximum_hand_a_nan_on(
     operation: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("heyoka")
-    monkeypatch.setenv("DELTAC_EVALUATOR", "heyoka")
+    pytest.importorskip("llvmlite")
+    monkeypatch.setenv("DELTAC_EVALUATOR", "llvm")
     x, y = casadi.SX.sym("x"), casadi.SX.sym("y")
     kernel = Kernel({"x": x, "y": y}, {"m": operation(x, y)})
     assert np.isnan(kernel(x=[np.nan, 1.0], y=[1.0, np.nan])["m"]).all()
@@ -245,17 +245,14 @@ DEPTH = 10
     points=st.lists(st.lists(st.floats(-2, 2), min_size=3, max_size=3), min_size=1, max_size=9),
 )
 def test_random_expressions_agree_with_casadi(steps: list, points: list) -> None:
-    pytest.importorskip("heyoka")
-    from deltac.kernels.heyoka_evaluator import HeyokaEvaluator
-
+    pytest.importorskip("llvmlite")
     x = casadi.SX.sym("x", 3)
     nodes = [x[0], x[1], x[2]]
     for op, i, j, k in steps:
         nodes.append(NODES[op](nodes[i % len(nodes)], nodes[j % len(nodes)], x[k]))
     function = casadi.Function("f", [x, casadi.SX(0, 1)], [casadi.vertcat(*nodes)])
     batch = np.array(points).T.copy()
-    found = np.empty((len(nodes), len(points)))
-    HeyokaEvaluator(function).batch(batch, found, None)
+    found = Kernel({"x": x}, {"nodes": casadi.vertcat(*nodes)}).flat(batch)
     expected = np.array(function(batch, casadi.DM(0, 1)))
     tolerance = 2**DEPTH * 16 * EPS
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)

@@ -32,11 +32,11 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (16384, resource.getrlimit(resource.RL
 
 
 def start(folder: Path | None, code: str = RUN, **environment: str) -> subprocess.Popen[str]:
-    pytest.importorskip("heyoka")
+    pytest.importorskip("llvmlite")
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(sys.path),
-        "DELTAC_EVALUATOR": "heyoka",
+        "DELTAC_EVALUATOR": "llvm",
         "DELTAC_CACHE": "off" if folder is None else "on",
         "DELTAC_CACHE_DIR": str(folder),
         **environment,

@@ -33,12 +33,10 @@ def exact(x: Array) -> tuple[Array, Array]:
     return sines, cosines
 
 
-def compiled(x: Array, inline: bool = True) -> Array:
-    pytest.importorskip("heyoka")
+def compiled(x: Array) -> Array:
+    pytest.importorskip("llvmlite")
     a = casadi.SX.sym("a")
-    return Kernel({"a": a}, {"sin": casadi.sin(a), "cos": casadi.cos(a)}, inline=inline).flat(
-        x[None, :]
-    )
+    return Kernel({"a": a}, {"sin": casadi.sin(a), "cos": casadi.cos(a)}).flat(x[None, :])
 
 
 @pytest.mark.heyoka
@@ -74,7 +72,7 @@ def test_one_state_as_many() -> None:
     x = angles(100.0)
     kernel_in, kernel_out = np.empty(1), np.empty(2)
     a = casadi.SX.sym("a")
-    kernel = Kernel({"a": a}, {"y": casadi.vertcat(casadi.sin(a), casadi.cos(a))}, inline=True)
+    kernel = Kernel({"a": a}, {"y": casadi.vertcat(casadi.sin(a), casadi.cos(a))})
     many = kernel.flat(x[None, :])
     for value, expected in zip(x, many.T):
         kernel_in[0] = value

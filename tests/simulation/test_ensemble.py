@@ -185,14 +185,9 @@ def test_bad_input_is_named(change: dict, message: str) -> None:
         dc.simulate_ensemble(double_pendulum(), **given)
 
 
-@pytest.mark.heyoka
-def test_threads_and_heyokas_own_are_as_before() -> None:
-    """Ensembles switch heyoka's threads off while they run, and on again."""
-    hy = pytest.importorskip("heyoka")
-    before = hy.get_nthreads()
+def test_the_number_of_threads_changes_no_bit() -> None:
     mechanism, (Q, U) = double_pendulum(), starts(20)
     found = [dc.simulate_ensemble(mechanism, (Q, U), 0.1, 0.01, threads=n).q[-1] for n in (1, 2, 5)]
-    assert hy.get_nthreads() == before
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
 

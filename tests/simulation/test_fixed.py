@@ -189,9 +189,9 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     done: list[str] = []
     compile_function = kernels.compile_function
 
-    def counting(function: Any, inline: bool = False, batches: bool = True) -> Any:
+    def counting(function: Any, batches: bool = True) -> Any:
         done.append(str(function.n_instructions()))
-        return compile_function(function, inline, batches)
+        return compile_function(function, batches)
 
     monkeypatch.setattr(kernels, "compile_function", counting)
     return done

@@ -47,7 +47,7 @@ def versions() -> dict[str, str]:
     from deltac import __version__
 
     found = {"deltac": __version__}
-    for name in ("numpy", "scipy", "casadi", "heyoka"):
+    for name in ("numpy", "scipy", "casadi", "llvmlite", "heyoka"):
         with contextlib.suppress(PackageNotFoundError):
             found[name] = version(name)
     return found

@@ -14,9 +14,8 @@ from the cache (`deltac/kernels.key` in the user's state folder, by the XDG rule
 the cache, restores it from elsewhere, or exchanges two of its files, cannot seal what he puts there. What is
 not as it was sealed is removed and compiled anew, with a warning.
 
-Of heyoka's objects their own archives are kept, and parsed by heyoka; nothing is unpickled. heyoka's own
-cache keeps machine code only, and writing out what it looks up there takes 0.7 s for a robot of 30 joints,
-five times as long as all of this.
+Kernels are kept as object code, which is only linked when it is read. Of heyoka's objects (Taylor's method)
+their own archives are kept, and parsed by heyoka; nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ KEPT = LIMIT // 4 * 3
 FINISHED = re.compile(r"[0-9a-f]{40}\.kernel")
 """Names of our files: the folder may be the user's, with other things in it."""
 
-_COMPILED = re.compile(r"(cfunc|taylor_adaptive)_\w+")
+_COMPILED = re.compile(r"taylor_adaptive_\w+")
 """Classes of heyoka that are kept."""
 
 _SEAL = 32  # bytes of the digest, and of the key
@@ -179,6 +178,13 @@ MEMORY = 64 << 20
 
 
 @cache
+def our_code() -> str:
+    """What tells one way in which this package writes code from others."""
+    ours = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.blake2b(b"".join(file.read_bytes() for file in ours), digest_size=8).hexdigest()
+
+
+@cache
 def prepare_heyoka() -> str:
     """Silence heyoka and leave caching to us, once in a process; returns what tells its code from others'."""
     import heyoka as hy
@@ -186,9 +192,7 @@ def prepare_heyoka() -> str:
     hy.set_logger_level_error()  # its warnings go to standard output, among the results
     hy.llvm_state.set_diskcache_enabled(False)
     hy.llvm_state.set_memcache_limit(MEMORY)
-    ours = sorted(Path(__file__).parent.glob("*.py"))  # how expressions are put to heyoka
-    digest = hashlib.blake2b(b"".join(file.read_bytes() for file in ours), digest_size=8)
-    return f"heyoka {hy.__version__}, {digest.hexdigest()}"
+    return f"heyoka {hy.__version__}, {our_code()}"
 
 
 # -- sealed files --------------------------------------------------------------------------------

@@ -7,9 +7,10 @@ import os
 from typing import Any, Protocol
 
 from deltac.arrays import Array
+from deltac.deprecation import warn_renamed
 from deltac.errors import PackageError, UnknownName, closest
 
-EVALUATORS = ("heyoka", "casadi")
+EVALUATORS = ("llvm", "casadi")
 
 
 class Evaluator(Protocol):
@@ -17,7 +18,7 @@ class Evaluator(Protocol):
 
     @property
     def width(self) -> int:
-        """The columns of a batch beyond the last multiple of this may differ in rounding."""
+        """The columns of a batch beyond the last multiple of this are left out, or differ in rounding."""
 
     def single(self, x: Array, out: Array, parameters: Array | None) -> None:
         """One state: x `(n_in,)`, out `(n_out,)`, parameters `(n_par,)`, None if there are none."""
@@ -37,40 +38,40 @@ class Loop(Protocol):
 
 
 def evaluator_name() -> str:
-    """The evaluator in use: `DELTAC_EVALUATOR` if set, else heyoka where installed, else casadi.
+    """The evaluator in use: `DELTAC_EVALUATOR` if set, else llvm where llvmlite is installed, else casadi.
 
     Raises:
-        InputError: an unknown name, or heyoka is asked for and is not installed.
+        InputError: an unknown name, or llvm is asked for and llvmlite is not installed.
     """
     forced = os.environ.get("DELTAC_EVALUATOR", "").strip().lower()
+    if forced == "heyoka":  # which compiled kernels before 0.4
+        warn_renamed("DELTAC_EVALUATOR=heyoka", "DELTAC_EVALUATOR=llvm")
+        forced = "llvm"
     if forced and forced not in EVALUATORS:
         raise UnknownName(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
-    installed = importlib.util.find_spec("heyoka") is not None
-    if forced == "heyoka" and not installed:
+    installed = importlib.util.find_spec("llvmlite") is not None
+    if forced == "llvm" and not installed:
         raise PackageError(
-            "DELTAC_EVALUATOR='heyoka', and heyoka is not installed; "
+            "DELTAC_EVALUATOR='llvm', and llvmlite is not installed; "
             "install it, or unset the variable to use casadi"
         )
-    return forced or ("heyoka" if installed else "casadi")
+    return forced or ("llvm" if installed else "casadi")
 
 
-def compile_function(function: Any, inline: bool = False, batches: bool = True) -> Evaluator:
+def compile_function(function: Any, batches: bool = True) -> Evaluator:
     """Compile a CasADi function with two dense columns in, (x, p), and one out.
 
     Args:
         function: the `casadi.Function`, of `SX` expressions.
-        inline: write sines and cosines out in the machine code, which compiles more slowly and makes
-            batches faster; for what runs millions of times (heyoka only).
-        batches: for many states a call, in SIMD code, which takes three to four times as long to compile
-            as code for one state (heyoka only).
+        batches: for many states a call, in SIMD code, else for one state (llvm only).
 
     Raises:
-        InputError: as `evaluator_name`; an operation that heyoka does not have.
+        InputError: as `evaluator_name`; an operation that machine code does not have.
     """
-    if evaluator_name() == "heyoka":
-        from deltac.kernels.heyoka_evaluator import HeyokaEvaluator
+    if evaluator_name() == "llvm":
+        from deltac.kernels.llvm_evaluator import LlvmEvaluator
 
-        return HeyokaEvaluator(function, inline, batches)
+        return LlvmEvaluator(function, batches)
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
     return CasadiEvaluator(function)
@@ -78,10 +79,10 @@ def compile_function(function: Any, inline: bool = False, batches: bool = True) 
 
 def compile_loop(function: Any) -> Loop:
     """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
-    if evaluator_name() == "heyoka":
-        from deltac.kernels.heyoka_loop import HeyokaLoop
+    if evaluator_name() == "llvm":
+        from deltac.kernels.llvm_evaluator import LlvmEvaluator
 
-        return HeyokaLoop(function)
+        return LlvmEvaluator(function, batches=False)
     from deltac.kernels.casadi_evaluator import CasadiLoop
 
     return CasadiLoop(function)

@@ -48,7 +48,6 @@ class Kernel:
         outputs: Mapping[str, SX],
         parameters: SX | None = None,
         *,
-        inline: bool = False,
         name: str = "kernel",
     ) -> None:
         """Simplify the expressions; compilation waits for the first call.
@@ -58,14 +57,12 @@ class Kernel:
             outputs: expressions of these and of the parameters, by name.
             parameters: a symbolic column of what changes between runs, such as a mass that varies;
                 what is a number in the expressions is folded into the code, and is much faster.
-            inline: see `compile_function`.
             name: what errors call it.
 
         Raises:
             InputError: an input that is not a symbolic column, or an output with unknown symbols.
         """
         self.name = name
-        self._inline = inline
         columns = {key: casadi.SX(value) for key, value in inputs.items()}
         results = {key: casadi.SX(value) for key, value in outputs.items()}
         p = casadi.SX(0, 1) if parameters is None else casadi.SX(parameters)
@@ -109,11 +106,11 @@ class Kernel:
 
     @cached_property
     def _for_one(self) -> Evaluator:
-        return compile_function(self.function, self._inline, batches=False)
+        return compile_function(self.function, batches=False)
 
     @cached_property
     def _for_batches(self) -> Evaluator:
-        return compile_function(self.function, self._inline)
+        return compile_function(self.function)
 
     @cached_property
     def _loop(self) -> Loop:
@@ -212,7 +209,7 @@ class Kernel:
         left_over = batch % evaluator.width
         if left_over < batch:
             evaluator.batch(x, out, p)
-        if left_over:  # again, as a whole SIMD vector: bits must not tell where a batch was cut
+        if left_over:  # as a whole SIMD vector: bits must not tell where a batch was cut
             whole = batch - left_over
             last = np.minimum(np.arange(whole, whole + evaluator.width), batch - 1)
             vector = np.empty((self.n_out, evaluator.width))

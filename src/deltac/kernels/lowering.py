@@ -1,8 +1,8 @@
-"""Sine and cosine written out in products and sums, for code that runs many times.
+"""Sine and cosine written out in products and sums, and the walk from CasADi to other algebras.
 
 A call of a library's sine empties the registers of vector code around it, and sine and cosine of an angle
 are two calls. Written out, they share the reduction of the angle, and a step of a pendulum in an ensemble
-takes two thirds of the time; compiling takes up to half as long again.
+takes two thirds of the time.
 
 The angle is x = k π/2 + r with |r| ≤ π/4 (Cody and Waite's reduction, π/2 in three parts), the polynomials
 in r are minimax ones, and the quadrant k turns the pair (cos r, sin r) by right angles. The result is
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeAlias
 
@@ -97,8 +97,8 @@ def _polynomial(coefficients: Sequence[float], z: Scalar) -> Scalar:
 
 # --- one walk over the instructions of a CasADi function -----------------------------------------
 # A CasADi `SX` function is a straight line of scalar instructions on a work vector. `lower`
-# replays it with the operations of another algebra; `to_heyoka` (machine code, Taylor series,
-# quad precision) and `to_sympy` (equations to read) are that walk with two tables.
+# replays it with the operations of another algebra; `llvm_ir` (machine code), `to_heyoka` (Taylor
+# series, quad precision) and `to_sympy` (equations to read) are that walk with three tables.
 # What the tables agree on: comparisons and logical operations are numbers, 0 or 1; `if_else_zero`
 # selects, so that a NaN in the branch not taken does not spread; `fmin` and `fmax` hand a NaN on
 # (CasADi's own evaluator follows C and drops it).
@@ -116,19 +116,16 @@ class Algebra:
     operations: dict[int, Operation]
 
 
-def to_heyoka(
-    function: Function, arguments: Sequence[Sequence[Scalar]], inline: bool = False
-) -> list[list[Scalar]]:
+def to_heyoka(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
     """`function` on heyoka expressions: one list of arguments per input, one list per output.
 
     Inputs are listed by their structural nonzeros (all entries, when dense); outputs are whole
-    matrices, column by column, structural zeros included. With `inline`, sine and cosine are
-    written out (see `trigonometry`): for values only, not for Taylor series.
+    matrices, column by column, structural zeros included.
 
     Raises:
         InputError: an operation heyoka cannot express, or arguments that do not fit the inputs.
     """
-    return lower(function, arguments, _heyoka_inline() if inline else _heyoka())
+    return lower(function, arguments, _heyoka())
 
 
 def to_sympy(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
@@ -209,7 +206,7 @@ def _op_name(op: int) -> str:
     return next(names, f"number {op}").removeprefix("OP_")
 
 
-def _arithmetic() -> dict[int, Operation]:
+def arithmetic() -> dict[int, Operation]:
     """The operations that Python's own operators express, in whatever algebra."""
     return {
         casadi.OP_ASSIGN: lambda a: a,
@@ -255,7 +252,7 @@ def _heyoka() -> Algebra:
     return Algebra(
         "heyoka",
         hy.expression,
-        _arithmetic()
+        arithmetic()
         | _named_functions(hy)
         | {
             casadi.OP_LOG1P: hy.log1p,
@@ -275,18 +272,6 @@ def _heyoka() -> Algebra:
             casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
         },
     )
-
-
-@cache
-def _heyoka_inline() -> Algebra:
-    import heyoka as hy
-
-    called = _heyoka()
-    written = {
-        casadi.OP_SIN: lambda x: sine(x, hy.select, hy.lt),
-        casadi.OP_COS: lambda x: cosine(x, hy.select, hy.lt),
-    }
-    return replace(called, operations=called.operations | written)
 
 
 @cache
@@ -311,7 +296,7 @@ def _sympy() -> Algebra:
     return Algebra(
         "SymPy",
         constant,
-        _arithmetic()
+        arithmetic()
         | _named_functions(sp)
         | {
             casadi.OP_INV: lambda a: 1 / a,

@@ -55,33 +55,32 @@ def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None 
     """
     chosen = list(items)
     count = min(threads or cores(), len(chosen))
-    with one_thread_a_call():
-        if count <= 1:
-            for item in chosen:
-                work(item)
-            return
-        stop, errors = Event(), list[BaseException]()
+    if count <= 1:
+        for item in chosen:
+            work(item)
+        return
+    stop, errors = Event(), list[BaseException]()
 
-        def one(item: T) -> None:
-            _here.stop = stop
-            try:
-                check_cancelled()
-                work(item)
-            except Cancelled:
+    def one(item: T) -> None:
+        _here.stop = stop
+        try:
+            check_cancelled()
+            work(item)
+        except Cancelled:
+            pass
+        except BaseException as error:
+            errors.append(error)
+            stop.set()
+
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            for _ in pool.map(one, chosen):
                 pass
-            except BaseException as error:
-                errors.append(error)
-                stop.set()
-
-        with ThreadPoolExecutor(count) as pool:
-            try:
-                for _ in pool.map(one, chosen):
-                    pass
-            except BaseException:
-                stop.set()
-                raise
-        if errors:
-            raise errors.pop(0)
+        except BaseException:
+            stop.set()
+            raise
+    if errors:
+        raise errors.pop(0)
 
 
 _lock = Lock()

@@ -33,15 +33,10 @@ def processor() -> tuple[tuple[str, str], ...]:
     )
 
 
-def flags() -> set[str]:
-    """The instruction sets of an x86 processor; nothing elsewhere."""
-    return set(dict(processor()).get("flags", "").split())
-
-
 # --- how many states go side by side through one instruction: the width of the SIMD code ---------
-# heyoka recommends four doubles on processors with AVX-512, since early ones clocked down in wide
-# code. Today's do not: eight are 1.3 to 1.6 times faster. The width is read off the processor,
-# never timed: a result must not depend, to the last bit, on how busy the machine was.
+# Early processors with AVX-512 clocked down in wide code, so that compilers use half of it. Today's do
+# not: eight are 1.3 to 1.6 times faster. The width is read off the processor, never timed: a result
+# must not depend, to the last bit, on how busy the machine was.
 
 WIDTHS = (1, 2, 4, 8)
 AVX512_WIDTH = 8
@@ -66,7 +61,12 @@ def simd_width() -> int:
 
 @cache
 def _suited() -> int:
-    import heyoka as hy
+    found = features()
+    return AVX512_WIDTH if found >= _AVX512 else 4 if "avx" in found else 2
 
-    recommended = int(hy.recommended_simd_size())
-    return max(recommended, AVX512_WIDTH) if flags() >= _AVX512 else recommended
+
+def features() -> set[str]:
+    """The instruction sets of this processor, by LLVM's names."""
+    import llvmlite.binding as llvm
+
+    return {name for name, there in llvm.get_host_cpu_features().items() if there}

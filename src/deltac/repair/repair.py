@@ -59,6 +59,9 @@ ALIKE = 4
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
 
+MORE_TIME = 3.0
+"""Time of the processor in which other ways are looked for when a repair is found (s)."""
+
 AGREE = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
 
@@ -272,9 +275,10 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, l
         if found:
             return found, list(dict.fromkeys(suspected))
     for search in searches:
-        found = _confirm(reading, target, pairs(search, target), deadline)
-        if found:
-            return found, list(dict.fromkeys(suspected))
+        for kind in pairs(search, target):
+            found = _confirm(reading, target, kind, deadline)
+            if found:
+                return found, list(dict.fromkeys(suspected))
     return [], list(dict.fromkeys(suspected))
 
 
@@ -287,10 +291,11 @@ def _confirm(
     found: list[tuple[tuple[Candidate, ...], Source]] = []
     seen: set[str] = set()
     places: dict[tuple[int, ...], int] = {}
-    cheapest = np.inf
+    cheapest, end = np.inf, np.inf
     for tried, edits in enumerate(candidates):
         cost = sum(e.cost for e in edits)
-        if tried >= TRIED or time.monotonic() > deadline or cost > cheapest + DEARER:
+        late = time.monotonic() > deadline or time.process_time() > end
+        if tried >= TRIED or late or cost > cheapest + DEARER:
             break
         where = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places.get(where, 0) >= ALIKE:
@@ -300,6 +305,7 @@ def _confirm(
             seen.add(changed.text)
             places[where] = places.get(where, 0) + 1
             cheapest = min(cheapest, cost)
+            end = min(end, time.process_time() + MORE_TIME)
             found.append((edits, changed))
     return found
 

@@ -79,10 +79,26 @@ def _member(found: Any, names: list[str], text: str) -> Any:
                 inspect.getattr_static(found, name, None)
             ):
                 found = found()
+            inner = _local_functions(found)
+            if name in inner and not hasattr(found, name):
+                raise SourceError(
+                    f"equations {text}: {name} (line {inner[name]}) is defined within {found.__name__}, and "
+                    f"exists only while that runs; move {name} to the module, or let a function without "
+                    "arguments return it and name that function"
+                )
             found = getattr(found, name)
         return found() if isinstance(found, type) else found
+    except SourceError:
+        raise
     except Exception as error:  # whatever a constructor of the user's raises
         raise SourceError(f"equations {text}: {type(error).__name__}: {error}") from error
+
+
+def _local_functions(function: Any) -> dict[str, int]:
+    """The functions that a function defines within it, with the lines they stand in."""
+    code = getattr(function, "__code__", None)
+    constants = () if code is None else code.co_consts
+    return {c.co_name: c.co_firstlineno for c in constants if inspect.iscode(c)}
 
 
 def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:

@@ -39,6 +39,9 @@ SPREAD = 3.0
 ROUNDS, HOPELESS = 40, 4
 """Draws of `count` states, at most; and how many without a single admissible one are enough."""
 
+LIGHT = 1e-2
+"""The least share of the whole mass that an inertia's radius of gyration is taken with."""
+
 NEWTON_STEPS = 60
 ON_CONSTRAINTS = 1e-9
 """A state that meets its constraints to this (m, rad; relative for speeds) is admissible."""
@@ -275,8 +278,12 @@ def natural_scales(kane: Kane) -> Scales:
 
 
 def _length(mechanism: Mechanism) -> float:
-    """The largest length (m) among joint placements, mass centres and radii of gyration; 1 if none."""
+    """The largest length (m) among joint placements, mass centres and radii of gyration; 1 if none.
+
+    An inertia with next to no mass has no such radius: it is taken with a share of the whole mass.
+    """
     number = mechanism.number
+    light = LIGHT * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
     found = [0.0]
     for joint in mechanism.joints:
         for place in (joint.position, joint.child_position):
@@ -285,7 +292,7 @@ def _length(mechanism: Mechanism) -> float:
         found.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
         if not body.massless:
             trace = sum(number(body.inertia[k][k]) for k in range(3))
-            found.append(float(np.sqrt(trace / (2.0 * number(body.mass)))))
+            found.append(float(np.sqrt(trace / (2.0 * max(number(body.mass), light)))))
     return max(found) or 1.0
 
 

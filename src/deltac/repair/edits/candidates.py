@@ -6,7 +6,7 @@ import ast
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -128,13 +128,14 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
     def add(text: str, value: Any) -> None:
         if numbers and isinstance(value, Slot):
             marker = id(program.tape.values[value.index])
-            if marker not in seen:
+            if marker not in seen and not _count(program, value):
                 seen.add(marker)
                 found[text] = value
         elif not numbers and isinstance(value, np.ndarray):
             found[text] = value
 
-    scope = {**program.trace.scope, **instance.scope}
+    # What the function calls its own goes before what the module has.
+    scope = {**instance.scope, **program.trace.scope, **instance.scope}
     for name, value in scope.items():
         if name.isidentifier():
             add(name, value)
@@ -168,6 +169,13 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
         if entry and not program.tape.varying[value.index]:
             add(program.source.segment(node), value)
     return found
+
+
+def _count(program: Program, value: Slot) -> bool:
+    """Whether a number counts things: an integer that is none of the parameters that were varied."""
+    slot, group = value.index, program.samples.group
+    whole = type(program.tape.exact[slot]) is int
+    return whole and bool(group[-1] > 0) and float(np.ptp(program.tape.values[slot])) == 0.0
 
 
 def _attributes(value: Any) -> Iterator[tuple[str, Any]]:
@@ -279,7 +287,15 @@ def values(program: Program, slot: int) -> Array:
 
 
 def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
-    """The source with edits of different places applied; None where they overlap."""
+    """The source with edits of different places applied; None where they overlap.
+
+    An edit within what another one replaces is made in that one's text, if its own stands there once.
+    """
+    if len(edits) == 2:
+        for outer, inner in (edits, edits[::-1]):
+            (a, b), (c, d) = (source.span(source.nodes[e.place]) for e in (outer, inner))
+            if a <= c and d <= b and outer.place != inner.place:
+                return _nested(source, outer, inner, source.text[c:d])
     spans = sorted(
         ((source.span(source.nodes[e.place]), e) for e in edits), key=lambda x: x[0], reverse=True
     )
@@ -297,6 +313,17 @@ def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
         safe = f"{text[:start]}({edit.text}){text[end:]}"
         text = bare if _same(bare, safe) else safe
     return source.replaced(text)
+
+
+def _nested(source: Source, outer: Candidate, inner: Candidate, own: str) -> Source | None:
+    """The source with one edit made, and another in its text where `own` stands there once."""
+    found = list(re.finditer(rf"(?<![\w.]){re.escape(own)}(?!\w)", outer.text))
+    if len(found) != 1:
+        return None
+    start, end = found[0].span()
+    return apply(
+        source, [replace(outer, text=f"{outer.text[:start]}({inner.text}){outer.text[end:]}")]
+    )
 
 
 def _same(bare: str, safe: str) -> bool:

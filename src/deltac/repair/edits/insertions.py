@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -43,6 +43,15 @@ TRIPLE = 40
 
 SUMMED = 24
 """Constants of which sums and differences of two are taken as well."""
+
+SUM_TRIPLE = 12
+"""The same where two products are added."""
+
+MOST_SUMMED, MOST_PAIRS = 3000, 40
+"""Products of which two are added, and pairs of them that are tried."""
+
+FEWEST = 6
+"""States that tell a sum of two products from chance."""
 
 MOST = 60
 """Expressions of the source that are taken as parts of what is missing."""
@@ -226,6 +235,30 @@ def insertions(
                 sign = "-" if p.number < 0 else ""
                 said = f"{short(own)} should be {sign}{p.text}"
                 yield Candidate(place, f"{sign}{p.text}", said, "term", 2.0 + p.cost, None)
+
+
+def sums(program: Program, requirement: Requirement, words: Vocabulary) -> Iterator[Candidate]:
+    """Edits that give a node its value by two terms: both are missing, or should stand there alone."""
+    source, place = program.source, requirement.place
+    node = source.nodes[place]
+    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
+        return
+    state, constant = words.atoms(requirement)
+    state = replace(state, triple=min(state.triple, SUM_TRIPLE))
+    sides = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, True))
+    group = program.samples.group
+    for missing in (True, False):
+        wanted = requirement.required - requirement.value * missing
+        for p, q in two_products(wanted, group, *sides):
+            p, q = (p, q) if p.number > 0 else (q, p)
+            both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
+            if missing:
+                text = total(source, node, p.text, p.number < 0)
+                text += f" {'-' if q.number < 0 else '+'} {q.text}"
+                said = f"{_named(source, node)} lacks the terms {both}"
+            else:
+                text, said = both, f"{short(source.segment(node))} should be {both}"
+            yield Candidate(place, text, said, "term", 2.0 + p.cost + q.cost, None)
 
 
 def _named(source: Source, node: ast.expr) -> str:
@@ -481,7 +514,60 @@ def products(
             powers = state[1].powers(int(k))
             for number, others in _numbers(coefficient, constant[1]):
                 found.append(_product(number, powers, state[0], others, constant[0]))
-    found.sort(key=lambda p: (p.cost, p.text))
+    found.sort(key=_plainness)
+    return found[:KEPT]
+
+
+def two_products(
+    wanted: Array,
+    group: NDArray[np.intp],
+    state: tuple[Atoms, Table],
+    constant: tuple[Atoms, Table],
+) -> list[tuple[Product, Product]]:
+    """Pairs of products whose sum equals `wanted` (B,), the simplest first.
+
+    By least squares over the states of the first set of parameters, for all pairs at once from the Gram
+    matrix; those that fit are tried at the others.
+    """
+    values, nominal = state[1].values, group == 0
+    if not np.isfinite(wanted).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
+        return []
+    S, y = values[:, nominal], wanted[nominal]
+    with np.errstate(all="ignore"):
+        S = S / np.linalg.norm(S, axis=1, keepdims=True)
+    usable = np.isfinite(S).all(axis=1)
+    S = np.where(usable[:, None], S, 0.0)
+    c, G = S @ y, S @ S.T
+    apart = 1.0 - G**2
+    apart[:, ~usable] = apart[~usable] = 0.0
+    with np.errstate(all="ignore"):
+        left = y @ y - (c[:, None] ** 2 + c**2 - 2.0 * np.outer(c, c) * G) / apart
+    near = np.argwhere(np.triu((apart > 1e-6) & (left < 1e-8 * (y @ y)), 1))
+    found = []
+    for i, j in near[:MOST_PAIRS]:
+        columns = values[[i, j]]
+        coefficients = np.empty((2, group[-1] + 1))
+        for g in range(group[-1] + 1):
+            some = group == g
+            coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, wanted[some], rcond=None)[0]
+        off = wanted - np.sum(coefficients[:, group] * columns, axis=0)
+        if np.abs(off).max() > CONSTANT * np.abs(wanted).max():
+            continue
+        if (
+            np.abs(coefficients * np.abs(columns).max(axis=1)[:, None]).min()
+            < 1e-6 * np.abs(y).max()
+        ):
+            continue  # one of them is not needed
+        first, second = (
+            [
+                _product(number, state[1].powers(int(k)), state[0], powers, constant[0])
+                for number, powers in _numbers(coefficients[side], constant[1])
+            ]
+            for side, k in enumerate((i, j))
+        )
+        if first and second:
+            found.append((min(first, key=_plainness), min(second, key=_plainness)))
+    found.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
     return found[:KEPT]
 
 
@@ -503,6 +589,10 @@ def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:
         (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
         for k in np.flatnonzero(same & near)
     ]
+
+
+def _plainness(product: Product) -> tuple[float, str]:
+    return product.cost, product.text
 
 
 def _product(

@@ -69,7 +69,9 @@ class Requirements:
     undecided: list[int] = field(default_factory=list)
 
     def find(self, place: int) -> None:
-        """Find what one node must be."""
+        """Find what one node must be, if it is still one number that counts."""
+        if place not in self.program.numbers:
+            return
         slot = self.program.numbers[place].value.index
         constant = not self.program.tape.varying[slot]
         with np.errstate(all="ignore"):

@@ -7,6 +7,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,14 @@ from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.repair.edits.by_running import text_edits
 from deltac.repair.edits.candidates import Candidate, apply, short
-from deltac.repair.edits.insertions import Vocabulary, additions, insertions, scalings, vector_terms
+from deltac.repair.edits.insertions import (
+    Vocabulary,
+    additions,
+    insertions,
+    scalings,
+    sums,
+    vector_terms,
+)
 from deltac.repair.edits.required import Requirement, Requirements
 from deltac.repair.edits.structural import structural
 from deltac.repair.edits.substitutions import substitutions
@@ -31,6 +39,9 @@ STRUCTURAL_TIME = 12.0
 ENUMERATION_TIME = 6.0
 """Time of the processor for edits of the text alone (s), where all else found nothing."""
 
+FEW = 3
+"""States at which a text is read again at first."""
+
 READ_AGAIN = 1500
 """Edits of structure for which the text is read again, at most."""
 
@@ -39,6 +50,9 @@ ENOUGH = 6
 
 FAIR = 1.7
 """With an edit as simple as this in hand, edits of structure are not looked for."""
+
+MODELLED = 0.5
+"""What it costs to change a number that is one of the model's parameters."""
 
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
@@ -55,6 +69,8 @@ class Search:
     def __post_init__(self) -> None:
         self.vocabulary = Vocabulary(self.program)
         self.requirements = Requirements(self.program)
+        self.left_over: list[tuple[Candidate, Array]] = []
+        """Edits that were tried by reading the text again, and the residual (n, FEW) that they leave."""
 
     def require(self) -> None:
         """Find what each expression must be."""
@@ -84,6 +100,8 @@ class Search:
             found += self.exchanged()
             found += self.scaled(others)
             found += self.tried(others, vector_terms)
+        if not found:
+            found += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
         if not any(c.cost <= FAIR for c in found):
             found += self.structural()
         if not found:
@@ -93,7 +111,7 @@ class Search:
             read = {id(source.statement(place)) for place in self.program.trace.instances}
             read_in = [n for n in source.nodes if isinstance(n, ast.stmt) and id(n) in read]
             found += self.read_again(list(text_edits(source, read_in)), ENUMERATION_TIME)
-        return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+        return sorted(found, key=_plain_first)
 
     def scaled(self, places: Iterable[int]) -> list[Candidate]:
         """Factors of arrays, and of what is evaluated more than once."""
@@ -144,6 +162,17 @@ class Search:
 
     def edits(self, r: Requirement) -> Iterator[Candidate]:
         """Edits of one expression that give it the value it must have."""
+        dearer = MODELLED if self._as_modelled(r.place) else 0.0
+        yield from (replace(c, cost=c.cost + dearer) for c in self._edits(r))
+
+    def _as_modelled(self, place: int) -> bool:
+        """Whether a node is a number that is one of the model's parameters: it is hardly the mistake."""
+        node = self.program.source.nodes[place]
+        value = getattr(node, "value", None)
+        known = self.target.mechanism.parameters.values()
+        return isinstance(value, float) and not value.is_integer() and value in known
+
+    def _edits(self, r: Requirement) -> Iterator[Candidate]:
         for candidate in substitutions(self.program, r.place):
             if candidate.changes and self.meets(r, candidate.changes):
                 yield candidate
@@ -189,12 +218,14 @@ class Search:
             return False
         samples = self.target.samples()
         try:
-            for some in (samples.at(np.arange(min(3, len(samples.t)))), samples):
-                if not reading(changed, some).wrong < RIGHT:
-                    return False
+            few = reading(changed, samples.at(np.arange(min(FEW, len(samples.t)))))
+            if few.wrong < RIGHT:
+                return reading(changed, samples).wrong < RIGHT
         except InputError:
             return False
-        return True
+        if len(few.pieces) == 1:
+            self.left_over.append((candidate, few.worst.original_residual))
+        return False
 
 
 def _exchange(
@@ -233,23 +264,42 @@ COMBINED = 12
 MATCH = 1e-7
 POOL = 20_000
 
+FOLLOWED_TIME = 20.0
+"""Time of the processor for second edits after a first one (s): nearly all that are found are found early."""
 
-def pairs(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
-    """Pairs of edits that seem to make the function right, cheapest first within each kind."""
+ALONG = 1e-5
+"""A residual within this share of the direction in which an expression acts may be that expression's."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class First:
+    """An edit that may be one of two: what it does to the residual (n, B), by which changes of the tape."""
+
+    candidate: Candidate
+    effect: Array
+    changes: Mapping[int, Change]
+
+
+def pairs(search: Search, target: Target) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
+    """Pairs of edits that seem to make the function right, one kind after the other, cheapest first."""
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
         ways.insert(0, Search(rows, target, search.deadline))
         ways[0].require()
+    pools = []
     for way in ways:
-        yield from _in_different_equations(way)
-        yield from _adding_up(way)
-    yield from sequential(ways[0], target)
+        yield _in_different_equations(way)
+        pools.append(_pool(way))
+        yield _adding_up(way, pools[-1])
+    for way, pool in zip(ways, pools):
+        yield _followed(way, [*pool, *_closing(way)])
+    yield _after_reading(search)
 
 
 def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
     """One edit that rights some of the equations, another that rights the rest."""
-    wrong = np.abs(search.program.original_residual).max(axis=1) > RIGHT
+    wrong = _wrong(search.program)
     by_rows: dict[tuple[bool, ...], list[Candidate]] = {}
     for r in search.partial:
         if time.monotonic() > search.deadline:
@@ -267,30 +317,35 @@ def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candida
     yield from found
 
 
-def _adding_up(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
-    """Two substitutions whose effects on the residual add up to what is needed.
+def _pool(search: Search) -> list[First]:
+    """All edits of one node that put something else in its place, or a name beside it."""
+    program = search.program
+    base = program.original_residual
+    pool: list[First] = []
+    places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
+    for edits in (substitutions, additions):
+        for place in places:
+            if time.monotonic() > search.deadline:
+                return pool
+            for candidate in edits(program, place):
+                if candidate.changes and len(pool) < POOL:
+                    effect = program.residual(candidate.changes) - base
+                    size = np.abs(effect).max()
+                    if np.isfinite(size) and size > RIGHT:
+                        pool.append(First(candidate, effect, candidate.changes))
+    return pool
+
+
+def _adding_up(search: Search, pool: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
+    """Two edits whose effects on the residual add up to what is needed.
 
     Where neither changes what the other acts on, R(both) = R(one) + R(other) − R(none), which must be zero;
     with all sums on a line (a random projection), partners are found by sorting.
     """
-    program = search.program
-    base = program.original_residual
-    pool: list[Candidate] = []
-    effects: list[Array] = []
-    places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
-    for place in places:
-        if time.monotonic() > search.deadline:
-            return
-        for candidate in substitutions(program, place):
-            if candidate.changes and len(pool) < POOL:
-                effect = program.residual(candidate.changes) - base
-                size = np.abs(effect).max()
-                if np.isfinite(size) and size > RIGHT:
-                    pool.append(candidate)
-                    effects.append(effect.ravel())
+    base = search.program.original_residual
     if len(pool) < 2:
         return
-    E = np.array(effects)
+    E = np.array([first.effect.ravel() for first in pool])
     wanted = -base.ravel()
     line = np.random.default_rng(0).standard_normal(len(wanted))
     place_on_line, goal = E @ line, float(wanted @ line)
@@ -302,48 +357,12 @@ def _adding_up(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
-            if j <= i or pool[i].place == pool[j].place:
+            if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
             if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
-                found.append((pool[i], pool[int(j)]))
+                found.append((pool[i].candidate, pool[int(j)].candidate))
     found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
     yield from found
-
-
-FOLLOWED = 24
-"""First edits after which a second is looked for, cheapest first."""
-
-SEQUENTIAL_TIME = 15.0
-"""Time of the processor for it (s): nearly all that can be found is found early."""
-
-
-def sequential(search: Search, target: Target) -> Iterator[tuple[Candidate, Candidate]]:
-    """Pairs of edits, found by reading the function again after each first one."""
-    program = search.program
-    wrong = _wrong(program)
-    deadline, end = search.deadline, time.process_time() + SEQUENTIAL_TIME
-    followed = 0
-    for first in _closing(search, wrong, deadline):
-        late = time.monotonic() > deadline or time.process_time() > end
-        if followed == FOLLOWED or late:
-            return
-        changed = apply(program.source, [first])
-        if changed is None:
-            continue
-        try:
-            again = at(changed, target, tuple(program.samples.parameters)).worst
-        except InputError:
-            continue
-        left = _wrong(unsolved_form(again) or again)
-        if (left & ~wrong).any() or not (wrong & ~left).any():
-            continue
-        followed += 1
-        then = Search(again, target, deadline)
-        then.require()
-        for second in then.single():
-            place = _before(program.source, first, changed, second.place)
-            if place is not None:
-                yield first, replace(second, place=place, changes=None)
 
 
 def _wrong(program: Program) -> NDArray[np.bool_]:
@@ -351,17 +370,102 @@ def _wrong(program: Program) -> NDArray[np.bool_]:
     return np.asarray(~(np.abs(program.original_residual).max(axis=1) < RIGHT))
 
 
-def _closing(search: Search, wrong: NDArray[np.bool_], deadline: float) -> list[Candidate]:
-    """Single edits that make one of the wrong equations right, cheapest first."""
-    found: list[Candidate] = []
-    for place in search.program.numbers:
-        for row in np.flatnonzero(wrong):
-            if time.monotonic() > deadline:
+def _closing(search: Search) -> list[First]:
+    """What is missing from one of the wrong equations: single edits that make this one right."""
+    program, found = search.program, []
+    for place in program.numbers:
+        for row in np.flatnonzero(_wrong(program)):
+            if time.monotonic() > search.deadline:
                 break
-            requirement = search.requirements.closing(place, int(row))
-            if requirement is not None:
-                found += search.edits(requirement)
-    return sorted(found, key=lambda c: (c.cost, len(c.text), c.place))
+            r = search.requirements.closing(place, int(row))
+            if r is not None:
+                changes = {r.slot: Change(partial(np.asarray, r.required), ())}
+                effect = program.residual(changes) - program.original_residual
+                found += [
+                    First(candidate, effect, changes)
+                    for candidate in insertions(program, r, search.vocabulary)
+                ]
+    return found
+
+
+def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
+    """A first edit, and a second one of an expression that may have caused all that the first leaves.
+
+    At each state an expression moves the residual along one direction, whatever its value. So a first edit
+    is followed only where it leaves a residual along the direction of some expression.
+    """
+    program, end = search.program, time.process_time() + FOLLOWED_TIME
+    if len(program.original_residual) < 2:
+        return  # one direction is all there is
+    places, along = _directions(program)
+    for first in sorted(firsts, key=lambda f: _plain_first(f.candidate)):
+        explained = places[_explained(along, program.original_residual + first.effect)]
+        if not len(explained):
+            continue
+        then = Search(program.changed(first.changes), search.target, search.deadline)
+        for place in explained:
+            if time.monotonic() > search.deadline or time.process_time() > end:
+                return
+            then.requirements.find(int(place))
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
+            yield first.candidate, replace(second, changes=None)
+
+
+def _plain_first(candidate: Candidate) -> tuple[float, int, int]:
+    return candidate.cost, len(candidate.text), candidate.place
+
+
+def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
+    """The places of the numbers of a program, and in which direction (n, B) each moves the residual."""
+    places, along = [], []
+    base = program.original_residual
+    for place, instance in program.numbers.items():
+        slot = instance.value.index
+        value = np.asarray(program.tape.values[slot])
+        step = 1e-4 * (np.abs(value) + np.sqrt(np.mean(value**2)) + 1e-12)
+        slope = (program.residual(values={slot: value + step}) - base) / step
+        length = np.sqrt(np.sum(slope**2, axis=0))
+        if np.isfinite(length).all() and length.max() > 0.0:
+            places.append(place)
+            along.append(slope / np.where(length > 1e-9 * length.max(), length, np.inf))
+    return np.array(places, dtype=np.intp), np.array(along)
+
+
+def _explained(along: Array, left: Array) -> NDArray[np.bool_]:
+    """Of which expressions (P,) a residual has the direction at all states."""
+    if not len(along) or not np.isfinite(left).all():
+        return np.zeros(len(along), dtype=bool)
+    share = np.einsum("pnb,nb->pb", along, left)
+    rest = np.sum((left - share[:, None] * along) ** 2, axis=1)
+    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(left).max())
+
+
+def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+    """An edit that is tried by reading the text again, and a second one, found in that text."""
+    program, target = search.program, search.target
+    end = time.process_time() + FOLLOWED_TIME
+    samples = target.samples()
+    few = reading(program.source, samples.at(np.arange(min(FEW, len(samples.t))))).worst
+    _, along = _directions(few)
+    for first, left in sorted(search.left_over, key=lambda x: x[0].cost):
+        if time.monotonic() > search.deadline or time.process_time() > end:
+            return
+        if len(left) < 2 or left.shape != along.shape[1:] or not _explained(along, left).any():
+            continue
+        changed = apply(program.source, [first])
+        assert changed is not None  # it has been read
+        try:
+            again = at(changed, target, tuple(program.samples.parameters)).worst
+        except InputError:
+            continue
+        places, whole = _directions(again)
+        then = Search(again, target, search.deadline)
+        for place in places[_explained(whole, again.original_residual)]:
+            then.requirements.find(int(place))
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
+            back = _before(program.source, first, changed, second.place)
+            if back is not None:
+                yield first, replace(second, place=back, changes=None)
 
 
 def _before(source: Source, first: Candidate, changed: Source, place: int) -> int | None:

@@ -19,6 +19,7 @@ from deltac.repair.edits.candidates import (
     short,
     slots,
     stem,
+    values,
     vocabulary,
     written,
 )
@@ -265,12 +266,29 @@ def _more(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
     text = written(square, f"{own}**2", f"({own})**2")
     words = f"{short(own)} should be {short(text)}"
     yield Candidate(place, text, words, "power", 1.2, compose(program, place, np.square))
-    if any(program.tape.varying[k] for k in slots(program, place)):
-        for name, called in callables(program):
-            text = f"{called}({own})"
-            words = f"{short(own)} should be {short(text)}"
-            changes = compose(program, place, ELEMENTARY[name][0])
-            yield Candidate(place, text, words, "function", 1.3, changes)
+    own_slots = slots(program, place)
+    varies = any(program.tape.varying[k] for k in own_slots)
+    calls = dict(callables(program))
+    for name in ("sin", "cos", "sqrt", "radians", "degrees") if calls else ():
+        if name in ("sin", "cos") and not varies:
+            continue
+        called = calls.get(name) or _beside(program, calls, name)
+        if called is None or (
+            name == "sqrt" and any(values(program, k).min() < 0.0 for k in own_slots)
+        ):
+            continue
+        text = f"{called}({own})"
+        words = f"{short(own)} should be {short(text)}"
+        changes = compose(program, place, ELEMENTARY[name][0])
+        yield Candidate(place, text, words, "function", 1.3, changes)
+
+
+def _beside(program: Program, calls: dict[str, str], name: str) -> str | None:
+    """How a function is called beside sine and cosine: np.sqrt where there is np.sin."""
+    prefix, _, _ = next(iter(calls.values())).rpartition(".")
+    if prefix:
+        return f"{prefix}.{name}"
+    return name if name in program.trace.scope else None
 
 
 def callables(program: Program) -> list[tuple[str, str]]:

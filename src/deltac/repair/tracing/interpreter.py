@@ -12,6 +12,7 @@ import ast
 import builtins
 import contextlib
 import inspect
+import json
 import operator
 import sysconfig
 import types
@@ -247,21 +248,25 @@ class _Reader:
     def signature(self) -> tuple[tuple[str, ...], int]:
         callee = self.guarded(self.callee)
         first = 0
+        given: set[str] = set()
         while isinstance(callee, Bound):
             first += len(callee.first)
+            given |= callee.named.keys()
             callee = callee.function
         if not isinstance(callee, Function):
             self.refuse(self.node, f"{self.source.qualified} is no function that can be read")
         a = callee.node.args
-        names = callee.parameters[first:]
+        names = tuple(name for name in callee.parameters[first:] if name not in given)
         if a.vararg is not None and not names:
             return ("t", "q", "u"), 3
-        return names, max(callee.needed - first, 0)
+        needed = callee.parameters[first : callee.needed]
+        return names, sum(name not in given for name in needed)
 
     def guarded(self, compute: Callable[[], Any]) -> Any:
         """What is computed; errors of Python's as refusals with the line that is being read."""
         try:
-            return compute()
+            with np.errstate(all="ignore"):
+                return compute()
         except (Refused, Branch):
             raise
         except TapeError as error:
@@ -582,6 +587,16 @@ class _Reader:
         self.result.parameters.setdefault(name, slot.index)
         self.result.origins.setdefault(name, key)
 
+    def set_again(self, name: str, value: Any) -> None:
+        """A name of the module is this constant from now on."""
+        if isinstance(value, Slot):
+            index = value.index
+            while self.tape.operations[index] is identity:
+                (index,) = self.tape.inputs[index]
+            if index in self.literal_of:
+                self.result.parameters[name] = index
+                self.result.origins[name] = ("literal", self.literal_of[index])
+
     def note_parameters(self, name: str, value: Any, of: ast.expr | None) -> None:
         """Remember where a name gets a number that depends on no other name."""
         if isinstance(value, Slot):
@@ -634,13 +649,15 @@ class _Reader:
         try:
             if isinstance(function.node, ast.Lambda):
                 return self.expression(function.node.body, scope)
+            if function.generates:
+                scope.yielded = []
             self.block(function.node.body, scope)
         except _Return as returned:
-            return returned.value
+            return returned.value if scope.yielded is None else scope.yielded
         finally:
             self.depth -= 1
             self.module = outer
-        return None
+        return scope.yielded
 
     def arguments(
         self, function: Function, arguments: list[Any], named: dict[str, Any]
@@ -785,6 +802,8 @@ class _Reader:
             return value
         if last == "errstate":
             return None
+        if function.name == "json.loads":
+            return self.live(json.loads(arguments[0]), "json")
         if last == "get_logger" or last == "getLogger":
             return Foreign("logging.logger")
         if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
@@ -1176,8 +1195,10 @@ class _Reader:
         match target:
             case ast.Name():
                 if scope.outer.get(target.id) == "global":
-                    self.refuse(target, f"changes the outer variable {target.id!r}, a side effect")
-                scope.bind(target.id, value)
+                    scope.module.names[target.id] = value
+                    self.set_again(target.id, value)
+                else:
+                    scope.bind(target.id, value)
                 self.note_parameters(target.id, value, of)
             case ast.Tuple() | ast.List():
                 values = list(library.items(value))
@@ -1292,6 +1313,11 @@ class _Reader:
                 return self.expression(e.body if self.truth(e.test, scope) else e.orelse, scope)
             case ast.Compare():
                 return self.comparison(e, scope)
+            case ast.Yield() | ast.YieldFrom():
+                value = None if e.value is None else self.expression(e.value, scope)
+                assert scope.yielded is not None
+                scope.yielded += [value] if isinstance(e, ast.Yield) else library.items(value)
+                return None
             case ast.BoolOp():
                 value = None
                 for part in e.values:
@@ -1493,6 +1519,10 @@ class _Reader:
             value = self.call_foreign(function, arguments, named)
             if isinstance(value, Object):
                 self.note_parameters("", value, e)
+            elif isinstance(value, Bound):
+                for keyword in e.keywords:
+                    if keyword.arg is not None:
+                        self.note_parameters(keyword.arg, named[keyword.arg], keyword.value)
             return value
         if function is None or not callable(function):
             self.refuse(e, f"calls {ast.unparse(e.func)}, which is not understood")

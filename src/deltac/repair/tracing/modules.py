@@ -38,8 +38,13 @@ class UserModule:
     def setters(self) -> dict[str, list[ast.stmt]]:
         """The statements of the module that set, or change, each of its names."""
         found: dict[str, list[ast.stmt]] = {}
+        sets = {s.name: _globals(s) for s in self.tree.body if isinstance(s, ast.FunctionDef)}
         for statement in self.tree.body:
-            for name in sorted(bound(statement)):
+            names = bound(statement)
+            match statement:
+                case ast.Expr(value=ast.Call(func=ast.Name(id=called))):  # configure(…)
+                    names = names | sets.get(called, set())
+            for name in sorted(names):
                 found.setdefault(name, []).append(statement)
         return found
 
@@ -120,6 +125,11 @@ def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
             yield n.name
         elif isinstance(n, ast.Import | ast.ImportFrom):
             yield from ((a.asname or a.name.partition(".")[0]) for a in n.names if a.name != "*")
+
+
+def _globals(function: ast.FunctionDef) -> set[str]:
+    """Names of the module that a function sets."""
+    return {name for n in ast.walk(function) if isinstance(n, ast.Global) for name in n.names}
 
 
 def _main(test: ast.expr) -> bool:

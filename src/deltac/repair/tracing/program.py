@@ -117,6 +117,10 @@ class Program:
         """How wrong the function is as it stands."""
         return self.samples.wrong(self.run())
 
+    def changed(self, changes: Mapping[int, Change]) -> Program:
+        """The program with some operations changed for good."""
+        return replace(self, trace=replace(self.trace, tape=self.tape.changed(changes)))
+
     def passes(self, changes: Mapping[int, Change]) -> bool:
         """Whether the function is right with these changes."""
         return self.samples.wrong(self.run(changes)) < RIGHT

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -212,6 +212,29 @@ class Tape:
                     continue
                 new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
         return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
+
+    def changed(self, changes: Mapping[int, Change]) -> Tape:
+        """A tape on which some operations are changed."""
+        values, operations, inputs = list(self.values), list(self.operations), list(self.inputs)
+        again = set(changes)
+        for k in changes:
+            operations[k], inputs[k] = changes[k].operation, changes[k].inputs
+            again.update(self.after(k))
+        with np.errstate(all="ignore"):
+            for k in sorted(again):
+                operation = operations[k]
+                if operation is not None:
+                    values[k] = operation(*(values[i] for i in inputs[k]))
+        exact = [None if k in again else number for k, number in enumerate(self.exact)]
+        varying = list(self.varying)
+        for k in sorted(again):
+            varying[k] = (
+                any(varying[i] for i in inputs[k]) if inputs[k] else np.ptp(values[k]) > 0.0
+            )
+        return replace(
+            self, operations=operations, inputs=inputs, values=values, exact=exact, varying=varying,
+            _after={}, _before={},
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)

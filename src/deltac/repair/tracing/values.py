@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +29,10 @@ class Refused(SourceError):
 
 @dataclass(eq=False, repr=False)
 class Scope:
-    """The names of one call, of a class body or of a module's top level; `parent` is where it was defined."""
+    """The names of one call, of a class body or of a module's top level; `parent` is where it was defined.
+
+    `yielded` has what a generator has given so far.
+    """
 
     module: UserModule
     parent: Scope | None = None
@@ -36,6 +40,7 @@ class Scope:
     outer: dict[str, str] = field(default_factory=dict)
     function: Function | None = None
     version: int = 0
+    yielded: list[Any] | None = None
     _kept: tuple[int, dict[str, Any]] | None = None
 
     def find(self, name: str) -> Any:
@@ -66,7 +71,7 @@ class Scope:
         key = hash((self.version, versions))
         if self._kept is None or self._kept[0] != key:
             above = self.parent.visible() if self.parent is not None else {}
-            self._kept = (key, {**above, **self.names})
+            self._kept = (key, {**self.names, **above, **self.names})
         return self._kept[1]
 
 
@@ -86,6 +91,20 @@ class Function:
     def name(self) -> str:
         """Its name; "lambda" for a lambda."""
         return getattr(self.node, "name", "lambda")
+
+    @cached_property
+    def generates(self) -> bool:
+        """Whether it is a generator."""
+        if isinstance(self.node, ast.Lambda):
+            return False
+        waiting: list[ast.AST] = list(self.node.body)
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, ast.Yield | ast.YieldFrom):
+                return True
+            if not isinstance(node, ast.FunctionDef | ast.Lambda | ast.ClassDef):
+                waiting += ast.iter_child_nodes(node)
+        return False
 
     @property
     def needed(self) -> int:

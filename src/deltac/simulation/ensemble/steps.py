@@ -225,7 +225,6 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
             "taken": ca.if_else(healthy, taken + fused, taken),
         },
         ca.vertcat(flow.p, t0, h),
-        inline=True,
         name="steps",
     )
 
@@ -259,7 +258,7 @@ def _total(x: SX) -> SX:
 def rate_kernel(flow: Flow) -> Kernel:
     """(t, x, p) -> ẋ."""
     inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"xdot": flow.xdot}, inline=True, name="rate")
+    return Kernel(inputs, {"xdot": flow.xdot}, name="rate")
 
 
 @lru_cache(maxsize=64)

@@ -165,6 +165,7 @@ def simulate(
             scale.
     """
     mechanism, state, duration = opened(model, state, duration)
+    mechanism = mechanism.opened(*vary, where="vary: ")
     if renamed:
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)

@@ -24,7 +24,7 @@ from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
-from deltac.progress import Parts, Progress
+from deltac.progress import Deadline, Parts, Progress
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -232,6 +232,9 @@ _BEYOND_TOLERANCE = (
 )
 
 
+SECONDS = 40.0
+"""Time (s) after which an audit ends its search for causes with what it has."""
+
 SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""
 
@@ -274,7 +277,7 @@ def audit(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    parts = Parts(progress, SHARES)
+    deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
     of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
@@ -296,6 +299,7 @@ def audit(
         import_report,
         findings,
         measured=measured,
+        deadline=deadline,
         progress=parts.part("evidence"),
     )
     log_read = evidence.log

@@ -8,7 +8,6 @@ each other by a known integrator has right equations, whatever else its columns 
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
+from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import (
@@ -34,7 +34,7 @@ from deltac.diagnosis.residuals.one_step import EXPLICIT, UNEVEN, OneStep, one_s
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Parts, Progress, untold
+from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
@@ -45,14 +45,20 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
-SECONDS = 12.0
-"""Time that the search for causes may take."""
+FIRST = 0.4
+"""Share of the time left that a search for causes may take before others get theirs."""
 
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
 
 BESIDE = 2.0
 """How many error bars of the one-step test it must be besides."""
+
+REPRODUCED = 0.5
+"""Share of what is left that parts of a log must predict of the others for a mistake without a name."""
+
+OF_THE_LOG = ("actuator-delay", "zero-offset")
+"""Causes that leave the equations as they are."""
 
 SHORT = 0.5
 """Share of the windows up to which a residual is one of now and then."""
@@ -86,12 +92,13 @@ def gather(
     known: list[Finding],
     *,
     measured: bool,
+    deadline: Deadline,
     progress: Progress = untold,
 ) -> Evidence:
     """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
 
     A log that is doubted explains nothing: its residual is shown, and no cause is sought. `progress` is told
-    how far the search for causes has come.
+    how far the search for causes has come; it ends with what it has when the `deadline` has passed.
     """
     if not len(mechanism.free.u):
         return Evidence(log, None, None, ())
@@ -112,7 +119,9 @@ def gather(
         terms, more = _believed(mechanism, log, step, given=given)
         found += more
     if terms is not None:
-        told = _of_samples(mechanism, log, terms, tolerance, import_report, doubted, progress)
+        told = _of_samples(
+            mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
+        )
         stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
         if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
             log, finding = _forces_put_right(mechanism, log, work)
@@ -122,7 +131,7 @@ def gather(
             told = []
             if terms is not None:
                 told = _of_samples(
-                    mechanism, log, terms, tolerance, import_report, doubted, progress
+                    mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
                 )
         if any(f.kind == "forces-not-of-this-row" for f in told):
             terms = None
@@ -131,29 +140,47 @@ def gather(
         found += _differing(mechanism, log, tolerance, import_report)
     if step is not None and not any(f.weight == "cause" for f in found):
         parts = Parts(progress, {"one cause": 0.5, "several": 0.5})
-        until = time.monotonic() + SECONDS
         local = _now_and_then(log, step)
         pair = None
         if not local:
             pair = known_but_for_one(
-                mechanism, log.consecutive, step, until, parts.part("one cause")
+                mechanism, log.consecutive, step, deadline.part(FIRST), parts.part("one cause")
             )
+        found = [
+            f for f in found if f.kind != "not-reproducible"
+        ]  # of the samples: the steps say more
         if local:
             found += local
         elif pair is not None:
             step, causes = pair
             found += _weighed(causes, step, tolerance)
         else:
-            found += _of_steps(mechanism, log, step, tolerance, parts.part("several"))
-    return Evidence(log, terms, step, tuple(_of_the_log(found)))
+            found += _of_steps(mechanism, log, step, tolerance, deadline, parts.part("several"))
+    return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
 def _of_the_log(found: list[Finding]) -> list[Finding]:
-    """Causes that say something of the logged forces alone are doubts of the log, not of the equations."""
+    """Causes that are in the log alone are doubts of the log, not of the equations."""
     causes = [f for f in found if f.weight == "cause"]
-    if not causes or any(f.kind != "actuator-delay" for f in causes):
+    if not causes or any(f.kind not in OF_THE_LOG for f in causes):
         return found
     return [replace(f, weight="doubt") if f in causes else f for f in found]
+
+
+def _left_out(deadline: Deadline) -> list[Finding]:
+    """What was not looked at, since time was up."""
+    if not deadline.left_out:
+        return []
+    return [
+        Finding(
+            "search-ended",
+            "the search for causes ended when its time was up",
+            f"not tried: {'; '.join(deadline.left_out)}",
+            "The causes named are those found until then. A shorter log, or a part of the model, is searched "
+            "faster; `deltac explain` searches without end",
+            "note",
+        )
+    ]
 
 
 def _interpolated() -> Finding:
@@ -281,6 +308,7 @@ def _of_samples(
     tolerance: float,
     import_report: ImportReport | None,
     doubted: bool,
+    deadline: Deadline,
     progress: Progress,
 ) -> list[Finding]:
     """Findings of the equations of motion at the samples; a stale or misread log explains nothing."""
@@ -299,31 +327,45 @@ def _of_samples(
     found = checks.differing_channels(terms, log.ledger, tolerance, import_report)
     now_and_then = checks.intermittent(terms, log.run, tolerance)
     simple: list[Finding] = []
+    unknown: list[Finding] = []
     if terms.significant.any():
-        simple = _explained(mechanism, log.consecutive, progress, now_and_then=bool(now_and_then))
-        if not trusted(log.run) and terms.relative[terms.significant].max() <= tolerance:
-            simple = [replace(f, weight="note") for f in simple]  # real, but small
+        told = _explained(
+            mechanism,
+            log.consecutive,
+            deadline.part(FIRST),
+            progress,
+            now_and_then=bool(now_and_then),
+        )
+        simple = list(told.findings) if told else []
+        if not trusted(log.run):
+            if terms.relative[terms.significant].max() <= tolerance:
+                simple = [replace(f, weight="note") for f in simple]  # real, but small
+            unknown = _unknown(told)
     certain, possible = withheld_equalities(mechanism, log.run, terms, import_report)
-    return found + (certain or simple or now_and_then or possible) + checks.blame(terms)
+    known = certain or simple or now_and_then or possible
+    return found + (known or unknown) + checks.blame(terms)
 
 
 def _explained(
-    mechanism: Mechanism, run: Trajectory, progress: Progress, *, now_and_then: bool
-) -> list[Finding]:
-    """The few causes that explain the residual of consecutive samples; none where these are too few.
+    mechanism: Mechanism,
+    run: Trajectory,
+    deadline: Deadline,
+    progress: Progress,
+    *,
+    now_and_then: bool,
+) -> Explanation | None:
+    """The few causes that explain the residual of consecutive samples; None where these are too few.
 
     What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
     """
     if len(run) < LEAST_ROWS:
-        return []
+        return None
     least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-        until = time.monotonic() + SECONDS
-        told = explanation(
-            mechanism, run, "samples", least, most=most, until=until, progress=progress
+        return explanation(
+            mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
         )
-        return list(told.findings)
-    return []
+    return None
 
 
 def _differing(
@@ -341,25 +383,36 @@ def _differing(
 
 
 def _of_steps(
-    mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, progress: Progress
+    mechanism: Mechanism,
+    log: Log,
+    step: OneStep,
+    tolerance: float,
+    deadline: Deadline,
+    progress: Progress,
 ) -> list[Finding]:
     """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
     local = step.now_and_then
     share = float(local.mean()) if len(local) else 0.0
     if not step.significant.any():
         return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
-    simple: list[Finding] = []
-    if len(log.consecutive) >= LEAST_ROWS:
+    told: Explanation | None = None
+    enough = len(log.consecutive) >= LEAST_ROWS
+    if enough and not deadline.passed("several causes together"):
         excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
-        until = time.monotonic() + SECONDS
         with contextlib.suppress(InputError):
             told = explanation(
-                mechanism, log.consecutive, "weak", excused=excused, until=until, progress=progress
+                mechanism,
+                log.consecutive,
+                "weak",
+                excused=excused,
+                deadline=deadline,
+                progress=progress,
             )
-            simple = _weighed(told.findings, step, tolerance)
-    if simple:
-        return simple
-    return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+    if told is not None and told.findings:
+        return _weighed(told.findings, step, tolerance)
+    if local.sum() >= FEWEST and share <= SHORT:
+        return _missing(step, share)
+    return _unknown(told)
 
 
 def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
@@ -382,6 +435,22 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
+
+
+def _unknown(told: Explanation | None) -> list[Finding]:
+    """Whether what no known cause explains is like a mistake: it does the same in all parts of a log."""
+    predicted = told.predicted if told is not None else 0.0
+    if predicted >= REPRODUCED:
+        return []
+    return [
+        Finding(
+            "not-reproducible",
+            "what the equations leave in one part of the log does not tell what they leave in another",
+            f"three quarters of the log predict {percent(predicted)} of what the rest leaves, by all terms "
+            "that the equations may have",
+            "Look for noise, filters, delays and forces that the log does not hold, and log without them",
+        )
+    ]
 
 
 def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list[Finding]:

@@ -132,6 +132,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         )
     equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
+    like_a_mistake = not any(f.kind == "not-reproducible" for f in findings)
     impacts = next((f for f in findings if f.kind == "impacts"), None)
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
@@ -145,7 +146,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         by_steps = step is not None and step.significant.any()
         sure = not by_steps or float(step.ratio.max()) > BEYOND if step is not None else True
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
-    if terms is not None and terms.significant.any():
+    if terms is not None and terms.significant.any() and like_a_mistake:
         share = float(np.abs(terms.share_of_energy).max())
         if float(terms.relative[terms.significant].max()) > measures.tolerance or (
             measures.left > measures.allowed and share >= HALF * measures.left
@@ -154,7 +155,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("equation-error", "medium", balance, *equations, accounted)
     if step is not None and beyond(step, measures.tolerance):
         far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
-        if far.any():
+        if far.any() and like_a_mistake:
             return verdict("equation-error", "medium", balance, *equations)
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
@@ -227,6 +228,8 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
     step, terms = evidence.step, evidence.terms
+    if any(f.kind == "not-reproducible" for f in evidence.findings):
+        return []
     energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
     if terms is not None and terms.significant.any():
         k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))

@@ -10,7 +10,6 @@ may leave are found, and told to many digits.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,7 +42,7 @@ from deltac.diagnosis.residuals.one_step import (
 )
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress, counted, untold
+from deltac.progress import Deadline, Progress, counted, untold
 from deltac.trajectories import Trajectory
 
 FAR_LESS = 0.1
@@ -81,12 +80,12 @@ def known_but_for_one(
     mechanism: Mechanism,
     run: Trajectory,
     step: OneStep,
-    until: float = math.inf,
+    deadline: Deadline,
     progress: Progress = untold,
 ) -> tuple[OneStep, tuple[Finding, ...]] | None:
     """The one-step test with an integrator that closes but for one cause, and that cause; None if none does.
 
-    The search ends when `time.monotonic()` reaches `until`.
+    The search ends with what it has when the `deadline` has passed.
     """
     steps = step.steps
     prescribed = len(mechanism.free.u) < len(mechanism.speeds)
@@ -97,7 +96,7 @@ def known_but_for_one(
     function = kernels.pointwise()
     tried = []
     for relation in counted(list(_distinct(steps)), progress):
-        if time.monotonic() > until:
+        if deadline.passed("all integrators together with one cause"):
             break
         at = relation.at
         udot = steps.model.acceleration(at.t, at.q, at.u, at.F) + steps.D - relation.a
@@ -108,7 +107,7 @@ def known_but_for_one(
     tried.sort(key=lambda item: promise(item[1].regression))
     best: _Pair | None = None
     for relation, prepared, residual, weight in tried[:MOST]:
-        pair = _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, until))
+        pair = _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
         if best is None or pair.left < best.left:
             best = pair
     if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):

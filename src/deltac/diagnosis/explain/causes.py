@@ -34,6 +34,7 @@ PREFERENCE = (
     "missing-damper",
     "missing-rotor-inertia",
     "armature",
+    "zero-offset",
     "body-centre",
     "body-moments",
     "body-moment",
@@ -184,13 +185,15 @@ def one(
     unit: str,
     sign: Sign = "any",
     origin: str = "",
+    limit: float = np.inf,
 ) -> Iterator[Candidate]:
     """A cause of one number, if its columns are there and not all weights zero."""
     L = np.array(weights, dtype=float)[:, None]
     if columns is not None and L.any():
         yield Candidate(
-            kind, element, columns, L, (name,), np.array([base]), (unit,), sign, origin=origin
-        )
+            kind, element, columns, L, (name,), np.array([base]), (unit,), sign, origin=origin,
+            limit=limit,
+        )  # fmt: skip
 
 
 def tensor(six: Array) -> Array:
@@ -316,6 +319,9 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 
 # --- all causes that a mechanism may have --------------------------------------------------------
 
+MOST_OFFSET = {"rad": 0.2, "m": 0.1}
+"""Offsets of a coordinate's zero beyond which the equations are no longer linear in it."""
+
 PUSHES: tuple[tuple[What, str, str], ...] = (
     ("force", "applied-force", "N"),
     ("moment", "applied-moment", "N·m"),
@@ -390,6 +396,16 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 yield from one(
                     "damping", entry.name, at("damper"), [1.0], "damping", law, f"{force}·s/{per}"
                 )
+        yield from one(
+            "zero-offset",
+            entry.name,
+            at("offset"),
+            [1.0],
+            "offset",
+            0.0,
+            per,
+            limit=MOST_OFFSET[per],
+        )
         if f"friction {joint.name}" not in acting:
             yield from one(
                 "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,

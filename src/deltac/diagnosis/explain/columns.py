@@ -16,18 +16,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
-import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
+from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
 
 What = Literal[
     "inertia", "weight", "gravity", "damper", "friction", "spring", "constant", "armature", "channel",
-    "delay",
+    "delay", "offset",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -42,6 +42,7 @@ class Column:
     damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
+    offset      speed: what its coordinate, logged one unit too large, takes from the equations
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     """
@@ -92,8 +93,11 @@ def column_kernels(evaluator: Evaluator) -> ColumnKernels:
     found.update(_channels(evaluator, rate, curve))
     kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
-    columns = [_projected(evaluator, x) for x in kept.values()]
     bound = symbols.constrained
+    if bound is None:  # else the constraints show it
+        offsets = _offsets(evaluator, residual)
+        kept |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
+    columns = [_projected(evaluator, x) for x in kept.values()]
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
@@ -173,12 +177,11 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
     for row, place in enumerate(s.free_u):
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
-        force: dict[What, SX] = {"damper": -s.u[row]}
+        force: dict[What, SX] = {"damper": -s.u[row], "friction": -ca.sign(s.u[row])}
         if KINDS[joint.kind].rates:
             first = mechanism.coordinates.of(joint.name).start
             q = s.q_all[first + place - mechanism.speeds.of(joint.name).start]
             force |= {
-                "friction": -ca.sign(s.u[row]),
                 "spring": -q,
                 "constant": ca.SX(1),
                 "armature": -s.udot[row],
@@ -187,6 +190,23 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
             x = ca.SX(n, 1)
             x[row] = value
             found[Column(what, entry.name)] = x
+    return found
+
+
+def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
+    """Coordinates of hinges and sliders whose zero is another one in the log than in the model."""
+    s, mechanism = evaluator.symbols.system, evaluator.mechanism
+    free = {int(k): row for row, k in enumerate(mechanism.free.q)}
+    found: dict[Column, SX] = {}
+    for place in s.free_u:
+        entry = mechanism.speeds[place]
+        joint = mechanism.joint(entry.joint)
+        first = mechanism.coordinates.of(joint.name).start
+        row = free.get(int(first + place - mechanism.speeds.of(joint.name).start))
+        if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
+            along = ca.SX.zeros(s.q.shape[0])
+            along[row] = -1
+            found[Column("offset", entry.name)] = ca.jtimes(residual, s.q, along)
     return found
 
 
@@ -232,9 +252,5 @@ def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
 def evaluate(function: ca.Function, samples: Sequence[Array], speeds: int) -> list[Array]:
     """Each output of a function of samples as (T, n, 1 + P)."""
     count = len(samples[0])
-    found = function.map(count).call([ca.DM(np.atleast_2d(x.T)) for x in samples])
-    made = []
-    for output in found:
-        values = np.array(output)
-        made.append(values.reshape(speeds, count, -1).transpose(1, 0, 2))
-    return made
+    found = at_rows(function, samples)
+    return [values.reshape(count, -1, speeds).transpose(0, 2, 1) for values in found]

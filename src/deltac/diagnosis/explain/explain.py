@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +29,7 @@ from deltac.errors import ArgumentsError, ModelError
 from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress, untold
+from deltac.progress import Deadline, Progress, untold
 from deltac.trajectories import Trajectory
 
 STATES = 60
@@ -38,11 +37,15 @@ APART = 0.05
 """Relative difference of what two causes do, from which on a motion is said to tell them apart."""
 
 
-def advice(mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found) -> str:
+def advice(
+    mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found, deadline: Deadline
+) -> str:
     """A sentence: the simplest motion in which the causes differ, or that there is none."""
     fits = [found.best, *found.alternatives]
     most, said = 0, ""
     for name, samples in _experiments(mechanism, run, prepared):
+        if deadline.passed("which motion would tell the causes apart"):
+            return said and f"To tell some of them apart, log also {said}"
         first, *others = _effects(prepared, samples, fits)
         told = sum(_difference(first, other) > APART for other in others)
         if told > most:
@@ -252,7 +255,7 @@ def explanation(
     most: int = MOST,
     sliding: bool = False,
     excused: Excused | None = None,
-    until: float = math.inf,
+    deadline: Deadline | None = None,
     progress: Progress = untold,
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
@@ -260,8 +263,9 @@ def explanation(
     `least` is the share of the squared residual that causes must explain, `most` their number.
     `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
     where nothing else fits. What is `excused` of the weak form needs no cause. The search ends with what it
-    has when `time.monotonic()` reaches `until`.
+    has when the `deadline` has passed, and notes there what it left out.
     """
+    deadline = deadline or Deadline()
     prepared = prepare(mechanism, run, form, sliding=sliding, excused=excused)
     regression = prepared.regression
 
@@ -272,7 +276,7 @@ def explanation(
 
     if regression.total <= regression.precision:
         return made("nothing")
-    found = search(regression, most, until, progress)
+    found = search(regression, most, deadline, progress)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
     if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
@@ -280,9 +284,10 @@ def explanation(
         explained = _explained(prepared, found.best)
         if not regression.stands_out(found.best):
             return made("nothing")
-    if not prepared.sliding and found.best.left > CLEAR * regression.floor(found.best):
+    unclosed = found.best.left > CLEAR * regression.floor(found.best)
+    if not prepared.sliding and unclosed and not deadline.passed("joints that stick at times"):
         slid = explanation(
-            mechanism, run, form, least, most=most, sliding=True, excused=excused, until=until
+            mechanism, run, form, least, most=most, sliding=True, excused=excused, deadline=deadline
         )
         if (
             any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
@@ -294,15 +299,21 @@ def explanation(
         explained = _explained(prepared, found.best)
     if not found.best.chosen or explained < _enough(regression, found.best, least):
         return made("unexplained", Found(found.best, ()), explained)
-    return told(mechanism, run, prepared, found)
+    return told(mechanism, run, prepared, found, deadline)
 
 
-def told(mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found) -> Explanation:
+def told(
+    mechanism: Mechanism,
+    run: Trajectory,
+    prepared: Prepared,
+    found: Found,
+    deadline: Deadline | None = None,
+) -> Explanation:
     """The explanation by causes that were found."""
     explained = _explained(prepared, found.best)
     if not found.alternatives:
         return _made(mechanism, prepared, "explained", found, explained)
-    separating = advice(mechanism, run, prepared, found)
+    separating = advice(mechanism, run, prepared, found, deadline or Deadline())
     return _made(mechanism, prepared, "ambiguous", found, explained, separating)
 
 
@@ -327,6 +338,7 @@ def _made(
         relative,
         noise,
         prepared.samples,
+        {"nothing": 0.0, "unexplained": prepared.regression.predicted}.get(kind, 1.0),
     )
 
 

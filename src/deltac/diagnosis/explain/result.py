@@ -65,6 +65,10 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"{element} acts with {shown} of its {c.origin} force"
         case "actuator-delay":
             return f"{element} acts {shown} s later than it was logged"
+        case "zero-offset":
+            return (
+                f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
+            )
         case "damping" | "stiffness" | "armature":
             noun = {"damping": "the damping of", "stiffness": "the stiffness of"}
             what = noun.get(c.kind, "the rotor inertia of")
@@ -106,6 +110,8 @@ def remedy(kind: str) -> str:
         return "Check the gear ratio and the unit of this actuator's logged force"
     if kind == "actuator-delay":
         return "Log the force that acted, not the one that was commanded"
+    if kind == "zero-offset":
+        return "Calibrate the zero of this coordinate, or subtract the offset"
     if kind == "channel-factor":
         return "Check this element's parameters in the model, or the unit of its logged force"
     if kind == "mass-scale" or kind.startswith("body-"):
@@ -194,6 +200,8 @@ class Explanation(Report, also=("sentence",)):
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
+        predicted: share of an unexplained residual that a part of the log predicts of the rest, by all known
+            terms together; 1 where causes explain it, 0 where there is nothing.
         notes: what the log's forces hide: channels that the model does not have.
     """
 
@@ -207,6 +215,7 @@ class Explanation(Report, also=("sentence",)):
     residual: float
     noise: float
     samples: int
+    predicted: float
     notes: tuple[str, ...] = ()
 
     @property

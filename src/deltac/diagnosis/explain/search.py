@@ -8,14 +8,13 @@ Shim 2014, *Multipath matching pursuit*, IEEE Trans. Inf. Theory 60). A cause mo
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from itertools import islice, product
 
 import numpy as np
 
 from deltac.diagnosis.explain.regression import Fit, Regression
-from deltac.progress import Progress, untold
+from deltac.progress import Deadline, Progress, untold
 
 MOST = 24
 """Causes together, such as a damper at every joint."""
@@ -53,28 +52,30 @@ class Found:
 
 
 def search(
-    regression: Regression, most: int = MOST, until: float = math.inf, progress: Progress = untold
+    regression: Regression,
+    most: int = MOST,
+    deadline: Deadline | None = None,
+    progress: Progress = untold,
 ) -> Found:
     """The best fit of at most `most` causes, and its equals.
 
-    The search ends with what it has when `time.monotonic()` reaches `until`. `progress` is told the share of
-    the causes that have been sought, or of the time, whichever is more.
+    The search ends with what it has when the `deadline` has passed. `progress` is told the share of the
+    causes that have been sought, or of the time, whichever is more.
     """
-    start = time.monotonic()
+    deadline = deadline or Deadline()
     paths = [regression.nothing]
     every: list[Fit] = []
     best: Fit | None = None
     left = regression.total
     for count in range(1, most + 1):
-        spent = (time.monotonic() - start) / max(until - start, 1e-9)
-        progress(min(1.0, max((count - 1) / most, spent)))
-        if count > 1 and time.monotonic() > until:
+        progress(min(1.0, max((count - 1) / most, deadline.spent)))
+        if count > 1 and deadline.passed(f"{count} causes or more together"):
             break
-        paths = _extended(regression, paths, count > MANY, until)
+        paths = _extended(regression, paths, count > MANY, deadline)
         if count == len(WHOLE):
             paths += _whole_bodies(regression, {fit.chosen for fit in paths})
-        if count > MANY:
-            paths += _exchanged(regression, paths)
+        if count > MANY and not deadline.passed():
+            paths += _exchanged(regression, paths, deadline)
         every += paths
         possible = sorted(
             (fit for fit in paths if plausible(regression, fit)),
@@ -147,7 +148,7 @@ def _massive(regression: Regression, fit: Fit) -> bool:
 
 
 def _extended(
-    regression: Regression, paths: list[Fit], many: bool, until: float = math.inf
+    regression: Regression, paths: list[Fit], many: bool, deadline: Deadline
 ) -> list[Fit]:
     """The best fits of one cause more than those of `paths`, of the first ones where time is up."""
     most_paths, tried = PATHS[many], TRIED[many]
@@ -155,7 +156,7 @@ def _extended(
     sizes = np.array([c.size for c in regression.candidates])
     floor = regression.floor(regression.nothing)
     for path in paths:
-        if promising and time.monotonic() > until:
+        if promising and deadline.passed():
             break
         J, e = regression.tangents(path)
         Q = np.linalg.qr(J)[0] if J.shape[1] else J
@@ -167,7 +168,7 @@ def _extended(
                 key = tuple(sorted((*path.chosen, k)))
                 promising[key] = min(promising.get(key, math.inf), float(cost[k]))
     chosen = sorted(promising, key=lambda key: promising[key])[:tried]
-    fits = [regression.fit(key) for key in chosen]
+    fits = [regression.fit(key) for k, key in enumerate(chosen) if not k or not deadline.passed()]
     fits.sort(key=lambda fit: price(regression, fit))
     good = [fit for fit in fits if plausible(regression, fit)]
     # A damper that drives may turn with a further cause; masses that vanish close any equation.
@@ -175,7 +176,7 @@ def _extended(
     return good[:most_paths] + other[: most_paths // 3]
 
 
-def _exchanged(regression: Regression, paths: list[Fit]) -> list[Fit]:
+def _exchanged(regression: Regression, paths: list[Fit], deadline: Deadline) -> list[Fit]:
     """Better fits, in which another cause has the place of one of a path.
 
     What was chosen early may have become idle, such as a factor on all masses for dampers not yet
@@ -189,7 +190,7 @@ def _exchanged(regression: Regression, paths: list[Fit]) -> list[Fit]:
         idle = min(fewer, key=lambda other: price(regression, other))
         bodies = [f for k, f in zip(path.chosen, fewer) if regression.candidates[k].of_a_body]
         stems |= {fit.chosen: fit for fit in (idle, *bodies)}
-    fits = _extended(regression, list(stems.values()), many=True)
+    fits = _extended(regression, list(stems.values()), True, deadline)
     return [fit for fit in fits if price(regression, fit) < best]
 
 

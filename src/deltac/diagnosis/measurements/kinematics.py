@@ -43,6 +43,12 @@ SURE = 8.0
 LEAST_RATIO = 2e-4
 """Relative differences of r from one below this are not told: quadratures of simulators reach that far."""
 
+LEAST_GEAR = 2e-3
+"""The same of one coordinate alone: clocks drift by less, gears and units do not."""
+
+DIGIT = 1e-5
+"""How exactly columns tell one clock at best."""
+
 BLOCKS = 8
 """Parts of a log of which most must say the same factor."""
 
@@ -173,16 +179,19 @@ def _compared(
         second = np.diff(x, 2, axis=0)
         curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
         spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
-        parts.append((fine, trapezoid, h * np.diff(x, axis=0), curved, spread))
+        bias = fine - coarse
+        parts.append((fine, trapezoid, h * np.diff(x, axis=0), curved, spread, bias))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     # From here on a row of every array is a column of the log.
-    fine, trapezoid, L, C, S = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))
+    fine, trapezoid, L, C, S, B = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))
     D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
     moving = np.flatnonzero((_sizes(fine) > 0.0) & (_sizes(D) > 0.0))
     found: list[Comparison | None] = [None] * len(D)
     if not len(moving):
         return found
-    fine, trapezoid, L, C, S, D, noise = (x[moving] for x in (fine, trapezoid, L, C, S, D, noise))
+    fine, trapezoid, L, C, S, B, D, noise = (
+        x[moving] for x in (fine, trapezoid, L, C, S, B, D, noise)
+    )
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     told = np.stack([fine, trapezoid])
     r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * _sizes(D)[:, None] + S), noise)
@@ -200,7 +209,9 @@ def _compared(
         c = np.full_like(size, QUADRATURE + PROJECTION)
     else:
         c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
-    ratio_error = SURE * error + c * _sizes(C) / _sizes(I)
+    # Nor is r told better than one quadrature along the rows tells it like another.
+    otherwise = np.abs(np.sum(B * fine, axis=-1)) / np.sum(fine**2, axis=-1)
+    ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise
     most = QUADRATURE + PROJECTION * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
     by_scheme = np.clip(np.sum(keep * C * left, axis=-1) / squares, -most, most)
@@ -433,7 +444,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     if derived or len(run) < LEAST_ROWS:
         return Cleaned(run, (), {})
     found: list[Finding] = []
-    for step in (_without_copies, _unwrapped):
+    for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         found += more
     comparisons = coordinates_against_speeds(mechanism, run)
@@ -525,6 +536,37 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
         "note" if len(copies) <= 0.34 * len(run) else "doubt",
     )
     return _rows(run, keep), [finding]
+
+
+def _at_the_pace_of_the_slower(
+    mechanism: Mechanism, run: Trajectory
+) -> tuple[Trajectory, list[Finding]]:
+    """Rows in which coordinates or speeds are new, where a slower sensor repeats them for some rows."""
+    q, u = (np.diff(x, axis=0) for x in (run.q[:, mechanism.free.q], run.u[:, mechanism.free.u]))
+    if not (q.shape[1] and u.shape[1]) or run.integrals or run.events:
+        return run, []
+    old = {"coordinates": np.all(q == 0.0, axis=1), "speeds": np.all(u == 0.0, axis=1)}
+    for (what, repeated), other in zip(old.items(), reversed(old.values())):
+        new = np.append(0, np.flatnonzero(~repeated) + 1)
+        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:
+            continue
+        pace = np.diff(new)
+        every = int(np.median(pace))
+        if every < 2 or np.mean(pace == every) < 1.0 - FEW:
+            continue
+        keep = np.zeros(len(run), dtype=np.bool_)
+        keep[new] = True
+        keep[: int(new[1] if new[1] < every else 0)] = (
+            False  # of which it is not known how old they are
+        )
+        finding = Finding(
+            "held-columns",
+            f"the {what} are those of a slower clock: they are repeated for {every} rows while others go on",
+            f"{int(keep.sum())} of {len(run)} rows hold new ones",
+            "The others were left out. Log all columns of a row at one instant",
+        )
+        return _rows(run, keep), [finding]
+    return run, []
 
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
@@ -666,7 +708,7 @@ def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterato
     common = float(np.sum(ratios * weights) / np.sum(weights))
     agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
     others = [c for n, c in every.items() if n not in off]
-    dissent = any(abs(c.ratio - common) > max(c.ratio_error, LEAST_RATIO) for c in others)
+    dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",
@@ -679,6 +721,8 @@ def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterato
         )
         return
     for name, c in off.items():
+        if abs(c.ratio - 1.0) < LEAST_GEAR:
+            continue
         yield Finding(
             "gear-between-q-and-u",
             f"coordinate {name!r} moves by {c.ratio:.6g} times what its speed says",

@@ -15,6 +15,7 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.kernels.rows import at_rows
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -150,9 +151,7 @@ class Evaluator:
         return self._evaluate(self._compiled(outputs), samples)
 
     def _evaluate(self, function: ca.Function, samples: Sampled) -> list[Array]:
-        columns = [samples.t[None, :], samples.q.T, samples.u.T, samples.udot.T, samples.logged.T]
-        found = function.map(len(samples.t)).call([ca.DM(c) for c in columns])
-        return [np.array(x).T for x in found]
+        return at_rows(function, [samples.t, samples.q, samples.u, samples.udot, samples.logged])
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,7 @@ from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels import Kernel
+from deltac.kernels.rows import at_rows
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -57,6 +58,9 @@ CLOSED = 1e-8
 
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
+
+ALIKE = 1e-12
+"""Share of the accelerations up to which the relations of two methods are the same."""
 
 DISTINCT = 10.0
 """How much better than all others a scheme must close to be named."""
@@ -88,11 +92,23 @@ NEAR = 3
 MATERIAL = 5e-2
 """Share of the terms that a force which is missing now and then must be."""
 
+RESTING, SHARE_RESTING = 40, 0.2
+"""Intervals without a change of any force that a log of held forces has at least."""
+
+NEARBY = (-3, -2, -1, 1, 2, 3)
+"""Rows whose force may have acted in place of a row's own, where forces are held."""
+
+STARTING = 5
+"""Steps in which a method of several steps may start in another way."""
+
 FEWEST = 3
 """Windows that must stand out to speak of a force that is missing now and then."""
 
 CHANCE = 4.0
 """Standard deviations by which an estimated covariance may be off."""
+
+HIDING = 3.0
+"""Times the work of noise on the log that a mistake may do under it."""
 
 CARRIED = 2.0
 """How much worse than q and u rows may keep the relation of u and u̇."""
@@ -126,15 +142,11 @@ class Expression:
 
     def __call__(self, *columns: Array) -> list[Array]:
         """Its values at rows, (T, size) each."""
-        count = len(columns[0])
-        given = [np.atleast_2d(c.T if c.ndim == 2 else c[None, :]) for c in columns]
         if COMPILED.get():
+            given = [np.atleast_2d(c.T) for c in columns]
             found = self.kernel.flat(np.concatenate(given))
             return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
-        return [
-            np.array(x).T.reshape(count, -1)
-            for x in self.function.map(count).call([ca.DM(c) for c in given])
-        ]
+        return at_rows(self.function, columns)
 
 
 COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_residuals", default=False)
@@ -517,10 +529,14 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
-        offer(
-            "implicit-midpoint@smooth",
-            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), mean),
-        )
+        for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
+            offer(
+                "implicit-midpoint@smooth",
+                model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
+            )
+        # Newmark's method carries its acceleration over, with the force of the step before.
+        before = model.acceleration(t0, q0, u0, whole.F[k - 1])
+        offer("trapezoidal", 0.5 * (before + model.acceleration(t1, q1, u1, F0)))
         offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
         for name in TABLEAUS:
             offer(
@@ -534,6 +550,32 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             if held:
                 offer(f"{name}{ON_THE_GROUP}@smooth", turned(smooth))
     offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
+    even = np.ptp(whole.h) < 1e-6 * float(whole.h.min())
+    return found + (_two_step_relations(model, whole, k) if even else [])
+
+
+SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""ρ∞ of the generalized-α methods that are tried: those that people choose."""
+
+
+def _two_step_relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]:
+    """Adams–Bashforth and generalized-α, D[n] + x D[n−1] = y₀ a[n−1] + y₁ a[n] + y₂ a[n+1], over one step."""
+    rows = [
+        Rows(whole.t[k + j], whole.q[k + j], whole.u[k + j], whole.F[k + j]) for j in (-1, 0, 1)
+    ]
+    a = [model.acceleration(r.t, r.q, r.u, r.F) for r in rows]
+    D, last = whole.D[k], whole.D[k - 1]
+    methods = [("adams-bashforth-2", 0.0, -0.5, 0.0)]
+    for rho in SPECTRAL_RADII:
+        am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        gamma = 0.5 + af - am
+        scale = 1.0 / (1.0 - am)
+        y0, y2 = (1.0 - gamma) * af * scale, gamma * (1.0 - af) * scale
+        methods.append(("generalized-alpha", am * scale, y0, y2))
+    found = []
+    for name, x, y0, y2 in methods:
+        made = y0 * a[0] + (1.0 + x - y0 - y2) * a[1] + y2 * a[2]
+        found.append(Relation(name, "smooth", D - (D + x * last - made) / (1.0 + x), rows[1]))
     return found
 
 
@@ -571,14 +613,15 @@ def identify(
         50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
     )
     steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
-    left = {
-        r.name + r.mark: _nearly_all(steps.off(r)) / typical
-        for r in relations
-        if r.name != ACCURATE
-    }
+    ranked = sorted(
+        (
+            (_nearly_all(steps.off(r)) / typical, k)
+            for k, r in enumerate(relations)
+            if r.name != ACCURATE
+        )
+    )
     limit = 3.0 * digits + CLOSED
-    ranked = sorted(left.items(), key=lambda item: item[1])
-    best_name, best = ranked[0]
+    best, first = ranked[0]
     relation = _two_step(model, whole, D, N, k, typical)
     closes = relation.left <= 3.0 * digits + 1e-10
     if closes and relation.name and relation.left < best / DISTINCT:
@@ -592,16 +635,18 @@ def identify(
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
         return found, min(best, relation.left), steps
-    base = best_name.partition("@")[0]
-    others = [x for n, x in ranked if n.partition("@")[0] != base]
-    unique = min(others) > DISTINCT * max(best, 1e-13)
-    if base == "euler":
-        base = _euler(late)
-    forces = best_name.partition("@")[2] or "start"
+    # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
+    named = [relations[k] for _, k in sorted(ranked, key=lambda item: item[1])]
+    same = [r for r in named if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
+    chosen = same[0]
+    alike = {r.name for r in same}
+    rivals = [x for x, k in ranked if relations[k].name not in alike]
+    unique = not rivals or rivals[0] > DISTINCT * max(best, 1e-13)
+    unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
+    base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    half = next(r for r in relations if r.name + r.mark == best_name)
-    typical_left = float(np.median(steps.off(half))) / typical
-    return Scheme(name, order, best, digits, forces, typical_left), best, steps
+    typical_left = float(np.median(steps.off(chosen))) / typical
+    return Scheme(name, order, best, digits, chosen.forces, typical_left), best, steps
 
 
 def _euler(late: float) -> str:
@@ -734,7 +779,8 @@ class OneStep:
             terms (n,).
         bars: what the error bar is made of, by name (n,).
         fitted: coefficients of the scheme columns.
-        hidden: energy (J) that a mistake could do in the time of the log, of what is left and under noise.
+        hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left, as
+            far as noise tells it.
         spent: energy (J) that the residual does in it, without sign.
         rows: how many rows were looked at.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
@@ -827,8 +873,10 @@ class OneStep:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
         out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
-        edge = max(1, len(rows) // 50)
-        rows[:edge] = rows[-edge:] = False  # filters leave traces there
+        # Filters leave traces at the ends of a log, methods of several steps where they start.
+        exact = self.scheme is not None and self.scheme.typical <= CLOSED
+        edge = STARTING if exact else max(1, len(rows) // 50)
+        rows[:edge] = rows[-edge:] = False
         return rows
 
 
@@ -850,27 +898,54 @@ def one_step(
     # What filters and means do to a loop shows in its constraints.
     unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
     scheme, off, steps = identify(model, pieces, late)
-    parts = [_defects(model, rows, groups) for rows, _ in pieces]
+    held = all(stairs(rows.F).held for rows, _ in pieces)
+    parts = [_defects(model, rows, groups, held) for rows, _ in pieces]
     names = parts[0].names
     coefficients = _fit(parts, names)
-    return _judged(model, run, pieces, parts, coefficients, scheme, off, steps, groups, unsteady)
+    return _judged(
+        model, run, pieces, parts, coefficients, scheme, off, steps, groups, unsteady, held
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Defects:
-    """Of a stretch: w (I, n), scheme columns by name, N (I, n, n), and bars in acceleration (I, n)."""
+    """Defects w (I, n) of some intervals `at` of a stretch, scheme columns by name, inertia N (I, n, n).
+
+    `interpolation` and `forces`, the ways in which these may change between rows, are what may be added to
+    the accelerations `a` (I, n).
+    """
 
     w: Array
     columns: Mapping[str, Array]
     N: Array
     a: Array
     interpolation: Array
-    forces: Array
+    forces: Mapping[str, Array]
     bounds: Mapping[str, float]
+    at: NDArray[np.intp]
 
     @property
     def names(self) -> list[str]:
         return list(self.columns)
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """Forces that a log holds for several rows, as sampled controllers do, and its intervals."""
+
+    held: bool
+    known: NDArray[np.bool_]
+
+
+def stairs(F: Array) -> Stairs:
+    """Whether forces (T, m) are held, and in which intervals (T − 1,) none of them changes.
+
+    Where they rest while they act, nothing about forces within a step is unknown.
+    """
+    rest = np.all(F[1:] == F[:-1], axis=1)
+    enough = rest.sum() >= max(RESTING, SHARE_RESTING * len(rest)) and not rest.all()
+    acting = enough and np.all(_rms(F[:-1][rest]) >= 0.5 * _rms(F))
+    return Stairs(bool(acting), rest)
 
 
 def _groups(model: Model) -> dict[str, list[int]]:
@@ -894,13 +969,23 @@ def _mean(t: Array, a: Array, degree: int) -> Array:
     return np.asarray(np.diff(whole, axis=0) / np.diff(t)[:, None])
 
 
-def _plain(model: Model, rows: Rows) -> tuple[Array, Array]:
+def _plain(model: Model, rows: Rows, held: bool) -> tuple[Array, Array, Array]:
+    """Accelerations at the rows (T, n), the defects w (I, n), and the error of interpolation (I, n)."""
     a = model.acceleration(rows.t, rows.q, rows.u, rows.F)
-    return a, rows.D - _mean(rows.t, a, 5)
+    smooth, forced = a, np.zeros_like(a[:-1])
+    if held:  # splines of jumps would ring: a = a(F = 0) + what the forces add, held over a step
+        smooth = model.acceleration(rows.t, rows.q, rows.u, np.zeros_like(rows.F))
+        end = model.acceleration(rows.t[1:], rows.q[1:], rows.u[1:], rows.F[:-1])
+        forced = 0.5 * (a[:-1] - smooth[:-1] + end - smooth[1:])
+    mean = _mean(rows.t, smooth, 5)
+    return a, rows.D - mean - forced, mean - _mean(rows.t, smooth, 3)
 
 
-def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defects:
-    a, w = _plain(model, rows)
+def _defects(
+    model: Model, rows: Rows, groups: Mapping[str, list[int]], held: bool, *, whole: bool = False
+) -> _Defects:
+    """The defects of a stretch; if forces are held those where none changes, unless the `whole` is asked."""
+    a, w, interpolation = _plain(model, rows, held)
     t0, q0, u0, F0 = rows.t[:-1], rows.q[:-1], rows.u[:-1], rows.F[:-1]
     t1, q1, u1, F1 = rows.t[1:], rows.q[1:], rows.u[1:], rows.F[1:]
     a0, a1 = a[:-1], a[1:]
@@ -917,26 +1002,35 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     if model.of_time:
         columns["t"] = model.acceleration(t1, q0, u0, F0) - a0
         bounds["t"] = 1.6
-    forces = np.zeros_like(a0)
-    for name, places in groups.items():
-        changed = F0.copy()
-        changed[:, places] = F1[:, places]
-        if not np.any(changed != F0):
+
+    def with_forces(places: list[int], F: Array) -> Array:
+        """What other forces at some places, held over each step, would add."""
+        other = F0.copy()
+        other[:, places] = F
+        return np.asarray(model.acceleration(t0, q0, u0, other) - a0)
+
+    forces = {}
+    # Held forces are of one controller: whatever delays them delays all.
+    together = {"forces": sorted({k for places in groups.values() for k in places})}
+    for name, places in (together if held else groups).items():
+        F = rows.F[:, places]
+        if not np.any(F[1:] != F[:-1]):
             continue
-        columns[name] = model.acceleration(t0, q0, u0, changed) - a0
-        bounds[name] = 1.6  # held or interpolated, of this row or the one before
-        second = np.diff(rows.F[:, places], 2, axis=0)
-        jump = F0.copy()
-        jump[:, places] += np.vstack([second, second[-1:]])
-        forces += model.acceleration(t0, q0, u0, jump) - a0
-        ramp = ramped(rows.F[:, places])[:-1]
-        if np.any(
-            ramp != F0[:, places]
-        ):  # as commanded now and then, where more happened in between
-            jump = F0.copy()
-            jump[:, places] = ramp
-            columns[f"{name} ramped"] = model.acceleration(t0, q0, u0, jump) - a0
+        for k in NEARBY if held else (1,):
+            key = name if k == 1 else f"{name} {k:+d}"
+            columns[key] = with_forces(places, _row(F, k))
+            bounds[key] = 1.6  # held or interpolated, of this row or one near it
+            if held:
+                forces[key] = columns[key]
+        second = np.diff(F, 2, axis=0)
+        if not held:
+            forces[name] = with_forces(places, F[:-1] + np.vstack([second, second[-1:]]))
+        ramp = ramped(F)[:-1]
+        if np.any(ramp != F[:-1]):  # as commanded now and then, where more happened in between
+            columns[f"{name} ramped"] = with_forces(places, ramp)
             bounds[f"{name} ramped"] = 1.6
+            if held:
+                forces[f"{name} ramped"] = columns[f"{name} ramped"]
     uneven = float(np.ptp(rows.h)) > UNEVEN * float(np.median(rows.h))
     if uneven:  # one step of a scheme is another share of each interval
         share = float(rows.h.min()) / rows.h
@@ -952,12 +1046,23 @@ def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]]) -> _Defe
     )
     bent = middle - 0.5 * (a0 + a1)
     columns["mixed"], columns["middle"] = both, bent
-    second = np.diff(a, 2, axis=0)
+    smooth = a
+    if held:
+        smooth = model.acceleration(rows.t, rows.q, rows.u, np.zeros_like(rows.F))
+    second = np.diff(smooth, 2, axis=0)
     curve = 0.5 * (np.vstack([second, second[-1:]]) + np.vstack([second[:1], second]))
     columns["curve"] = curve
     bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
-    interpolation = rows.D - w - _mean(rows.t, a, 3)
-    return _Defects(w, columns, N, a0, interpolation, forces, bounds)
+    at = np.flatnonzero(stairs(rows.F).known) if held and not whole else np.arange(len(w))
+    return _Defects(
+        w[at], {n: x[at] for n, x in columns.items()}, N[at], a0[at], interpolation[at],
+        {n: x[at] for n, x in forces.items()}, bounds, at,
+    )  # fmt: skip
+
+
+def _row(F: Array, k: int) -> Array:
+    """The forces (T − 1, m) `k` rows after each step's own; those of the end repeat."""
+    return np.asarray(F[np.clip(np.arange(len(F) - 1) + k, 0, len(F) - 1)])
 
 
 def ramped(forces: Array) -> Array:
@@ -1031,6 +1136,7 @@ def _judged(
     steps: Steps | None,
     groups: Mapping[str, list[int]],
     unsteady: float,
+    held: bool,
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
         return np.asarray(np.einsum("tij,tj->ti", p.N, w))
@@ -1051,9 +1157,17 @@ def _judged(
     each: dict[str, list[Array]] = {
         "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
-        "forces between rows": [0.5 * np.abs(forces(p, p.forces)) for p in parts],
+        # Of held forces as much is believed as was fitted of each way in which they may be of other rows.
+        "forces between rows": [
+            _sum(
+                0.5 * (abs(c.get(n, 0.0)) if held else 1.0) * np.abs(forces(p, x))
+                for n, x in p.forces.items()
+            )
+            + np.zeros_like(p.w)
+            for p in parts
+        ],
         "times of rows": [
-            CARRIED * unsteady * np.abs(forces(p, r.D)) for (r, _), p in zip(pieces, parts)
+            CARRIED * unsteady * np.abs(forces(p, r.D[p.at])) for (r, _), p in zip(pieces, parts)
         ],
     }
     bars = {name: _rms(np.concatenate(x)) for name, x in each.items()}
@@ -1065,19 +1179,19 @@ def _judged(
         min(1.0, 2.0 * off / steps.digits) if steps is not None and steps.digits > 0.0 else 1.0
     )
     noise = []
-    real = _share_of_noise(model, pieces, parts, rest)
+    real = _share_of_noise(model, pieces, parts, rest, held)
     for (rows, size), p in zip(pieces, parts):
         fine = np.minimum(
             resolution(rows.u), size.u
         )  # rounding is no noise: it hardly changes for a while
         shaken = rows.shaken(replace(size, u=fine + real * (size.u - fine)), rng)
-        noise.append(believed * forces(p, _plain(model, shaken)[1] - p.w))
+        noise.append(believed * forces(p, _plain(model, shaken, held)[1][p.at] - p.w))
     best: tuple[int, Array, Array] | None = None
     longest = max(len(x) for x in raw)
     for width in WIDTHS:
         if width > 1 and longest < 4 * width:
             break
-        weights = [r.h[:, 0] for r, _ in pieces]
+        weights = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
         bar = _rms(np.concatenate([_window(x, h, width) for x, h in zip(noise, weights)]))
         best = (width, bar, np.concatenate([_window(x, h, width) for x, h in zip(raw, weights)]))
         if np.all(bar <= systematic_bar):
@@ -1086,10 +1200,13 @@ def _judged(
     width, noise_bar, residual = best
     allowed = np.concatenate([_window(x, h, width) for x, h in zip(systematic, weights)])
     times = np.concatenate(
-        [_window(r.t[:-1, None] + 0.5 * r.h, r.h[:, 0], width)[:, 0] for r, _ in pieces]
+        [
+            _window((r.t[:-1, None] + 0.5 * r.h)[p.at], r.h[p.at, 0], width)[:, 0]
+            for (r, _), p in zip(pieces, parts)
+        ]
     )
     whole = [
-        model.terms(r.t[:-1], r.q[:-1], r.u[:-1], r.F[:-1]) + np.abs(forces(p, p.a))
+        model.terms(r.t[p.at], r.q[p.at], r.u[p.at], r.F[p.at]) + np.abs(forces(p, p.a))
         for (r, _), p in zip(pieces, parts)
     ]
     magnitude = np.concatenate(whole)
@@ -1108,18 +1225,21 @@ def _judged(
         * inertia**2
     )
     bar = np.sqrt(noise_bar**2 + systematic_bar**2 + rounding**2)
-    u = np.concatenate([r.u[:-1] for r, _ in pieces])
+    u = np.concatenate([r.u[p.at] for (r, _), p in zip(pieces, parts)])
     left = np.concatenate(raw)
     time = float(run.t[-1] - run.t[0])
     # What is left may be a mistake altogether, and noise may hide another; the next order is no mistake.
-    hidden = float(np.sum(_rms(u) * np.hypot(2.0 * trimmed(residual), noise_bar))) * time
+    lengths = np.concatenate([r.h[p.at] for (r, _), p in zip(pieces, parts)])
+    share = lengths / float(lengths.sum())
+    works = [np.cumsum(np.sum(u * x, axis=1) * share[:, 0]) for x in (left, np.concatenate(noise))]
+    hidden = float(np.abs(works[0]).max() + HIDING * np.abs(works[1]).max()) * time
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     mechanism = model.mechanism
     return OneStep(
         scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
         trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
         {**bars, "noise": noise_bar, "rounding": rounding},
-        partial(_as_forces, model, groups, tuple(c)), steps,
+        partial(_as_forces, model, groups, tuple(c), held), steps,
     )  # fmt: skip
 
 
@@ -1128,6 +1248,7 @@ def _share_of_noise(
     pieces: Sequence[tuple[Rows, Rows]],
     parts: Sequence[_Defects],
     rest: Sequence[Array],
+    held: bool,
 ) -> float:
     """How much of what looks like noise of the speeds is that, in standard deviations.
 
@@ -1136,16 +1257,20 @@ def _share_of_noise(
     """
     rng = np.random.default_rng(7)
     total = between = apparent = 0.0
-    count = 0
+    count = pairs = intervals = 0
     for (rows, size), p, w in zip(pieces, parts, rest):
         still = Rows(rows.t, np.zeros_like(size.q), size.u, np.zeros_like(size.F))
-        shaken = _plain(model, rows.shaken(still, rng))[1] - p.w
+        shaken = _plain(model, rows.shaken(still, rng), held)[1][p.at] - p.w
         apparent += float(np.einsum("ti,tij,tj->", shaken, p.N, shaken))
         total += float(np.einsum("ti,tij,tj->", w, p.N, w))
-        between += float(np.einsum("ti,tij,tj->", w[:-1], p.N[:-1], w[1:]))
+        k = np.flatnonzero(np.diff(p.at) == 1)
+        between += float(np.einsum("ti,tij,tj->", w[k], p.N[k], w[k + 1]))
         count += w.size
-    if not apparent > 0.0:
+        pairs += len(k)
+        intervals += len(w)
+    if not apparent > 0.0 or pairs < CHANCE**2:
         return 1.0
+    between *= intervals / pairs
     known = max(-2.0 * between, 0.0) + CHANCE * total / np.sqrt(max(count, 1))
     return float(np.clip(np.sqrt(known / apparent), 0.0, 1.0))
 
@@ -1154,6 +1279,7 @@ def _as_forces(
     model: Model,
     groups: Mapping[str, list[int]],
     names: Sequence[str],
+    held: bool,
     t: Array,
     q: Array,
     u: Array,
@@ -1161,7 +1287,7 @@ def _as_forces(
 ) -> Array:
     """The scheme columns of consecutive rows as forces (T, n, m); the last row repeats its neighbour."""
     rows = Rows(t, q, u, F)
-    found = _defects(model, rows, groups)
+    found = _defects(model, rows, groups, held, whole=True)
     nothing = np.zeros_like(found.w)
     columns = np.zeros((*found.w.shape, 0))
     if names:

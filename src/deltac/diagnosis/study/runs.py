@@ -259,7 +259,7 @@ def _balanced(
     left = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
-        unknown = _held_unknown(log)
+        unknown = _held_unknown(log, step if simulated else None)
         held = held_between_rows(log) + unknown
         digits = _of_digits(mechanism, log)
         bars = {n: b + held + digits.get(n, 0.0) for n, b in bars.items()}
@@ -340,13 +340,14 @@ def _step_of(run: Trajectory) -> float:
     return float(np.median(np.diff(run.t))) if len(run) > 1 else 1.0
 
 
-def _held_unknown(log: Log) -> float:
+def _held_unknown(log: Log, asked: float | None) -> float:
     """Energy (J) that is not known of logged forces where nobody says how they went on between rows.
 
     Held until the next row, a force is on average half a spacing older than one that is interpolated. A log
-    of every step has that error too, but there it falls with the step.
+    of every step has that error too, but there it falls with the step, which the run tells, or which it was
+    `asked` to take.
     """
-    run, step = log.run, log.run.provenance.step
+    run, step = log.run, log.run.provenance.step or asked
     told = run.provenance.held is not None or run.provenance.simulator == "deltac"
     if told or not run.forces or len(run) < 2:
         return 0.0

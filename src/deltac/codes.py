@@ -106,6 +106,7 @@ FINDINGS: dict[str, str] = {
     "step-differs": "a run took another step than the one asked for",
     "step-ignored": "runs at different steps are the same",
     "stiff-step": "the step is outside the stability region of the solver",
+    "ill-conditioned": "accelerations have few digits in double precision",
     "stopped": "a run ended early",
     "run-failed": "a run could not be made",
     "blown-up": "a run grew without bound",

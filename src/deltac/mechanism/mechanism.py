@@ -174,12 +174,12 @@ class Mechanism(Shown):
         """Its parameters and plain numbers by name, such as ``body.thigh.mass``; see `addresses`."""
         return numbers(self)
 
-    def opened(self, *names: str) -> Mechanism:
+    def opened(self, *names: str, where: str = "") -> Mechanism:
         """The same mechanism with some of its `numbers` as parameters of those names.
 
-        Raises UnknownName, with near ones, for a name of no number.
+        Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
         """
-        same: Mechanism = opened(self, names)
+        same: Mechanism = opened(self, names, where)
         return same
 
     def with_parameters(self, **values: float) -> Mechanism:

@@ -239,8 +239,11 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
             stopped[-1][1],
             what="; ".join(f.what for _, f in stopped),
         )
+    conditions = [f for entry in runs for f in entry.findings if f.kind == "ill-conditioned"]
+    yield from conditions[:1]  # all runs have one start
     for entry in runs:
-        yield from (f for f in entry.findings if f.kind != "stopped" or len(stopped) == 1)
+        told = ("ill-conditioned", *(("stopped",) if len(stopped) > 1 else ()))
+        yield from (f for f in entry.findings if f.kind not in told)
         if entry.failure:
             yield Finding(
                 "run-failed",

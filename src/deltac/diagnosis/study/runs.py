@@ -20,6 +20,7 @@ from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Progress
+from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory, read_trajectory
@@ -166,7 +167,7 @@ def _simulated(
 ) -> StudyRun:
     stopped = ""
     try:
-        run, stiff = _quietly(simulator, step)
+        run, stiff, ill = _quietly(simulator, step)
     except KeyboardInterrupt:
         raise
     except DeltacError as error:
@@ -195,6 +196,16 @@ def _simulated(
                 "Nothing that comes after is compared",
             )
         )
+    if ill:
+        findings.append(
+            Finding(
+                "ill-conditioned",
+                "the accelerations have few digits in double precision",
+                ill,
+                "Masses or lengths differ by too many powers of ten: no step makes the runs better",
+                "doubt",
+            )
+        )
     if told is not None and not trusted and abs(told - step) > 1e-6 * step:
         findings.append(
             Finding(
@@ -208,20 +219,22 @@ def _simulated(
     return replace(made, findings=tuple(findings), stiff=stiff)
 
 
-def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str]:
-    """The run, and what was warned of its step: the study says that once. Other warnings go on."""
+def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
+    """The run, and what was warned of its step and its digits: the study says that once. Others go on."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulator(step)
-    stiff = ""
+    stiff = ill = ""
     for warning in caught:
         if issubclass(warning.category, StiffStepWarning):
             stiff = stiff or str(warning.message)  # the first names the element
+        elif issubclass(warning.category, IllConditionedWarning):
+            ill = str(warning.message).rstrip(".")
         elif not issubclass(warning.category, SimulationStoppedWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )
-    return run, stiff
+    return run, stiff, ill
 
 
 def _balanced(

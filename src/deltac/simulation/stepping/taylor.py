@@ -57,7 +57,8 @@ class TaylorSteps:
             import heyoka as hy
         except ImportError:
             raise PackageError(
-                "solver 'taylor' needs heyoka, which is not installed here; use 'DOP853' with tolerance=1e-13"
+                "solver 'taylor' needs heyoka, which is not installed: pip install 'deltac[taylor]' (Linux), "
+                "or use 'DOP853' with tolerance=1e-13"
             ) from None
         self._flow, self._tolerance = flow, tolerance
         self._real: Any = hy.real128 if quad else float

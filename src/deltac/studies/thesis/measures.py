@@ -160,7 +160,7 @@ def overtaken(first: str, second: str) -> Measure:
 
 
 def departure(label: str) -> Measure:
-    """When an angle is first more than a degree off the exact motion (Taylor's method); inf: never."""
+    """When an angle is first more than a degree off the exact motion; inf: never."""
 
     def measure(runs: Outcomes) -> float:
         outcome = runs[label]

@@ -1,8 +1,8 @@
 """How time grows with the size of the work: degrees of freedom, members of an ensemble, samples of a log.
 
 `python benchmarks/scaling.py` writes `results/scaling.json` and `docs/images/scaling.svg`: processor time
-over size, both logarithmic, with the slope of the last sizes. ``--quick`` ends a decade earlier with members and
-samples. Processor time, since what else runs on the machine changes it less than a clock's.
+over size, both logarithmic, with the slope of the last sizes. ``--quick`` ends a decade earlier with
+members and samples. Processor time, since what else runs on the machine changes it less than a clock's.
 """
 
 from __future__ import annotations

@@ -184,7 +184,8 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     from deltac.simulation.solvers import find_solver
 
     varied = [axis.partition(".")[2] for axis in axes if axis.startswith("parameter.")]
-    mechanism = model.mechanism.opened(*varied).with_parameters(**spec.parameter)
+    mechanism = model.mechanism.opened(*varied, where="vary.parameter: ")
+    mechanism = mechanism.with_parameters(**spec.parameter)
     known = {
         "parameter": list(mechanism.parameters),
         "q": list(mechanism.coordinates.names),

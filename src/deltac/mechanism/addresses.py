@@ -38,19 +38,20 @@ class _Place:
 
 def numbers(mechanism: Any) -> dict[str, float]:
     """The plain numbers of a mechanism by name, and its parameters; expressions follow from those."""
-    found = {name: places[0].value for name, places in _places(mechanism).items()}
+    found = dict(mechanism.parameters)
+    found |= {name: places[0].value for name, places in _places(mechanism).items()}
     for component, value in zip("xyz", mechanism.gravity):
         if isinstance(value, float):
             found[f"gravity.{component}"] = value
     if len(size := _gravity(mechanism)) == 3:
         found["gravity"] = math.hypot(*size)
-    return {**found, **mechanism.parameters}
+    return found
 
 
-def opened(mechanism: Any, names: Iterable[str]) -> Any:
+def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
     """The same mechanism with these of its numbers as parameters of those names.
 
-    Raises UnknownName, with near ones, for a name of no number.
+    Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
     """
     import sympy
 
@@ -62,7 +63,7 @@ def opened(mechanism: Any, names: Iterable[str]) -> Any:
     gravity = list(mechanism.gravity)
     for name in wanted:
         if name not in known:
-            raise UnknownName(f"unknown parameter {name!r}{closest(name, known)}")
+            raise UnknownName(f"{where}unknown parameter {name!r}{closest(name, known)}")
         symbol = sympy.Symbol(name, real=True)
         for place in places.get(name, ()):
             part = groups[place.group][place.part]

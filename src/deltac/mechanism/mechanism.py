@@ -13,17 +13,16 @@ from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scene import Element
+from deltac.mechanism.scene import Constraint, Element
 from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.shapes import Visual
 from deltac.mechanism.state import State, make_state
-from deltac.mechanism.visuals import Visual
 from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
@@ -174,12 +173,12 @@ class Mechanism(Shown):
         """Its parameters and plain numbers by name, such as ``body.thigh.mass``; see `addresses`."""
         return numbers(self)
 
-    def opened(self, *names: str) -> Mechanism:
+    def opened(self, *names: str, where: str = "") -> Mechanism:
         """The same mechanism with some of its `numbers` as parameters of those names.
 
-        Raises UnknownName, with near ones, for a name of no number.
+        Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
         """
-        same: Mechanism = opened(self, names)
+        same: Mechanism = opened(self, names, where)
         return same
 
     def with_parameters(self, **values: float) -> Mechanism:

@@ -276,7 +276,7 @@ def _steps(step: OneStep | None) -> str:
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
     if step.known_but_for_causes and step.scheme is not None:
-        by = f"a step of {step.scheme.name}" if step.scheme.name else "an accurate step"
+        by = f"a step of {step.scheme.name}" if step.scheme.name else "one step"
         return (
             f"Each of {len(step.t)} rows follows from the one before by {by} but for "
             f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "

@@ -228,8 +228,6 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
     step, terms = evidence.step, evidence.terms
-    if any(f.kind == "not-reproducible" for f in evidence.findings):
-        return []
     energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
     if terms is not None and terms.significant.any():
         k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))
@@ -247,7 +245,8 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
                 terms.speeds[k],
             )
         ]
-    if step is None or not step.significant.any() or beyond(step, measures.tolerance):
+    unlike = any(f.kind == "not-reproducible" for f in evidence.findings)
+    if step is None or unlike or not step.significant.any() or beyond(step, measures.tolerance):
         return []
     k = int(np.argmax(np.where(step.significant, step.ratio, 0.0)))
     return [

@@ -158,6 +158,8 @@ class Candidate:
         if self.kind == "body-tensor":
             principal = np.linalg.eigvalsh(tensor(value))
             return bool(principal[0] > 0.0 and principal[2] <= principal[0] + principal[1])
+        if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
+            return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":
             return bool(np.all(value > 0.0))
         return self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0)))

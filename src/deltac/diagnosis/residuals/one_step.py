@@ -98,6 +98,9 @@ RESTING, SHARE_RESTING = 40, 0.2
 NEARBY = (-3, -2, -1, 1, 2, 3)
 """Rows whose force may have acted in place of a row's own, where forces are held."""
 
+TAKEN_BACK = 0.1
+"""Share that two residuals in a row may leave of each other."""
+
 STARTING = 5
 """Steps in which a method of several steps may start in another way."""
 
@@ -873,6 +876,11 @@ class OneStep:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
         out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
+        # A force changes the momentum for good; what is taken back in the next step is a spike of a speed.
+        size = self.residual / np.maximum(self.scale, 1e-300)
+        left = np.abs(size[1:] + size[:-1]).max(axis=1)
+        back = rows[1:] & rows[:-1] & (left < TAKEN_BACK * np.abs(size[1:]).max(axis=1))
+        rows &= ~(np.append(back, False) | np.insert(back, 0, False))
         # Filters leave traces at the ends of a log, methods of several steps where they start.
         exact = self.scheme is not None and self.scheme.typical <= CLOSED
         edge = STARTING if exact else max(1, len(rows) // 50)

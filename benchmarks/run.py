@@ -18,6 +18,7 @@ os.environ.setdefault("EXUDYN_MODULE", "fast")
 import accuracy_run
 import ensemble_run
 import hardware
+import humanoid_run
 import kernel_sizes
 import ledger_run
 import limits_run
@@ -49,40 +50,67 @@ def main() -> None:
         f"peak {allowed['gflops']:.0f} Gflop/s ({allowed['gflops_one_core']:.0f} on one core), "
         f"{allowed['gbytes_per_s']:.1f} GB/s copying"
     )
-    rounds, few = options.rounds, min(options.rounds, LONG_ROUNDS)
-    trajectory = single_run.run(rounds, few)
-    contests = [row for row in trajectory if "target" in row]
-    for one in contests:
-        print(_told(one, single_run.told))
-    print(single_run.table(trajectory), flush=True)
-    limits = limits_run.run(few)
-    print(limits_run.table(limits), flush=True)
-    for module, found in (
-        (ensemble_run, lambda: ensemble_run.run(few)),
-        (accuracy_run, lambda: [accuracy_run.run(rounds)]),
-        (squeezer_run, lambda: squeezer_run.run(rounds, few)),
-        (ledger_run, lambda: [ledger_run.run(options.samples, few)]),
-    ):
-        for one in found():
-            contests.append(one)
-            print(_told(one, module.told), flush=True)
-    kernels = kernel_sizes.run(tuple(options.dof), few, allowed["gflops"])
-    print(_table(kernels))
-    print(f"  {kernel_sizes.growth(kernels)}")
-    startup = startup_run.run(few)
-    print(startup_run.told(startup))
-    content = {
-        "machine": about,
-        "hardware": allowed,
-        "contests": contests,
-        "one_trajectory": trajectory,
-        "limits": limits,
-        "kernels": kernels,
-        "startup": startup,
-        "instructions": counts(),
-    }
+    content: dict[str, Any] = {"machine": about, "hardware": allowed, "contests": []}
+    for part in options.only or PARTS:
+        PARTS[part](options, allowed, content)
+    content["instructions"] = counts()
     _write(options.out, content)
     print(f"written to {options.out}")
+
+
+def _trajectory(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+    rows = single_run.run(options.rounds, min(options.rounds, LONG_ROUNDS))
+    for one in rows:
+        if "target" in one:
+            content["contests"].append(one)
+            print(_told(one, single_run.told))
+    print(single_run.table(rows), flush=True)
+    content["one_trajectory"] = rows
+
+
+def _limits(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+    content["limits"] = limits_run.run(min(options.rounds, LONG_ROUNDS))
+    print(limits_run.table(content["limits"]), flush=True)
+
+
+def _contests(
+    module: Any, measured: Callable[[argparse.Namespace, int], list[dict[str, Any]]]
+) -> Callable[[argparse.Namespace, dict[str, Any], Any], None]:
+    """A part that is contests alone; `measured` takes the options and how often what takes long is run."""
+
+    def run(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+        for one in measured(options, min(options.rounds, LONG_ROUNDS)):
+            content["contests"].append(one)
+            print(_told(one, module.told), flush=True)
+
+    return run
+
+
+def _kernels(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+    few = min(options.rounds, LONG_ROUNDS)
+    found = kernel_sizes.run(tuple(options.dof), few, allowed["gflops"])
+    print(_table(found))
+    print(f"  {kernel_sizes.growth(found)}", flush=True)
+    content["kernels"] = found
+
+
+def _startup(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+    content["startup"] = startup_run.run(min(options.rounds, LONG_ROUNDS))
+    print(startup_run.told(content["startup"]))
+
+
+PARTS: dict[str, Callable[[argparse.Namespace, dict[str, Any], Any], None]] = {
+    "trajectory": _trajectory,
+    "humanoid": _contests(humanoid_run, lambda options, few: [humanoid_run.run(options.rounds)]),
+    "limits": _limits,
+    "ensembles": _contests(ensemble_run, lambda options, few: ensemble_run.run(few)),
+    "accuracy": _contests(accuracy_run, lambda options, few: [accuracy_run.run(options.rounds)]),
+    "squeezer": _contests(squeezer_run, lambda options, few: squeezer_run.run(options.rounds, few)),
+    "ledger": _contests(ledger_run, lambda options, few: [ledger_run.run(options.samples, few)]),
+    "kernels": _kernels,
+    "startup": _startup,
+}
+"""What can be measured by itself (`--only`), in the order of a whole run."""
 
 
 def _options() -> argparse.Namespace:
@@ -90,6 +118,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--rounds", type=int, default=9, help="repeats of each measurement")
     parser.add_argument("--dof", type=int, nargs="*", default=[10, 30, 100], help="sizes of chains")
     parser.add_argument("--samples", type=int, default=1_000_000, help="rows of the ledger's log")
+    parser.add_argument("--only", nargs="*", choices=PARTS, help="these parts alone")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks.json"))
     options = parser.parse_args()
     if options.rounds < 1:

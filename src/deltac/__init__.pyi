@@ -96,6 +96,7 @@ from deltac.repair import Repair as Repair
 from deltac.repair import repair_equations as repair_equations
 from deltac.repair.mutate.report import MutationReport as MutationReport
 from deltac.repair.mutate.report import mutate_equations as mutate_equations
+from deltac.simulation.arguments import IllConditionedWarning as IllConditionedWarning
 from deltac.simulation.constraints.assembly import Assembly as Assembly
 from deltac.simulation.constraints.assembly import assemble as assemble
 from deltac.simulation.constraints.energy import EnergyLeftWarning as EnergyLeftWarning

@@ -171,6 +171,7 @@ def _neighbour(path: Path) -> str:
     if not path.parent.is_dir():
         return f"; the folder {path.parent} does not exist"
     with suppress(OSError):
-        hint = closest(path.name, (entry.name for entry in path.parent.iterdir()))
+        others = (entry.name for entry in path.parent.iterdir() if entry.name != path.name)
+        hint = closest(path.name, others)
         return hint if "did you mean" in hint else ""
     return ""

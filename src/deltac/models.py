@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -165,6 +165,17 @@ class Model:
                 "mechanism.state(...) of this mechanism"
             )
         return given
+
+    def with_parameters(self, **values: float) -> Model:
+        """The same model with other values of parameters, or of other `Mechanism.numbers`."""
+        mechanism = self.mechanism.with_parameters(**values)
+        problem = self.problem
+        if problem is not None:
+            if not is_dataclass(problem):
+                raise ArgumentsError("parameters: give the values to what makes this model")
+            # equations by hand have the values of their own
+            problem = replace(problem, mechanism=mechanism, equations=None)
+        return replace(self, mechanism=mechanism, problem=problem)
 
     def lasting(self, duration: float | None) -> float:
         """How long the motion lasts (s): as given, or as the problem says; InputError if neither."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from deltac.errors import InputError, UnknownName
@@ -179,8 +181,6 @@ def test_addresses_are_of_what_determines_the_answer() -> None:
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_list_of_points_from_a_table(ending: str, tmp_path: Path) -> None:
     """The same addresses as those of the values written out; the table lies beside the plan."""
-    import polars as pl
-
     values = {
         "solver": ["ode4", "ode5", "ode4"],
         "parameter.m1": [1.0, 2.0, 3.0],
@@ -253,3 +253,23 @@ def test_steps_and_tolerances_are_of_the_solvers_that_have_them() -> None:
     ]
     assert plan.design.setting.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
     assert len(set(plan.addresses)) == 10
+
+
+def test_of_several_models_each_is_refused_by_itself(tmp_path: Path) -> None:
+    """One that is broken, one without the axis; a lone one is an error of the plan."""
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
+    names = ["double-pendulum", str(tmp_path / "broken.xml"), "simple-pendulum"]
+    plan = {"duration": 1.0, "step": 0.1, "vary": {"parameter": {"m1": [1.0, 2.0]}}}
+    plan["vary"] |= {"model": names}  # type: ignore[operator]
+    made = plan_sweep(plan)
+    failures = [getattr(task, "failure", None) for task in made.tasks]
+    assert [f and f.code for f in failures] == [None, "E-MODEL", "E-NAME"]
+    assert len(set(made.addresses)) == 6
+    row = pl.read_parquet(io.BytesIO(made.piece([2, 3])()))
+    assert row["verdict"].to_list() == ["failed"] * 2 and row["parameter.m1"].to_list() == [
+        1.0,
+        2.0,
+    ]
+    plan["vary"] |= {"model": names[1:]}  # type: ignore[operator]
+    with pytest.raises(InputError):
+        plan_sweep(plan)

@@ -2,16 +2,49 @@
 
 from __future__ import annotations
 
-from deltac.cli.output import Form, Json, Model, PageFile, StartState, deliver
+from typing import Annotated
+
+import typer
+
+from deltac.cli.output import (
+    Form,
+    Json,
+    Model,
+    PageFile,
+    Parameters,
+    StartState,
+    deliver,
+    with_parameters,
+)
 
 
 def command(
     model: Model,
     state: StartState = None,
+    values: Parameters = None,
+    numbers: Annotated[
+        bool,
+        typer.Option("--numbers", help="Only list the parameters and numbers that have a name."),
+    ] = False,
     page: PageFile = None,
     as_json: Json = False,
 ) -> None:
     """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
     from deltac.analysis.classify import classify
 
-    deliver(classify(model, state), Form.text.unless(as_json), name=model, page=page)
+    chosen = with_parameters(model, values)
+    if numbers:
+        _list(chosen, as_json)
+    else:
+        deliver(classify(chosen, state), Form.text.unless(as_json), name=model, page=page)
+
+
+def _list(model: object, as_json: bool) -> None:
+    import json
+
+    from deltac.models import load_model
+
+    found = dict(load_model(model).mechanism.numbers)  # type: ignore[arg-type]
+    wide = max(map(len, found), default=0)
+    lines = [f"{name:{wide}}  {value:.9g}" for name, value in found.items()]
+    typer.echo(json.dumps(found) if as_json else "\n".join(lines))

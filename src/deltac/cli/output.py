@@ -58,6 +58,37 @@ Model = Annotated[
     ),
 ]
 
+Parameters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Another value of a parameter or number of the model, such as body.link.mass=2 (deltac "
+        "describe --numbers lists them); repeat for several.",
+    ),
+]
+"""Values of parameters for this call."""
+
+
+def with_parameters(model: str, given: list[str] | None) -> Any:
+    """The model of that name, with the values that ``--set`` gives."""
+    if not given:
+        return model
+    from deltac.errors import InputError
+    from deltac.models import load_model
+
+    values = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--set {text!r}: expected NAME=NUMBER, such as body.link.mass=2"
+            ) from None
+    return load_model(model).with_parameters(**values)
+
+
 StartState = Annotated[
     str | None,
     typer.Option(

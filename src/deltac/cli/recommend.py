@@ -13,9 +13,11 @@ from deltac.cli.output import (
     Json,
     Model,
     PageFile,
+    Parameters,
     StartState,
     deliver,
     progress_bar,
+    with_parameters,
 )
 
 
@@ -53,6 +55,7 @@ def command(
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
     state: StartState = None,
+    values: Parameters = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -68,7 +71,7 @@ def command(
         chosen = [name.strip() for name in solvers.split(",") if name.strip()]
     with progress_bar() as progress:
         found = recommend(
-            model,
+            with_parameters(model, values),
             state,
             duration=duration,
             tolerance=tolerance,

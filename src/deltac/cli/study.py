@@ -14,9 +14,11 @@ from deltac.cli.output import (
     Json,
     Model,
     PageFile,
+    Parameters,
     StartState,
     deliver,
     progress_bar,
+    with_parameters,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ def command(
     steps: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,C", help="Steps (s), three or more; each half of the one before."
+            metavar="A,B,C", help="Steps (s), three or more; each half of the previous one."
         ),
     ] = None,
     solver: Annotated[
@@ -59,6 +61,7 @@ def command(
     figure: FigureFile = None,
     page: PageFile = None,
     state: StartState = None,
+    values: Parameters = None,
     form: Format = Form.text,
     as_json: Json = False,
 ) -> None:
@@ -71,7 +74,7 @@ def command(
 
     with progress_bar() as progress:
         found = study(
-            model,
+            with_parameters(model, values),
             state,
             duration=duration,
             steps=_numbers(steps, "--steps"),

@@ -30,7 +30,7 @@ def without_inertia(M: Array) -> NDArray[np.intp]:
 
 def singular_inertia(mechanism: Mechanism, M: Array) -> ModelError | None:
     """The error that names speeds and bodies of the first singular mass matrix of M (…, p, p), or None."""
-    for one in M.reshape(-1, *M.shape[-2:]):
+    for one in M.reshape(-1, *M.shape[-2:]) if M.size else ():  # all joints may be prescribed
         if len(places := without_inertia(one)):
             entries = [mechanism.speeds[int(mechanism.free.u[k])] for k in places]
             joints = [mechanism.joint(name) for name in dict.fromkeys(e.joint for e in entries)]

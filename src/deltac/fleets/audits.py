@@ -144,6 +144,7 @@ def is_fleet(logs: Sequence[str]) -> bool:
 
 def _remote(url: str) -> list[str]:
     system, path = file_system(url)
+    system.invalidate_cache()  # what this process saw of the store before may have changed
     if not globbing.has_magic(path):
         return [url]
     matches = sorted(system.glob(path))

@@ -142,7 +142,7 @@ def _table_columns(path: Path) -> dict[str, list[Any]]:
     if kind not in (".csv", ".parquet"):
         raise FileError(f"{path}: expected a table of points, .csv or .parquet")
     try:
-        content = io.BytesIO(read_bytes(path, "text"))
+        content = io.BytesIO(read_bytes(path))
     except InputError as error:
         raise FileError(f"{path}: {error}") from None
     try:

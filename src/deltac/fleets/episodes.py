@@ -8,8 +8,9 @@ GPUs hand them over (NPZ, HDF5). Files are read from disks, or from wherever fss
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,8 @@ def episode_names(source: str) -> list[str] | None:
                 if not set(COLUMNS) & {name.strip() for name in head.split(",")}:
                     return None
             elif suffix in (".npz", ".h5", ".hdf5"):
-                if (arrays := _arrays(path)) is not None:
-                    return [str(k) for k in range(_count(arrays))]
+                if (shapes := _shapes(path)) is not None:
+                    return [str(k) for k in range(_count(shapes))]
                 if suffix == ".npz":
                     return None
             else:
@@ -156,45 +157,52 @@ def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLo
 
         yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return
-    arrays = _arrays(path) if suffix in (".npz", ".h5", ".hdf5") else None
-    if arrays is None:
+    if suffix not in (".npz", ".h5", ".hdf5") or _shapes(path) is None:
         found = episodes(read_raw(path))
         yield from ((name, found[name]) for name in names if name in found)
     else:
-        count = _count(arrays)
-        for name in names:
-            k = int(name)
-            collector = Collector()
-            for key, values in arrays.items():
-                if (
-                    values.ndim == 3
-                    or values.ndim == 2
-                    and values.shape[1] == count
-                    and key in TIMES
-                ):
-                    collector.add(key, values[:, k])
-                else:
-                    collector.add(key, values)
-            yield name, collector.log()
+        yield from _of_arrays(path, [int(name) for name in names])
 
 
-def _arrays(path: Path) -> dict[str, Any] | None:
-    """The arrays of a file by name, if some are (T, N, n); time comes first, as everywhere."""
-    if path.suffix.lower() == ".npz":
-        from deltac.trajectories.formats.npz import read_arrays
+def _of_arrays(path: Path, places: Sequence[int]) -> Iterator[tuple[str, RawLog]]:
+    """Some of the N episodes of arrays (T, N, n); no others are in memory."""
+    shapes = _shapes(path)
+    if shapes is None:
+        raise LogError("it has no arrays (T, N, n) of N episodes any more; run it again")
+    count = _count(shapes)
+    first, last = min(places), max(places)
+    if last >= count:
+        raise LogError(f"it has {count} episodes now, and no episode {last}; run it again")
+    several = {
+        name
+        for name, shape in shapes.items()
+        if len(shape) == 3 or (len(shape) == 2 and shape[1] == count and name in TIMES)
+    }
+    parts = dict.fromkeys(several, slice(first, last + 1))
+    arrays = _format(path).read_arrays(path, parts)
+    for k in places:
+        collector = Collector()
+        for name, values in arrays.items():
+            collector.add(name, values[:, k - first] if name in several else values)
+        yield str(k), collector.log()
 
-        arrays = read_arrays(path)
-    else:
-        from deltac.trajectories.formats.hdf5 import read_arrays as read_datasets
 
-        arrays = read_datasets(path)
-    if "deltac" in arrays or not any(v.ndim == 3 for v in arrays.values()):
+def _format(path: Path) -> Any:
+    """The module that reads arrays of the file's format."""
+    kind = "npz" if path.suffix.lower() == ".npz" else "hdf5"
+    return import_module(f"deltac.trajectories.formats.{kind}")
+
+
+def _shapes(path: Path) -> dict[str, tuple[int, ...]] | None:
+    """The shapes of a file's arrays by name, if some are (T, N, n); time comes first, as everywhere."""
+    shapes: dict[str, tuple[int, ...]] = _format(path).read_shapes(path)
+    if "deltac" in shapes or not any(len(shape) == 3 for shape in shapes.values()):
         return None
-    return arrays
+    return shapes
 
 
-def _count(arrays: dict[str, Any]) -> int:
-    counts = {name: v.shape[1] for name, v in arrays.items() if v.ndim == 3}
+def _count(shapes: Mapping[str, tuple[int, ...]]) -> int:
+    counts = {name: shape[1] for name, shape in shapes.items() if len(shape) == 3}
     if len(set(counts.values())) > 1:
         raise LogError(f"arrays (T, N, n) of different numbers N of episodes: {counts}")
     return int(next(iter(counts.values())))

@@ -121,7 +121,7 @@ class Fleet(Report):
         several = [n for n in keys if n == "model" or frame[n].n_unique() > 1]
         return tuple(
             Group(
-                ", ".join(str(part.row(0, named=True)[n]) for n in several),
+                _setting(part.row(0, named=True), several),
                 _counted(part),
                 _exit_codes(part),
                 _worst(part, 1),
@@ -196,6 +196,18 @@ class Group(Report):
             yield ", ".join(f"{n} {shown_cell(v, n)}" for n, v in row.items() if v is not None)
 
 
+WORDS = {"step": "step {} s", "solver_tolerance": "tolerance {}", "duration": "{} s long"}
+"""What is said of the numbers of a setting."""
+
+
+def _setting(row: Mapping[str, Any], names: Iterable[str]) -> str:
+    """A setting in words, without what its solver has not."""
+    told = {n: row[n] for n in names if row[n] is not None}
+    return ", ".join(
+        WORDS[n].format(number(value)) if n in WORDS else str(value) for n, value in told.items()
+    )
+
+
 def _counted(frame: polars.DataFrame) -> dict[str, int]:
     if "verdict" not in frame.columns:
         return {}
@@ -217,7 +229,7 @@ HIDDEN = ("details", "text", "report", "confidence", "seconds", "evaluations", "
 
 
 def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
-    """The worst rows: failed ones, then wrong ones by their energy error; columns in which they differ."""
+    """The worst rows, failed ones, then wrong ones by energy error: setting, and what differs in them."""
     import polars
 
     if "verdict" not in frame.columns:
@@ -225,11 +237,17 @@ def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
     rank = {verdict: k for k, verdict in enumerate(WORST_FIRST)}
     bad = frame.filter(polars.col("verdict") != "consistent")
     order = polars.col("verdict").replace_strict(rank, default=len(rank))
-    bad = bad.sort(order, -polars.col("relative"), maintain_order=True, nulls_last=True).head(most)
+    bad = bad.sort(order, -polars.col("relative"), maintain_order=True, nulls_last=True)
+    # Neither those that failed nor those that are wrong hide the others.
+    failed = polars.col("verdict") == FAILED
+    made = bad.filter(~failed)
+    bad = polars.concat([bad.filter(failed).head(max(most - len(made), (most + 1) // 2)), made])
+    bad = bad.head(most)
     keep = [
         n
         for n in bad.columns
         if n in ("address", "message", "verdict", "relative")
+        or (n in SETTING and frame[n].n_unique() > 1 and bad[n].count())
         or (n not in HIDDEN and bad[n].n_unique() > 1 and not n.startswith("delta_c."))
     ]
     return tuple(bad.select(keep).to_dicts())

@@ -68,10 +68,23 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
+class Refused:
+    """A setting whose runs cannot be made, since its model cannot be read, or lacks what is asked of it."""
+
+    label: str
+    solver: str | None
+    step: float | None
+    solver_tolerance: float | None
+    duration: float | None
+    axes: tuple[str, ...]
+    failure: Failure
+
+
+@dataclass(frozen=True, eq=False)
 class RunPiece:
     """Some runs: the values of their axes (N, axes), and their addresses."""
 
-    task: Task
+    task: Task | Refused
     values: Array
     addresses: tuple[str, ...]
 
@@ -133,6 +146,9 @@ def _states(task: Task, values: Array) -> tuple[Array, Array]:
 def _outcome(piece: RunPiece) -> dict[str, Any]:
     from deltac.simulation.solvers import find_solver
 
+    if isinstance(piece.task, Refused):
+        outcome = failed_outcome(piece.task.failure)
+        return {name: values * piece.rows for name, values in outcome.items()}
     if piece.task.verb == "study":
         return _by_members(piece, _study, together=False)
     solver = find_solver(piece.task.solver)
@@ -164,7 +180,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
     from deltac.simulation.solvers import find_solver
 
     task = piece.task
-    assert task.step is not None
+    assert isinstance(task, Task) and task.step is not None
     steps = whole_steps(task.duration, task.step, 1)
     records = max(k for k in range(1, RECORDS + 1) if steps % k == 0)
     own = [name for name in task.axes if name.startswith("parameter.")]
@@ -240,11 +256,19 @@ def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
     from deltac.simulation.simulate import Record, simulate
     from deltac.simulation.solvers import solver_options
 
-    mechanism = task.mechanism.with_parameters(**_parameters(task, values[0]))
+    given = _parameters(task, values[0])
+    mechanism = task.mechanism.with_parameters(**given)
     Q, U = _states(task, values)
-    start = State(task.start.t, Q[0], U[0])
-    record, solver = Record(TESTING), solver_options(task.solver, task.solver_tolerance)
-    return mechanism, simulate(mechanism, start, task.duration, task.step, solver, record)
+    run = simulate(
+        mechanism,
+        State(task.start.t, Q[0], U[0]),
+        task.duration,
+        task.step,
+        solver_options(task.solver, task.solver_tolerance),
+        Record(TESTING),
+        vary=tuple(given),  # compiled once for all of their values
+    )
+    return mechanism, run
 
 
 def _single(piece: RunPiece) -> dict[str, Any]:
@@ -253,6 +277,7 @@ def _single(piece: RunPiece) -> dict[str, Any]:
     from deltac.simulation.solvers import find_solver
 
     task = piece.task
+    assert isinstance(task, Task)
     solver = find_solver(task.solver)
     began = time.process_time()
     mechanism, run = motion(task, piece.values)
@@ -289,6 +314,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     from deltac.simulation.solvers import DEFAULT_TOLERANCE, find_solver
 
     task, (row,) = piece.task, piece.values
+    assert isinstance(task, Task)
     mechanism = task.mechanism.with_parameters(**_parameters(task, row))
     Q, U = _states(task, piece.values)
     began = time.process_time()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac.errors import InputError, UnknownName, closest
 from deltac.fleets.result import WORST_FIRST, Fleet, shown_cell
+from deltac.fleets.rows import FAILED
 from deltac.report.files import check_page, write_text
 from deltac.results import Table, number, percent
 
@@ -52,15 +53,19 @@ def _cases(fleet: Fleet, target: Path, case: Callable[[str, Path], None] | None)
     """Pages of the worst cases that can be shown, by address; relative to the page."""
     links: dict[str, str] = {}
     folder = target.parent / f"{target.stem}-cases"
-    for row in fleet.worst[:CASES] if case is not None else ():
+    for row in fleet.worst if case is not None else ():
+        if row["verdict"] == FAILED:  # it has no motion to show
+            continue
         own = folder / f"{row['address']}.html"
         folder.mkdir(exist_ok=True)
         try:
             assert case is not None
             case(row["address"], own)
-        except InputError:  # what failed has no motion to show
+        except InputError:
             continue
         links[row["address"]] = f"{folder.name}/{own.name}"
+        if len(links) == CASES:
+            break
     return links
 
 
@@ -185,13 +190,21 @@ def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Fig
     for name in (x, y):
         if name is not None and name not in frame.columns:
             raise UnknownName(f"axis {name!r}: the table has none{closest(name, known)}")
-    free = [n for n in known if n not in (x, y)]
-    x = x or (free.pop(0) if free else None)
-    y = y or (free.pop(0) if free else None)
-    if x is None or y is None or "relative" not in frame.columns:
+    if not {"model", "solver", "relative"} <= set(frame.columns):
         return []
-    parts = frame.partition_by("model", "solver", maintain_order=True)[:MAPS]
-    return [_heat_map(part, x, y) for part in parts if part["relative"].count()]
+    drawn = []
+    for part in frame.partition_by("model", "solver", maintain_order=True):
+        # Not all axes are of every solver: some have a step, others a tolerance.
+        free = [n for n in axes_of(part) if n not in (x, y)]
+        right, up = (name or (free.pop(0) if free else "") for name in (x, y))
+        if not (right and up and part["relative"].count()):
+            continue
+        if part[right].null_count() or part[up].null_count():
+            continue
+        drawn.append(_heat_map(part, right, up))
+        if len(drawn) == MAPS:
+            break
+    return drawn
 
 
 BINS = 40

@@ -6,22 +6,23 @@ import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.errors import ArgumentsError, SpecificationError, UnknownName, closest
+from deltac.errors import ArgumentsError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
 from deltac.fleets.result import Fleet
-from deltac.fleets.runs import RunPiece, Task
+from deltac.fleets.runs import Refused, RunPiece, Task
 from deltac.fleets.spec import Execution, SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.interrupts import interruptible
+from deltac.isolation import Failure
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, load_model
 
@@ -44,7 +45,7 @@ class Plan:
 
     spec: SweepSpec
     design: Design
-    tasks: tuple[Task, ...]
+    tasks: tuple[Task | Refused, ...]
     addresses: tuple[str, ...]
 
     def piece(self, rows: Sequence[int]) -> RunPiece:
@@ -64,28 +65,53 @@ def plan_sweep(
 ) -> Plan:
     """Read, validate and lay out a sweep; nothing is run. See `sweep` for the arguments.
 
+    Of several models those that cannot be read, or lack what is asked of them, are refused by themselves:
+    their rows say why.
+
     Raises InputError for whatever cannot be run in any of its points.
     """
     spec, named = _spec(source, options)
     named = {**named, **(models or {})}
     design = lay_out(spec)
-    loaded: dict[str, Model] = {}
-    tasks = []
+    loaded: dict[str, Model | InputError] = {}
+    tasks: list[Task | Refused] = []
+    errors: list[InputError] = []
     for setting in design.settings:
         if setting.model is None:
             raise SpecificationError("model: say what is swept, model = … or vary.model = [ … ]")
-        if setting.model not in loaded:
-            loaded[setting.model] = load_model(named.get(setting.model, setting.model))
-        tasks.append(_task(spec, setting, loaded[setting.model], design.axes))
+        try:
+            if setting.model not in loaded:
+                loaded[setting.model] = _loaded(named.get(setting.model, setting.model))
+            model = loaded[setting.model]
+            if isinstance(model, InputError):
+                raise model
+            tasks.append(_task(spec, setting, model, design.axes))
+        except InputError as error:
+            errors.append(error)
+            own = (setting.solver, setting.step, setting.solver_tolerance, setting.duration)
+            failure = Failure(error.code, str(error))
+            tasks.append(Refused(setting.model, *own, design.axes, failure))
+    if errors and (len(loaded) == 1 or len(errors) == len(tasks)):
+        raise errors[0]
     if spec.design.kind != "list":
         design, tasks = _distinct(design, tasks)
     return Plan(spec, design, tuple(tasks), tuple(_addresses(design, tasks)))
 
 
-def _distinct(design: Design, tasks: Sequence[Task]) -> tuple[Design, list[Task]]:
+def _loaded(source: ModelLike) -> Model | InputError:
+    """The model, or why it is none."""
+    try:
+        return load_model(source)
+    except InputError as error:
+        return error
+
+
+def _distinct(
+    design: Design, tasks: Sequence[Task | Refused]
+) -> tuple[Design, list[Task | Refused]]:
     """Each setting once: to a solver without fixed steps, all steps that are varied are the same."""
 
-    def key(task: Task) -> tuple[Any, ...]:
+    def key(task: Task | Refused) -> tuple[Any, ...]:
         return (task.label, task.solver, task.step, task.solver_tolerance, task.duration)
 
     first: dict[tuple[Any, ...], int] = {}
@@ -157,7 +183,9 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     from deltac.simulation.arguments import whole_steps
     from deltac.simulation.solvers import find_solver
 
-    mechanism = model.mechanism.with_parameters(**spec.parameter)
+    varied = [axis.partition(".")[2] for axis in axes if axis.startswith("parameter.")]
+    mechanism = model.mechanism.opened(*varied, where="vary.parameter: ")
+    mechanism = mechanism.with_parameters(**spec.parameter)
     known = {
         "parameter": list(mechanism.parameters),
         "q": list(mechanism.coordinates.names),
@@ -211,11 +239,15 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     )
 
 
-def _addresses(design: Design, tasks: Sequence[Task]) -> Iterator[str]:
+def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]:
     """Of every row a digest of all that determines its answer."""
     made_by = versions()
     seeds = []
     for task in tasks:
+        if isinstance(task, Refused):
+            told: dict[str, Any] = {**asdict(task), "versions": made_by}
+            seeds.append(hashlib.blake2b(digest(told), digest_size=ADDRESS))
+            continue
         told = {
             "verb": task.verb,
             "model": task.mechanism.hash,
@@ -338,7 +370,7 @@ def run_plan(
             "sweep",
             plan.spec.name,
             told,
-            {task.label: task.mechanism.hash for task in plan.tasks},
+            {task.label: task.mechanism.hash for task in plan.tasks if isinstance(task, Task)},
         ),
         plan.addresses,
         lambda missing, workers: pieces(plan, missing, workers, execution.chunk),
@@ -396,5 +428,7 @@ def write_case(plan: Plan, address: str, path: Path) -> None:
     if not found:
         raise UnknownName(f"address {address}: the sweep has no such run")
     task = plan.tasks[int(plan.design.setting[found[0]])]
+    if isinstance(task, Refused):
+        raise InputError.of(task.failure.code, task.failure.message)
     mechanism, run = motion(task, plan.design.values[found[:1]])
     audit(mechanism, run, tolerance=task.tolerance).report(path)

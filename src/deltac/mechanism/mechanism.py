@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest, shown
+from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scene import Element
+from deltac.mechanism.scene import Constraint, Element
 from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.shapes import Visual
 from deltac.mechanism.state import State, make_state
-from deltac.mechanism.visuals import Visual
 from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
@@ -168,12 +168,23 @@ class Mechanism(Shown):
         """The value of a quantity at the parameters' values."""
         return evaluate(quantity, self.parameters)
 
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        """Its parameters and plain numbers by name, such as ``body.thigh.mass``; see `addresses`."""
+        return numbers(self)
+
+    def opened(self, *names: str, where: str = "") -> Mechanism:
+        """The same mechanism with some of its `numbers` as parameters of those names.
+
+        Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
+        """
+        same: Mechanism = opened(self, names, where)
+        return same
+
     def with_parameters(self, **values: float) -> Mechanism:
-        """The same mechanism with other values of some parameters."""
-        for name in values:
-            if name not in self.parameters:
-                raise UnknownName(f"unknown parameter {name!r}{closest(name, self.parameters)}")
-        return replace(self, parameters={**self.parameters, **values})
+        """The same mechanism with other values of some parameters, or of other `numbers` of its."""
+        same = self.opened(*values)
+        return replace(same, parameters={**same.parameters, **values})
 
     def digest(self, without: Iterable[str] = ()) -> str:
         """A digest of the description, the values of some parameters left out."""
@@ -285,7 +296,9 @@ def _parameters(given: Mapping[str, float]) -> dict[str, float]:
         raise ModelError(f"parameters: found {shown(given)}, expected values by name: {{'k': 2.0}}")
     values: dict[str, float] = {}
     for name, value in given.items():
-        if not isinstance(name, str) or not name.isidentifier() or name in ("t", "q", "u", "pi"):
+        taken = ("t", "q", "u", "pi")
+        address = isinstance(name, str) and name.partition(".")[0] in ADDRESSED
+        if not address and (not isinstance(name, str) or not name.isidentifier() or name in taken):
             raise ModelError(
                 f"parameter {name!r}: a name of letters, digits and underscores is expected, "
                 "other than t, q, u and pi"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -10,7 +11,8 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
-from deltac.dynamics.equations_of_motion import evaluate_at
+from deltac.dynamics.digits import acceleration_error
+from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
@@ -20,6 +22,7 @@ from deltac.errors import (
     ModelError,
     SolverError,
     StateError,
+    warn_user,
 )
 from deltac.limits import Limits
 from deltac.mechanism.events import Event
@@ -127,6 +130,52 @@ def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None)
         )
 
 
+class IllConditionedWarning(UserWarning):
+    """Accelerations that double precision makes of a mechanism have few digits."""
+
+
+INACCURATE, LOST = 1e-6, 0.1
+"""Relative errors of the accelerations at the start that are told, and that are refused."""
+
+
+def _check_digits(
+    mechanism: Mechanism, vary: Sequence[str], rows: Sequence[int], state: State, p: Array
+) -> None:
+    """StateError for accelerations without a digit, `IllConditionedWarning` for few."""
+    free = mechanism.free
+    motion = equations_of_motion(mechanism, vary)
+    error = acceleration_error(motion, rows, state.t, state.q[free.q], state.u[free.u], p)
+    if not error > INACCURATE:
+        return
+    M = motion.ties(state.t, state.q[free.q], state.u[free.u], p)[0]
+    words = (
+        f"the accelerations of {mechanism.name!r} at the start are wrong by {error:.1g} of themselves in "
+        f"double precision: {_contrast(mechanism, M)}"
+    )
+    remedy = (
+        "Fasten what weighs nothing beside the rest (a fixed joint), or give it the mass of what it "
+        "stands for"
+    )
+    if error > LOST:
+        raise StateError(f"{words}. No run of it has a digit. {remedy}")
+    warn_user(f"{words}. Nor can the run be better. {remedy}", IllConditionedWarning)
+
+
+def _contrast(mechanism: Mechanism, M: Array) -> str:
+    """Which speeds move hardly any inertia of their own, in words."""
+    names = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
+    size = np.sqrt(np.diagonal(M))
+    values, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
+    share = np.abs(motions[:, 0])
+    which = [repr(names[int(k)]) for k in np.argsort(-share)[:3] if share[k] > 0.1 * share.max()]
+    if values[0] > 1e-6:  # it is the constraints
+        return "constraints tie bodies of too different masses, or nearly the same motions"
+    return (
+        f"a motion of {', '.join(which)} has {max(values[0], 0.0):.1g} of the inertia that each has alone, "
+        "as where a very light body carries a heavy one, or joints nearly coincide"
+    )
+
+
 def check_accelerations(
     flow: Flow,
     mechanism: Mechanism,
@@ -134,8 +183,10 @@ def check_accelerations(
     state: State,
     x0: Array,
     p: Array,
+    vary: Sequence[str] = (),
+    rows: Sequence[int] = (),
 ) -> None:
-    """The accelerations at the start must be finite, and the mass matrix regular."""
+    """The accelerations at the start must be finite, have digits, and the mass matrix be regular."""
     if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
         raise StateError(
             "the state is not finite; make it by mechanism.state(...), which says where"
@@ -154,6 +205,7 @@ def check_accelerations(
         (M,) = evaluate_at(_inertias(flow), state.t, x0, p)
         if error := singular_inertia(mechanism, M.reshape(n, n)):
             raise error
+        _check_digits(mechanism, vary, rows, state, p)
     bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]

@@ -159,10 +159,13 @@ def simulate(
 
     Warns:
         EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
+        IllConditionedWarning: the accelerations at the start have few digits in double precision, since
+            masses or lengths differ by too many powers of ten.
         StiffStepWarning: the step is far too large for friction, contact, or the mechanism; tells the time
             scale.
     """
     mechanism, state, duration = opened(model, state, duration)
+    mechanism = mechanism.opened(*vary, where="vary: ")
     if renamed:
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
     options = solver_options(solver)
@@ -194,7 +197,7 @@ def simulate(
         q0 = state.q[mechanism.free.q][:, None]
         check_split(flow.system, flow.split, flow.bound.rows, np.array([state.t]), q0, p)
     x0 = flow.start(state, p)
-    check_accelerations(flow, mechanism, controller, state, x0, p)
+    check_accelerations(flow, mechanism, controller, state, x0, p, vary, rows)
     if found.takes_steps:
         h = duration / steps
         grid: StepGrid | None = StepGrid(state.t, h, steps, state.t + steps * h, every)

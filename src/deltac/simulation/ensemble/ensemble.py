@@ -171,7 +171,7 @@ def simulate_ensemble(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
             "ensemble does not stop at; simulate its members one by one, or leave the events out"
         )
-    names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
+    mechanism, names, p = member_parameters(mechanism, {} if vary is None else vary, sensitivity)
     t0, Q, U = member_states(mechanism, states)
     h, solvers = member_steps(step, duration), member_solvers(solver)
     members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.system import trace
-from deltac.errors import InputError, SolverError, StateError, UnknownName, WrongType, closest
+from deltac.errors import InputError, SolverError, StateError, WrongType
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -87,22 +87,21 @@ def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, in
 
 def member_parameters(
     mechanism: Mechanism, vary: Mapping[str, ArrayLike], sensitivity: Sequence[str]
-) -> tuple[list[str], Array]:
-    """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last."""
+) -> tuple[Mechanism, list[str], Array]:
+    """Names and values (n, N) of the parameters kept as symbols; those of `sensitivity` come last.
+
+    The mechanism has them as parameters: plain numbers of it may be named, too (`Mechanism.numbers`).
+    """
     if not isinstance(vary, Mapping):
         raise InputError(
             f"vary is {vary!r}; expected values (N,) by name, such as {{'m': [1.0, 2.0]}}. Names alone are "
             "for `simulate`, where they say what stays a parameter of the compiled code"
         )
     if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
-        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
-    for what, wanted in (("vary", vary), ("sensitivity", sensitivity)):
-        for name in wanted:
-            if name not in mechanism.parameters:
-                raise UnknownName(
-                    f"{what}: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
-                )
+        raise InputError(f"sensitivity={sensitivity!r}: expected distinct names of parameters")
     names = [name for name in vary if name not in sensitivity] + list(sensitivity)
+    mechanism = mechanism.opened(*vary, where="vary: ")
+    mechanism = mechanism.opened(*sensitivity, where="sensitivity: ")
     columns = []
     for name in names:
         given = vary.get(name, mechanism.parameters[name])
@@ -118,7 +117,7 @@ def member_parameters(
     count = max((len(c) for c in columns), default=1)
     table = np.array([np.broadcast_to(c, count) for c in columns]).reshape(len(names), count)
     _check_extremes(mechanism, names, table)
-    return names, table
+    return mechanism, names, table
 
 
 def _numbers(given: object) -> Array:

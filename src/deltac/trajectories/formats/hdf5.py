@@ -9,7 +9,7 @@ in other files (external links and storage, virtual datasets) is not followed.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,14 +62,29 @@ def read_hdf5(path: Path) -> RawLog:
 
 
 @apart
-def read_arrays(path: Path) -> dict[str, Any]:
-    """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files."""
+def read_arrays(path: Path, parts: Mapping[str, slice] | None = None) -> dict[str, Any]:
+    """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files.
+
+    Of those that `parts` names only that part of their second axis, which is then all that is in memory.
+    """
+    wanted = parts or {}
     with opened_hdf5(path) as log:
         members = dict(log.members(log.root))
         return {
-            name: log.values(item)
+            name: log.values(item, wanted.get(name))
             for name, item in members.items()
             if name == "deltac" or (getattr(item, "shape", None) and item.dtype.kind in "iuf")
+        }
+
+
+@apart
+def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """The shapes of the datasets at the top of a file by name, without their values."""
+    with opened_hdf5(path) as log:
+        return {
+            name: tuple(item.shape)
+            for name, item in log.members(log.root)
+            if getattr(item, "shape", None) is not None
         }
 
 
@@ -111,12 +126,16 @@ class Opened:
             if isinstance(group.get(name, getlink=True), h5py.HardLink):
                 yield name, group[name]
 
-    def values(self, item: Any) -> Any:
-        """The values of a dataset; InputError when there are too many, or they lie in other files."""
+    def values(self, item: Any, part: slice | None = None) -> Any:
+        """The values of a dataset, or a part of its second axis.
+
+        InputError when there are too many, or they lie in other files.
+        """
         if item.external or item.is_virtual:
             raise LogError(f"{shown(item.name)} lies in other files, which are not read")
-        self.budget.take(int(item.size) * max(item.dtype.itemsize, 8))
-        return item[()]
+        share = 1.0 if part is None else len(range(item.shape[1])[part]) / max(1, item.shape[1])
+        self.budget.take(int(share * item.size) * max(item.dtype.itemsize, 8))
+        return item[()] if part is None else item[:, part]
 
     def text(self, item: Any) -> str:
         """The text of a dataset that holds one."""

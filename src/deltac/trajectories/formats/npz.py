@@ -13,6 +13,7 @@ import struct
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
@@ -76,18 +77,40 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, int], T]) -> T:
                 return read(archive, size)
 
 
-def read_arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an archive by name, as they are; those of no numbers and no text are left out."""
-    return _opened(path, lambda archive, size: _arrays(archive, size, Collector()))
+def read_arrays(path: Path, parts: Mapping[str, slice] | None = None) -> dict[str, Any]:
+    """The arrays of an archive by name, as they are; those of no numbers and no text are left out.
+
+    Of those that `parts` names only that part of their second axis, which is then all that is in memory.
+    """
+    return _opened(path, lambda archive, size: _arrays(archive, size, Collector(), parts or {}))
 
 
-def _arrays(archive: zipfile.ZipFile, size: int, collector: Collector) -> dict[str, Any]:
+def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """The shapes of the arrays of an archive by name, from their headers alone."""
+
+    def shapes(archive: zipfile.ZipFile, size: int) -> dict[str, tuple[int, ...]]:
+        Limits.current().check("columns", len(archive.filelist), "the archive holds")
+        found = {}
+        for info in archive.filelist:
+            with archive.open(info) as stream:
+                found[info.filename.removesuffix(".npy")] = _header(stream, info.filename)[1]
+        return found
+
+    return _opened(path, shapes)
+
+
+def _arrays(
+    archive: zipfile.ZipFile,
+    size: int,
+    collector: Collector,
+    parts: Mapping[str, slice] = MappingProxyType({}),
+) -> dict[str, Any]:
     budget, arrays = Budget(size), {}
     Limits.current().check("columns", len(archive.filelist), "the archive holds")
     for info in archive.filelist:
         name = info.filename.removesuffix(".npy")
         try:
-            arrays[name] = _array(archive, info, budget)
+            arrays[name] = _array(archive, info, budget, parts.get(name))
         except TypeError as error:  # of values that are no numbers
             collector.skip(name, str(error))
     return arrays
@@ -110,17 +133,22 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
     return collector.log()
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget) -> Any:
-    """An array of numbers or texts; TypeError says what other values it has."""
+_BLOCK = 2**24  # bytes that are unpacked at once where only a part of an array is wanted
+
+
+def _array(
+    archive: zipfile.ZipFile, info: zipfile.ZipInfo, budget: Budget, part: slice | None = None
+) -> Any:
+    """An array of numbers or texts, or a part of its second axis; TypeError says what else it holds."""
     what = f"the array {shown(info.filename)}"
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise LogError(f"{what} is compressed by a method that NumPy does not write")
     with archive.open(info) as stream:
-        return _values(stream, info.file_size, what, budget)
+        return _values(stream, info.file_size, what, budget, part)
 
 
-def _values(stream: Any, size: int, what: str, budget: Budget) -> Any:
-    """The array that `size` bytes of a stream hold."""
+def _values(stream: Any, size: int, what: str, budget: Budget, part: slice | None = None) -> Any:
+    """The array that `size` bytes of a stream hold, or a part of its second axis."""
     dtype, shape, order, start = _header(stream, what)
     count = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
@@ -135,11 +163,26 @@ def _values(stream: Any, size: int, what: str, budget: Budget) -> Any:
         )
     if dtype.kind == "U":
         Limits.current().check("metadata", count // 4, f"{what} is of")
-    budget.take(count)
-    content = stream.read(count)
-    if len(content) != count:
-        raise FileError(f"{what} is cut off: the file is damaged")
-    return np.frombuffer(content, dtype).reshape(shape, order=order)
+
+    def taken(size: int) -> bytes:
+        content: bytes = stream.read(size)
+        if len(content) != size:
+            raise FileError(f"{what} is cut off: the file is damaged")
+        return content
+
+    if part is None or len(shape) < 2 or order != "C" or not count:
+        budget.take(count)
+        whole = np.frombuffer(taken(count), dtype).reshape(shape, order=order)
+        return whole if part is None else whole[:, part]
+    row = count // shape[0]
+    kept = np.empty((shape[0], len(range(shape[1])[part]), *shape[2:]), dtype)
+    budget.take(kept.nbytes + _BLOCK)
+    at_once = max(1, _BLOCK // row)
+    for first in range(0, shape[0], at_once):
+        rows = min(at_once, shape[0] - first)
+        block = np.frombuffer(taken(rows * row), dtype).reshape(rows, *shape[1:])
+        kept[first : first + rows] = block[:, part]
+    return kept
 
 
 def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any, int]:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.kernels import evaluator_name, to_heyoka
-from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from deltac.simulation.stepping.explicit import FixedMethod
@@ -44,7 +43,6 @@ class Pair:
     unit: str
 
 
-@one_thread_a_call()
 def run(rounds: int) -> list[dict[str, Any]]:
     """Both sides in turn; {"skipped": why} without heyoka."""
     if evaluator_name() != "llvm":

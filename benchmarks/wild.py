@@ -1,42 +1,56 @@
 """The mutation campaign on programs as people write them: what is read, detected, repaired, and how fast.
 
     make bench-repair-wild [ARGS="--only slip_class --each 5 --json out.json"]
+    make bench-repair-wild ARGS="--programs blind"
 
-The programs are those of `equations/wild`. Single mistakes are enumerated (`deltac.repair.mutate`, a draw of
-each program's) or by hand (`equations/wild/mistakes.py`); double ones are two of these, drawn by a seed.
-A mistake is repaired if the first edit offered gives the right equations: those of the original program at
-random states, with all its named constants moved.
+The programs are those of `equations/wild`, or of `equations/blind`. Single mistakes are enumerated
+(`deltac.repair.mutate`, a draw of each program's) or by hand (`mistakes.py`); double ones are two of these,
+drawn by a seed. A mistake is repaired if the first edit offered gives the right equations: those of the
+original program at random states, with all its named constants moved.
+
+Programs of `blind` are loaded and repaired as the command does; what cannot be loaded here (Numba) is read.
+Of those that cannot be read only the mistakes by hand are taken, and an edit counts as right if it is where
+it is run.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import random
 import statistics
 import sys
+import tempfile
 import time
 from collections import defaultdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from equations.wild import CASES, UNSEEN, Case  # noqa: E402
-from equations.wild.mistakes import MISTAKES  # noqa: E402
+from equations.wild import Case  # noqa: E402
+
+
+def programs(name: str) -> tuple[tuple[Case, ...], tuple[str, ...]]:
+    """The programs of a folder, and the names of those that edits were not tuned on."""
+    suite = import_module(f"equations.{name}")
+    return suite.CASES, getattr(suite, "UNSEEN", ())
 
 
 def tasks(
     case: Case, source: Any, reading: Any, each: int, doubles: int, seed: int
 ) -> list[dict[str, Any]]:
-    """The mistakes of a program: by hand, enumerated, and double."""
+    """The mistakes of a program: by hand, enumerated where it was read, and double."""
     from deltac.repair.mutate.operators import mutants
     from deltac.repair.tracing.program import spans
 
     text = source.text
     made: list[dict[str, Any]] = []
-    for words, old, new in MISTAKES.get(case.name, ()):
+    for words, old, new in import_module(f"{case.suite}.mistakes").MISTAKES.get(case.name, ()):
         assert old in text, f"{case.name}: {old!r} is not there"
         made.append(
             {
@@ -47,7 +61,7 @@ def tasks(
             }
         )
     draw = random.Random(f"{case.name} {seed}")
-    found = mutants(text, "", names=1, seed=seed, read=spans(reading))
+    found = [] if reading is None else mutants(text, "", names=1, seed=seed, read=spans(reading))
     by_kind = defaultdict(list)
     for m in found:
         by_kind[m.kind].append(m)
@@ -88,9 +102,13 @@ def run(case: Case, options: argparse.Namespace) -> list[dict[str, Any]]:
 
     mechanism, coordinates = case.load()
     target = Target(mechanism, coordinates)
-    source = formed(read_source(case.target), target)
-    reading = read(source, target)
-    assert reading.wrong < 1e-8, case.name
+    try:
+        source = formed(read_source(case.target), target)
+        reading = read(source, target)
+        assert reading.wrong < 1e-8, case.name
+    except InputError as error:
+        print(f"{case.name} is not read: {error}"[:200], file=sys.stderr)
+        source, reading = read_source(case.target), None
     rows = []
     for task in tasks(case, source, reading, options.each, options.doubles, options.seed):
         if options.kind and options.kind not in task["kind"]:
@@ -100,20 +118,24 @@ def run(case: Case, options: argparse.Namespace) -> list[dict[str, Any]]:
         # The form is found out anew: a mistake may hide it.
         changed = read_source(case.target).replaced(task["text"])
         row = {"case": case.name, "style": case.style, "kind": task["kind"], "words": task["words"]}
-        row["unseen"] = case.name in UNSEEN
+        row["unseen"] = case.name in options.unseen
         start, cpu = time.perf_counter(), time.process_time()
         try:
-            found = repair_source(changed, target, options.time_limit)
+            if options.programs == "wild":
+                found = repair_source(changed, target, options.time_limit)
+            else:
+                found = as_the_command(case, task["text"], mechanism, coordinates, options)
         except InputError as error:
             rows.append(row | {"refused": str(error)})
             show(rows[-1])
             continue
         row |= {"seconds": time.perf_counter() - start, "cpu": time.process_time() - cpu}
-        row["equivalent"] = same(source, source.replaced(task["text"]), target)
+        row["ran"] = reading is None or bool(found.unread)
+        row["equivalent"] = not row["ran"] and same(source, source.replaced(task["text"]), target)
         row["detected"] = not found.right
         row["certain"] = found.certain
         row["fixes"] = [str(f) for f in found.fixes[:3]]
-        right = [same(source, source.replaced(f.text), target) for f in found.fixes]
+        right = [row["ran"] or same(source, source.replaced(f.text), target) for f in found.fixes]
         row["repaired"] = bool(right and right[0])
         row["among"] = any(right)
         row["false"] = bool(right) and found.certain and not right[0]
@@ -121,6 +143,31 @@ def run(case: Case, options: argparse.Namespace) -> list[dict[str, Any]]:
         rows.append(row)
         show(row)
     return rows
+
+
+def as_the_command(case: Case, text: str, mechanism: Any, coordinates: Any, options: Any) -> Any:
+    """The repair of a program with a mistake, loaded from a file as `deltac check --repair` does."""
+    from deltac.diagnosis.inputs.equations import load_equations
+    from deltac.errors import InputError
+    from deltac.repair.repair import repair_loaded, repair_source
+    from deltac.repair.tracing.samples import Target
+    from deltac.repair.tracing.source import read_source
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{case.name}.py"
+        file.write_text(text)
+        target = f"{file}:{case.function}"
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                function = load_equations(target)
+        except InputError as error:
+            if "ModuleNotFoundError" not in str(error):
+                raise
+            model = Target(mechanism, coordinates)
+            return repair_source(read_source(target), model, options.time_limit)
+        return repair_loaded(
+            mechanism, target, function, coordinates=coordinates, time_limit=options.time_limit
+        )
 
 
 def show(row: dict[str, Any]) -> None:
@@ -194,9 +241,9 @@ def table(title: str, groups: dict[str, list[dict[str, Any]]]) -> None:
 
 def main() -> None:
     """Run the campaign and print its tables."""
-    names = [case.name for case in CASES]
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="*", default=names, choices=names)
+    parser.add_argument("--programs", choices=("wild", "blind"), default="wild")
+    parser.add_argument("--only", nargs="*", default=(), help="names of programs")
     parser.add_argument("--seen", action="store_true", help="without the programs kept unseen")
     parser.add_argument("--each", type=int, default=5, help="enumerated mistakes of a program")
     parser.add_argument("--doubles", type=int, default=2, help="double mistakes of a program")
@@ -211,9 +258,14 @@ def main() -> None:
     if options.again is not None:
         before = json.loads(options.again.read_text())
         options.again = {(r["case"], r["words"]) for r in before if not r.get("repaired")}
+    cases, options.unseen = programs(options.programs)
+    unknown = set(options.only) - {case.name for case in cases}
+    if unknown:
+        parser.error(f"no such programs: {', '.join(sorted(unknown))}")
     rows: list[dict[str, Any]] = []
-    for case in CASES:
-        if case.name in options.only and not (options.seen and case.name in UNSEEN):
+    for case in cases:
+        wanted = not options.only or case.name in options.only
+        if wanted and not (options.seen and case.name in options.unseen):
             rows += run(case, options)
             if options.json:
                 options.json.write_text(json.dumps(rows, indent=1))

@@ -70,7 +70,7 @@ class Owner(Once):
 
 
 def test_a_frozen_dict_is_a_dict_that_refuses_to_change() -> None:
-    frozen = FrozenDict(a=1.0)
+    frozen = FrozenDict({"a": 1.0})
     for change in (
         lambda: frozen.__setitem__("a", 2.0),
         lambda: frozen.update(a=2.0),

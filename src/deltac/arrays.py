@@ -1,4 +1,4 @@
-"""The array type of the whole package."""
+"""The array type of the whole package, and the numbers that mean the same wherever they are used."""
 
 from __future__ import annotations
 
@@ -9,3 +9,22 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 """Real numbers in double precision, of any shape; docstrings say which."""
+
+EPS = float(np.finfo(np.float64).eps)
+"""Spacing of the numbers at one, 2⁻⁵²: what one rounding may change, relative."""
+
+TINY = float(np.finfo(np.float64).tiny)
+"""The smallest normal number: it keeps a quotient finite where the divisor may be zero."""
+
+ASSEMBLED = 1e-9
+"""Largest violation of a constraint (m or rad; per s at unit speeds) by a state that meets it.
+
+Rows have the size of lengths and angles. Newton's method reaches EPS times the condition of the constraint
+Jacobian, which `feasibility` bounds by 10⁵; the rest is room for mechanisms of 10 to 100 m.
+"""
+
+SUM_OF_FORCES = 1e-9
+"""What a sum of forces may lose to rounding, relative to the largest of them.
+
+Some hundred products lose 10⁻¹³; the rest is room for what cancels inside a simulator's own sums.
+"""

@@ -9,7 +9,7 @@ something whose contents may change: a function given by a user is looked at ane
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from functools import update_wrapper
 from threading import Lock
 from typing import Any, Concatenate, Generic, NoReturn, ParamSpec, TypeVar
@@ -84,7 +84,14 @@ def derived(make: Callable[Concatenate[Owner, Key], T]) -> Callable[Concatenate[
 
 
 class FrozenDict(dict[K, T]):
-    """A dict that cannot be changed, as what is kept by its contents must be."""
+    """A dict that cannot be changed, as what is kept by its contents must be.
+
+    UnknownName, a KeyError too, for a name that is not there; `what` is what the names are of.
+    """
+
+    def __init__(self, values: Mapping[K, T], what: str = "name") -> None:
+        super().__init__(values)
+        self._what = what
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
         raise TypeError(
@@ -92,11 +99,11 @@ class FrozenDict(dict[K, T]):
             "Mechanism.with_parameters(...) or dataclasses.replace(...)"
         )
 
-    def __missing__(self, name: K) -> NoReturn:
-        raise UnknownName(f"unknown name {name!r}{closest(str(name), map(str, self))}")
+    def __missing__(self, name: Any) -> NoReturn:
+        raise UnknownName(f"unknown {self._what} {name!r}{closest(str(name), map(str, self))}")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return FrozenDict, (dict(self),)
+        return FrozenDict, (dict(self), self._what)

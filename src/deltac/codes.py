@@ -18,7 +18,7 @@ FINDINGS: dict[str, str] = {
     "body-moment": "one central moment of inertia of a body differs",
     "body-tensor": "the central inertia tensor of a body differs",
     "actuator-gear": "an actuator delivers another multiple of its logged force",
-    "actuator-delay": "an actuator's force acted later than it was logged",
+    "actuator-delay": "an actuator's force acted later than logged",
     "channel-factor": "a force element acts with another multiple of its force",
     "damping": "the damping of a joint differs",
     "stiffness": "the stiffness of a joint differs",
@@ -72,7 +72,7 @@ FINDINGS: dict[str, str] = {
     "interpolated-rows": "rows lie between the solver's steps",
     "duplicated-rows": "rows repeat the row before though the motion goes on",
     "held-columns": "coordinates or speeds are those of a slower sensor, repeated from row to row",
-    "wrapped-angle": "an angle is reduced to one turn",
+    "wrapped-angle": "an angle is wrapped to one turn",
     "spikes": "single values lie far off their neighbours",
     "udot-differenced": "the accelerations are a difference quotient of the speeds",
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",
@@ -115,8 +115,8 @@ FINDINGS: dict[str, str] = {
     "motor": "motors without a law were taken to exert nothing",
     "not-finite": "the accelerations are not finite at some states",
     "wrong-expression": "an expression of the source is wrong, and an edit makes it right",
-    "coordinates": "the same function is right in other coordinates",
-    "parameter-value": "the same function is right with another value of one parameter, or two exchanged",
+    "coordinates": "the function is right in other coordinates",
+    "parameter-value": "the function is right with another value of one parameter, or two exchanged",
     "linearised": "the function is linear, or right for small coordinates alone",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""

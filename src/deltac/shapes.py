@@ -7,13 +7,13 @@ from deltac.mechanism.shapes import (
     Capsule,
     HalfSpace,
     Sphere,
+    Visual,
     box,
     capsule,
     half_space,
     point,
     sphere,
 )
-from deltac.mechanism.visuals import Visual
 
 __all__ = [
     "Box",

@@ -54,7 +54,7 @@ def test_status_and_verdict(
     assert (found, err) == (status, ""), out
     assert said in " ".join(out.split())
     assert "gravity" in out  # the table
-    assert "Not seen by this test" in out
+    assert "Not visible to this test" in out
 
 
 def test_json_and_figure(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,7 +40,7 @@ def test_a_right_run(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(*SHORT, "--steps", "4e-3,2e-3,1e-3", "--solver", "ode4", capsys=capsys)
     assert (status, err) == (0, "")
     assert "The error is the integrator's; it falls at order" in out
-    assert "Not seen by this test" in out
+    assert "Not visible to this test" in out
     assert "step (s)" in out and "|ΔC| wang (J)" in out
 
 

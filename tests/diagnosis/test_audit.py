@@ -43,7 +43,7 @@ def test_right_runs_are_consistent(xml: str, run: Any, tolerance: float) -> None
     assert found.verdict.kind == "consistent", found.verdict.explain()
     assert found.exit_code == 0
     assert not [f for f in found.findings if f.weight != "note"]
-    assert "Not seen by this test" in found.verdict.explain()
+    assert "Not visible to this test" in found.verdict.explain()
 
 
 def test_a_coarse_step_is_the_integrators_fault() -> None:

@@ -246,7 +246,7 @@ def test_the_table_adds_up() -> None:
 def test_channels_that_the_log_lacks_are_assumed_zero() -> None:
     found = audit(model_of(ARM), without(arm_run(), "actuator m2"))
     assert found.ledger.basis["actuator m2"] == "assumed zero"
-    assert "1 channel that" in next(f.what for f in found.findings if f.kind == "assumed-zero")
+    assert "1 channel of" in next(f.what for f in found.findings if f.kind == "assumed-zero")
     assert found.verdict.kind == "equation-error"
 
 

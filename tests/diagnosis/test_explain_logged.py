@@ -62,7 +62,6 @@ def test_another_gear_is_the_same_cause_to_audit_and_explanation() -> None:
     model = with_changes(ARM, actuator_gear=[2.0, 1.0])
     audited, told = dc.audit(model, arm_run()), dc.explain_residual(model, arm_run())
     assert audited.verdict.kind == "equation-error"
-    assert "no mistake shows" not in audited.verdict.explain()
     assert told.kind == "explained"
     (cause,) = told.causes
     assert (cause.kind, cause.element, cause.values) == ("actuator-gear", "actuator m1", (0.5,))

@@ -154,7 +154,7 @@ def test_a_body_that_is_heavier_and_has_its_mass_centre_elsewhere(
         ("body-mass", "lower", ("factor",)): heavier,
     }
     assert values == pytest.approx(planted, rel=EXACT)
-    assert f"is moved by {moved:g} " in str(found)  # without brackets
+    assert f"is displaced by {moved:g} " in str(found)  # without brackets
 
 
 def test_another_mass_centre_mass_and_inertia_of_one_body() -> None:
@@ -250,7 +250,7 @@ def test_equal_causes_are_all_named_with_the_motion_that_would_tell() -> None:
     assert ("missing-rotor-inertia", "axle") in named
     assert ("body-moments", "wheel") in named
     assert ("actuator-gear", "actuator motor") in named
-    assert "The log explains as well" in str(found)
+    assert found.alternatives
 
 
 def test_the_motion_that_would_separate_is_named() -> None:
@@ -284,7 +284,6 @@ def test_what_is_not_in_the_dictionary_is_not_explained() -> None:
         model_of(ARM), replace(run, forces={**run.forces, "actuator m2": odd})
     )
     assert found.kind == "unexplained", str(found)
-    assert "No few causes of those known" in str(found)
     assert found.findings == ()
 
 

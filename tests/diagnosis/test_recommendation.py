@@ -176,7 +176,7 @@ def test_a_solver_that_cannot_do_it_is_left_out_with_the_reason() -> None:
     advice = dc.recommend("driven-pendulum", solvers=("ode5", "discrete-gradient"), **options)
     assert advice.solver == "ode5"
     assert any("discrete-gradient was left out" in note for note in advice.notes)
-    with pytest.raises(dc.InputError, match="no solver can be used.*keeps the energy"):
+    with pytest.raises(dc.InputError, match="no solver can be used.*conserves the energy"):
         dc.recommend("driven-pendulum", solvers=("discrete-gradient",), **options)
 
 

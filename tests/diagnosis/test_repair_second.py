@@ -172,3 +172,35 @@ def test_pairs_of_which_neither_rights_an_equation(name: str, words: tuple[str, 
         source = source.replaced(source.text.replace(old, new, 1))
     found = repair_source(source, Target(*case.load()), 200.0)
     assert found.fixes, found.explain()
+
+
+@pytest.mark.parametrize("state", ["y[1], y[2]", "y[0], y[3]"])
+def test_an_index_out_of_range_is_put_right(state: str) -> None:
+    """Nothing can be read beyond the line: edits of it are tried."""
+    text = f"""
+from math import sin
+m, l, g, c = 1.3, 0.7, 9.81, 0.2
+def rhs(t, y):
+    a, w = {state}
+    return [w, -g / l * sin(a) - c / (m * l**2) * w]
+"""
+    right = text.replace(state, "y[0], y[1]")
+    if state == "y[1], y[2]":  # two indices are wrong, one edit is not enough
+        with pytest.raises(SourceError, match=r"eom.py:5: IndexError"):
+            repair_source(Source("eom.py", text, "rhs"), Target(BOB))
+        return
+    found = repair_source(Source("eom.py", text, "rhs"), Target(BOB))
+    assert found.fixes[0].text == right and not found.certain and found.exit_code == 1
+    assert "IndexError" in found.undefined
+
+
+def test_an_unused_constant_of_another_module_is_known(tmp_path: Path) -> None:
+    """The only use of prm.g was mistaken: its module still has it."""
+    (tmp_path / "prm.py").write_text("m, l, g, c = 1.3, 0.7, 9.81, 0.2\n")
+    file = tmp_path / "eom.py"
+    file.write_text(
+        "import prm\nfrom math import sin\ndef rhs(t, q, u):\n"
+        "    return [-prm.m / prm.l * sin(q[0]) - prm.c / (prm.m * prm.l**2) * u[0]]\n"
+    )
+    found = repair_source(read_source(f"{file}:rhs"), Target(BOB))
+    assert "-prm.g / prm.l" in found.fixes[0].text and found.certain

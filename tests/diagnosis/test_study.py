@@ -325,9 +325,9 @@ def test_a_step_that_does_not_divide_is_left_out() -> None:
         ({"tolerances": (1e-6,), "solver": "ode5"}, "steps="),
         ({"steps": (0.01,), "tolerance": 2.0}, "between 0 and 1"),
         ({"steps": (0.01,), "solver": "ode55"}, "unknown solver"),
-        ({"steps": (0.01,), "simulator": simulator, "solver": "ode5"}, "by itself"),
+        ({"steps": (0.01,), "simulator": simulator, "solver": "ode5"}, "simulator="),
         ({"logs": [1]}, "found int, expected a Trajectory"),
-        ({"logs": [1], "steps": (0.01,)}, "runs already"),
+        ({"logs": [1], "steps": (0.01,)}, "logs="),
         ({}, "give steps="),
     ],
 )

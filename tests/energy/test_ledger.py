@@ -292,7 +292,7 @@ def test_runs_of_another_mechanism(driven: Any) -> None:
     other = replace(run, speeds=("shak", "hinge"))
     refused(["speed 'shak'", "did you mean 'shake'"], mechanism, other)
     turned = replace(run, coordinates=("hinge", "shake"))
-    refused(["another order", "hinge, shake", "shake, hinge"], mechanism, turned)
+    refused(["different order", "hinge, shake", "shake, hinge"], mechanism, turned)
     less = dc.Trajectory(
         t=run.t, q=run.q[:, :1], u=run.u[:, :1], coordinates=("shake",), speeds=("shake",)
     )

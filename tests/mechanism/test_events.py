@@ -45,7 +45,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
         lambda: dc.events.joint_stop("s", "plane.x", upper=1, restitution=-0.1),
         "is -0.1; expected a number",
     ),
-    (lambda: dc.events.joint_stop("s", "plane.x", upper=1, restitution=1.01), "makes energy"),
+    (lambda: dc.events.joint_stop("s", "plane.x", upper=1, restitution=1.01), "creates energy"),
     (lambda: dc.events.joint_stop(" s", "plane.x", upper=1), "a name without surrounding blanks"),
     (
         lambda: mechanism(dc.events.joint_stop("s", "plane", upper=1)),
@@ -73,7 +73,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
         "did you mean 'ball'",
     ),
     (lambda: dc.events.event("e", "t", direction="up"), "expected both, rising, falling"),  # type: ignore[arg-type]
-    (lambda: dc.events.event("e", 3.0), "is the number 3, which never passes zero"),
+    (lambda: dc.events.event("e", 3.0), "is the number 3, which never crosses zero"),
     (lambda: mechanism(dc.events.event("e", "q.plane.z")), "did you mean"),
     (lambda: mechanism("bang"), r"expected what deltac.events.joint_stop\(...\)"),
     (

@@ -78,11 +78,11 @@ def test_bounces_are_exact(e: float, solver: Any, options: dict[str, Any]) -> No
 
 def test_accumulating_impacts_end_with_words_and_the_time() -> None:
     mechanism, e = ball(0.6), 0.6
-    with pytest.warns(dc.SimulationStoppedWarning, match="'impact floor' happens ever faster"):
+    with pytest.warns(dc.SimulationStoppedWarning, match="'impact floor'.*Zeno"):
         run = dc.simulate(mechanism, mechanism.state({"height": 1.0}), 5.0, 0.01)
     exact = math.sqrt(2 / G) * (1 + e) / (1 - e)
     assert not run.provenance.completed
-    said = float(run.provenance.message.split("until t = ")[1].split(" s")[0])
+    said = float(run.provenance.message.split("accumulate (Zeno) at t = ")[1].split(" s")[0])
     assert said == pytest.approx(exact, abs=1e-9)
     assert 0.0 < exact - run.t[-1] < 1e-5
     assert_closes(mechanism, run, 1e-13)
@@ -90,7 +90,7 @@ def test_accumulating_impacts_end_with_words_and_the_time() -> None:
 
 def test_a_contact_that_lasts_ends_with_words() -> None:
     mechanism = ball(0.0)
-    with pytest.warns(dc.SimulationStoppedWarning, match="is in lasting contact, pressed on"):
+    with pytest.warns(dc.SimulationStoppedWarning, match="is in lasting contact"):
         run = dc.simulate(mechanism, mechanism.state({"height": 1.0}), 1.0, 0.01)
     assert run.t[-1] == pytest.approx(math.sqrt(2 / G), abs=1e-12)
     assert run.u[-1, 0] == 0.0 and run.events[-1].energy_lost == pytest.approx(G, abs=1e-12)
@@ -111,9 +111,9 @@ def test_starts_in_contact() -> None:
 
 
 def test_energy_sources_are_refused_unless_asked_for_and_then_booked() -> None:
-    with pytest.raises(dc.InputError, match="above 1 every impact makes energy"):
+    with pytest.raises(dc.InputError, match="above 1 every impact creates energy"):
         ball(1.2)
-    with pytest.raises(dc.InputError, match="above 1 every impact makes energy"):
+    with pytest.raises(dc.InputError, match="above 1 every impact creates energy"):
         dc.Mechanism(ball().bodies, ball().joints, parameters={"e": 1.5},
                      events=[dc.events.joint_stop("floor", "height", lower=0, restitution="e")])  # fmt: skip
     mechanism = ball(1.1, allow_energy_source=True)

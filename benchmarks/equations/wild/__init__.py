@@ -23,6 +23,8 @@ class Case:
     model: str
     style: str
 
+    suite = "equations.wild"
+
     @property
     def target(self) -> str:
         """What `deltac check` is given."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.analysis.evaluate import evaluate
 from deltac.arguments import checked
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import (
@@ -213,7 +213,7 @@ def _start(motion: EquationsOfMotion) -> State:
     q = onto_positions(motion, state.t, state.q[free.q])
     u = onto_speeds(motion, state.t, q, state.u[free.u])
     phi, psi = motion.violation(state.t, q, u)
-    if not float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)) < 1e-9:
+    if not float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)) < ASSEMBLED:
         raise StateError(
             f"the constraints of {mechanism.name!r} cannot be met near coordinates of zero; give a state, or "
             "let deltac.assemble find one from a guess"

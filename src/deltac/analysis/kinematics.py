@@ -12,7 +12,6 @@ import numpy as np
 from deltac.analysis.model import Instants, instants
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.dynamics.constraints import contact_point
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX
@@ -60,7 +59,7 @@ class Kinematics:
                 f"contact_point: no rolling constraint is called {constraint!r}"
                 f"{closest(constraint, rolling)}"
             )
-        return self._of(("contact", constraint), lambda s: contact_point(s, rolling[constraint]))
+        return self._of(("contact", constraint), rolling[constraint].contact_point)
 
     def _point(self, point: Sequence[Any]) -> tuple[str, ...]:
         return tuple(map(repr, vector(point, "point")))

@@ -192,7 +192,8 @@ def equilibrium(
     if float(np.abs(psi).max(initial=0.0)) > VIOLATED:
         worst = rows.names[int(np.argmax(np.abs(psi)))]
         raise ModelError(
-            f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can rest; hold it still"
+            f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can be at rest; hold it "
+            f"still"
         )
     f, slopes = _residual(motion), _slopes(motion)
 
@@ -238,7 +239,7 @@ def equilibrium(
         name = mechanism.speeds[int(free.u[k])].name
         raise StateError(
             f"equilibrium: none found from this guess; {left[k] * size:.3g} N or N·m remain on {name!r}. "
-            "Give another guess, or something that holds it"
+            "Give another guess, or add something that holds it"
         )
     full_q, full_u = at.q[0].copy(), at.u[0].copy()
     full_q[free.q], full_u[free.u] = q, 0.0

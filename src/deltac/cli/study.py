@@ -30,7 +30,7 @@ def command(
     steps: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,C", help="Steps (s), three or more; each half of the one before."
+            metavar="A,B,C", help="Steps (s), three or more; each half of the previous one."
         ),
     ] = None,
     solver: Annotated[

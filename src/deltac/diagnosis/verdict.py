@@ -15,11 +15,11 @@ Confidence = Literal["high", "medium", "low"]
 
 MEANINGS: dict[Kind, str] = {
     "consistent": "The energy balance holds: motion, model and logged forces are consistent with each other.",
-    "integration-error": "The equations hold at the samples, but energy is not kept: the step or the "
+    "integration-error": "The equations hold at the samples, but energy is not conserved: the step or the "
     "integrator is to blame, not the model.",
     "equation-error": "The motion does not obey the model's equations: a parameter, a force or a missing "
     "channel is to blame, not the integrator.",
-    "unresolved": "The log does not decide between these.",
+    "unresolved": "The log does not allow a decision between these.",
 }
 """What each kind means of a log; other tests say it in words of their own."""
 
@@ -31,7 +31,7 @@ EXIT_CODES: dict[Kind, int] = {
 }
 
 LIMITS: tuple[str, ...] = (
-    "an error shared by motion and model, such as one wrong mass used in both",
+    "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, unless the log has accelerations",
     "accuracy, where a stabilised or symplectic method keeps ΔC bounded at large steps",
     "what happened between the samples",
@@ -73,7 +73,7 @@ class Verdict(Report):
         yield from (f"- {sentence}." for sentence in self.evidence)
         yield from details
         yield from told_findings(self.findings)
-        yield f"Not seen by this test: {'; '.join(self.limits)}."
+        yield f"Not visible to this test: {'; '.join(self.limits)}."
 
 
 class Judged(Report):

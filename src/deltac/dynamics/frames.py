@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.dynamics.spatial import Turn
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
@@ -25,7 +25,7 @@ Z_AXIS = (0.0, 0.0, 1.0)
 PARALLEL = 1e-6
 """Axes with a smaller sine between them have no common normal worth the name."""
 
-SNAP = 4 * float(np.finfo(np.float64).eps)
+SNAP = 4 * EPS
 """Cosines and sines this near to 0 and ±1 are taken for them: a quarter turn is seldom exact."""
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
@@ -77,7 +77,7 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         kernel /= max(1.0, float(np.abs(kernel).max(initial=0.0)))
         near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
         M_near, G_near, phi_near = at(near)
-        if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < 1e-9:
+        if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < ASSEMBLED:
             try:
                 there, _ = _independent(M_near, G_near)
             except np.linalg.LinAlgError:

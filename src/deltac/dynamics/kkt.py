@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.dynamics.spatial import SX
 
 DEPENDENT = 1e-11
@@ -249,7 +249,7 @@ class LeastSquares:
 
 def mass_rounding(n: int) -> float:
     """A pivot or eigenvalue below this share of the diagonal is what rounding makes of zero, of n speeds."""
-    return 8.0 * n * float(np.finfo(np.float64).eps)
+    return 8.0 * n * EPS
 
 
 def least_squares(M: Array, G: Array, dependent: float = 1e-8) -> LeastSquares:

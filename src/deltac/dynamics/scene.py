@@ -38,6 +38,7 @@ class Scene:
     minimum = staticmethod(ca.fmin)
     where = staticmethod(ca.if_else)
     dot = staticmethod(ca.dot)
+    cross = staticmethod(cross)
 
     # --- laws
 
@@ -49,6 +50,10 @@ class Scene:
         """Laws of the system's symbols, and of further ones, as a column."""
         known = {**self.system.values, **(extra or {})}
         return ca.vertcat(*(to_casadi(law, known) for law in laws))
+
+    def matrix(self, rows: Sequence[Sequence[float]]) -> SX:
+        """A matrix of numbers."""
+        return ca.SX(ca.DM([list(row) for row in rows]))
 
     def time_rate(self, law: object) -> SX:
         """∂/∂t of a law of time."""

@@ -9,7 +9,7 @@ from os import PathLike
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import renamed_keywords
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
@@ -46,8 +46,6 @@ from deltac.trajectories import Trajectory
 WORK = ("in-loop", "samples", "discrete")
 DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
-
-EPS = float(np.finfo(np.float64).eps)
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
@@ -248,7 +246,7 @@ def _method(run: Trajectory, work: str | None) -> str:
         raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
     if work == "in-loop" and not run.integrals:
         raise LogError(
-            "the run holds no integrals taken in the loop; use work='samples', or simulate with testing="
+            "the run holds no integrals taken in the loop; use work='samples', or simulate with record="
         )
     return work
 
@@ -291,8 +289,8 @@ def _chosen(
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in run.integrals:
                 raise LogError(
-                    f"the power of {name!r} was not integrated in the loop (there are: "
-                    f"{', '.join(run.integrals)}); simulate with testing=, or use work='samples'"
+                    f"the power of {name!r} was not integrated in the loop (available: "
+                    f"{', '.join(run.integrals)}); simulate with record=, or use work='samples'"
                 )
         return list(chosen)
     if method == "discrete":

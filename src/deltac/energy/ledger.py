@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.by_name import ByName
+from deltac.caching import FrozenDict
 from deltac.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
@@ -77,7 +77,7 @@ class Ledger(
 
     def __post_init__(self) -> None:
         for name, what in _WHAT.items():
-            object.__setattr__(self, name, ByName(what, getattr(self, name)))
+            object.__setattr__(self, name, FrozenDict(getattr(self, name), what))
 
     @property
     def kinetic(self) -> Array:

@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.caching import LRUCache
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.spatial import SX
@@ -25,8 +24,6 @@ from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
-
-EPS = float(np.finfo(np.float64).eps)
 
 NODES = (0.0, *INNER, 1.0)
 WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)

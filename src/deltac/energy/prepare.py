@@ -100,7 +100,7 @@ def _check_names(mechanism: Mechanism, run: Rows) -> None:
             raise LogError(f"the run lacks the {what}(s) {', '.join(map(repr, missing))}")
         if tuple(theirs) != tuple(ours):
             raise LogError(
-                f"the {what}s of the run are in another order than the mechanism's: {', '.join(theirs)}; "
+                f"the {what}s of the run are in a different order from the mechanism's: {', '.join(theirs)}; "
                 f"expected {', '.join(ours)}"
             )
 

@@ -15,10 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.mechanism.channels import ByChannel, ChannelName
-
-EPS = float(np.finfo(np.float64).eps)
 
 RESOLVED = 0.1
 """A work is resolved if its bar is at most this part of it …"""

@@ -12,8 +12,9 @@ from deltac.importers.names import body_names, equality_names, joint_names
 from deltac.importers.passive import Findings
 from deltac.importers.report import Remark
 from deltac.importers.tree import turned
-from deltac.mechanism.constraints import Constraint, holonomic, loop_spherical, loop_weld
+from deltac.mechanism.constraints import holonomic, loop_spherical, loop_weld
 from deltac.mechanism.laws import q
+from deltac.mechanism.scene import Constraint
 
 
 def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[Constraint, ...]:

@@ -18,7 +18,6 @@ from deltac.importers.names import (
     tendon_names,
 )
 from deltac.importers.report import Remark
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.forces import (
     JointSpring,
     Tendon,
@@ -29,7 +28,7 @@ from deltac.mechanism.forces import (
 )
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import q, u
-from deltac.mechanism.scene import Element
+from deltac.mechanism.scene import Constraint, Element
 
 
 @dataclass

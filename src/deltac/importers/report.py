@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from deltac.mechanism.constraints import Constraint
+from deltac.mechanism.scene import Constraint
 from deltac.mechanism.state import State
 
 SHOWN = 6

@@ -9,7 +9,7 @@ import numpy as np
 from deltac.importers.names import body_names, geom_names
 from deltac.mechanism.quantities import as_rotation
 from deltac.mechanism.scope import GROUND
-from deltac.mechanism.visuals import Visual, VisualKind
+from deltac.mechanism.shapes import Visual, VisualKind
 
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Values of `mjtGeom`."""

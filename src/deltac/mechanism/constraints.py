@@ -20,17 +20,22 @@ from deltac.mechanism.quantities import (
     Matrix,
     Vector,
     as_rotation,
+    is_zero,
     positive,
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.scene import Constraint, Expr, Scene
+from deltac.mechanism.scope import GROUND, Scope, constructor
 
 Axis: TypeAlias = tuple[float, float, float]
 
+NO_SINE = 1e-280
+"""Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
+
 
 @dataclass(frozen=True)
-class Loop(Part):
+class Loop(Constraint):
     """A joint that closes a loop: `kind` "spherical", "revolute", "universal", "prismatic" or "weld".
 
     The points coincide (for "prismatic": the second lies on the line through the first along `axis1`);
@@ -49,12 +54,36 @@ class Loop(Part):
     rotation: Matrix
 
     noun = "loop constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols."""
         _bodies(scope, self.where, self.body1, self.body2)
         scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """Gap and turn of the two bodies' frames, as far as the kind keeps them."""
+        gap = scene.place(self.body2, self.point2) - scene.place(self.body1, self.point1)
+        first = scene.rotation(self.body1)
+        across = [scene.matrix([n]).T for n in perpendiculars(self.axis1)]
+        if self.kind == "prismatic":
+            local = first.T @ gap
+            return [*(scene.dot(n, local) for n in across), *self._turned(scene, first)]
+        # World components: a planar loop then has rows that vanish by themselves, which are left out.
+        rows = _entries(gap)
+        if self.kind == "weld":
+            rows += self._turned(scene, first)
+        if self.kind == "revolute":
+            axis2 = first.T @ scene.axis(self.body2, self.axis2)
+            rows += [scene.dot(n, axis2) for n in across]
+        if self.kind == "universal":
+            axes = scene.axis(self.body1, self.axis1), scene.axis(self.body2, self.axis2)
+            rows.append(scene.dot(*axes))
+        return rows
+
+    def _turned(self, scene: Scene, first: Expr) -> list[Expr]:
+        """Three rows that keep the relative rotation: the skew part of R1ᵀ R2 R0ᵀ."""
+        R = (first.T @ scene.rotation(self.body2)) @ scene.matrix(self.rotation).T
+        return [0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])]
 
 
 def _loop(
@@ -157,7 +186,7 @@ def loop_weld(
 
 
 @dataclass(frozen=True)
-class Distance(Part):
+class Distance(Constraint):
     """A massless rod: the distance of two points is `length` (m), a positive law of t."""
 
     name: str
@@ -168,13 +197,18 @@ class Distance(Part):
     length: Any
 
     noun = "distance constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols."""
         _bodies(scope, self.where, self.body1, self.body2)
         scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
         scope.laws([self.length], scope.in_time, f"length of {self.where}")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """(d·d − l²)/2l: smooth, and a length near the constraint."""
+        gap = scene.place(self.body2, self.point2) - scene.place(self.body1, self.point1)
+        length = scene.number(self.length)
+        return [(scene.dot(gap, gap) - length**2) / (2 * length)]
 
 
 @constructor
@@ -200,7 +234,7 @@ def distance(
 
 
 @dataclass(frozen=True)
-class PointOn(Part):
+class PointOn(Constraint):
     """A point of `body` lies on a surface or curve of the body `on`.
 
     `equations` are laws of x, y, z, the point's coordinates in the frame of `on`, and t; each is kept at
@@ -214,7 +248,6 @@ class PointOn(Part):
     equations: tuple[Any, ...]
 
     noun = "point-on constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols, and an equation without x, y, z."""
@@ -224,6 +257,11 @@ class PointOn(Part):
         for law in self.equations:
             if not symbol_names(law) & {"x", "y", "z"}:
                 raise ModelError(f"equation of {self.where}: {law} holds none of x, y, z")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """The equations at the point's coordinates in the frame of `on`."""
+        x = scene.local(self.on, scene.place(self.body, self.point))
+        return _entries(scene.vector(self.equations, {"x": x[0], "y": x[1], "z": x[2]}))
 
 
 @constructor
@@ -291,7 +329,7 @@ def point_on_line(
 
 
 @dataclass(frozen=True)
-class Angle(Part):
+class Angle(Constraint):
     """The angle between an axis of each of two bodies is `angle` (rad), a law of t, not 0 or π."""
 
     name: str
@@ -302,12 +340,21 @@ class Angle(Part):
     angle: Any
 
     noun = "angle constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols."""
         _bodies(scope, self.where, self.body1, self.body2)
         scope.laws([self.angle], scope.in_time, f"angle of {self.where}")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """α − angle (rad), α by sine and cosine: the cosine alone loses it, and its slope, towards 0 and π.
+
+        The row then has the size of a turn whatever the angle, and its multiplier is a moment.
+        """
+        first, second = scene.axis(self.body1, self.axis1), scene.axis(self.body2, self.axis2)
+        normal = scene.cross(first, second)
+        sine = scene.sqrt(scene.dot(normal, normal) + NO_SINE)
+        return [scene.atan2(sine, scene.dot(first, second)) - scene.number(self.angle)]
 
 
 @constructor
@@ -333,20 +380,23 @@ def angle(
 
 
 @dataclass(frozen=True)
-class Holonomic(Part):
+class Holonomic(Constraint):
     """Any f(q, t) = 0: a law of t and the coordinates ``q.<coordinate>``."""
 
     name: str
     law: Any
 
     noun = "holonomic constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown symbols, and a law without coordinates."""
         scope.laws([self.law], scope.in_place, f"law of {self.where}")
         if not any(name.startswith("q.") for name in symbol_names(self.law)):
             raise ModelError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """The law."""
+        return [scene.number(self.law)]
 
 
 @constructor
@@ -366,14 +416,13 @@ def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any =
 
 
 @dataclass(frozen=True)
-class MotionConstraint(Part):
+class MotionConstraint(Constraint):
     """Any A(q, t) v + b(q, t) = 0: a law of t, q, u that is linear in the speeds ``u.<speed>``."""
 
     name: str
     law: Any
 
     noun = "motion constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown symbols, and a law that is not linear in the speeds."""
@@ -391,6 +440,10 @@ class MotionConstraint(Part):
                         "A(q, t) v + b(q, t) = 0 is a simple nonholonomic constraint"
                     )
 
+    def motions(self, scene: Scene) -> list[Expr]:
+        """The law."""
+        return [scene.number(self.law)]
+
 
 @constructor
 def motion_constraint(name: str, law: Any) -> MotionConstraint:
@@ -399,7 +452,7 @@ def motion_constraint(name: str, law: Any) -> MotionConstraint:
 
 
 @dataclass(frozen=True)
-class Rolling(Part):
+class Rolling(Constraint):
     """A wheel, disc or sphere rolls without slip on a plane of the body `on`.
 
     The wheel turns about `axis` through its `centre`; its edge is a torus with circle radius `radius`
@@ -421,7 +474,6 @@ class Rolling(Part):
     surface_velocity: tuple[Any, Any, Any]
 
     noun = "rolling constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols."""
@@ -431,6 +483,39 @@ class Rolling(Part):
         scope.laws(self.point, scope.in_time, f"point of {self.where}")
         velocity = (*"xyz", *scope.in_time)
         scope.laws(self.surface_velocity, velocity, f"surface velocity of {self.where}")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """The height above the plane."""
+        return [self._contact(scene)[0]]
+
+    def motions(self, scene: Scene) -> list[Expr]:
+        """The slip velocity along two tangents of the plane."""
+        point = self.contact_point(scene)
+        x = scene.local(self.on, point)
+        surface = scene.vector(self.surface_velocity, {"x": x[0], "y": x[1], "z": x[2]})
+        slip = scene.velocity(self.body, point) - scene.velocity(self.on, point)
+        slip = slip - scene.rotation(self.on) @ surface
+        tangents = (scene.axis(self.on, n) for n in perpendiculars(self.normal))
+        return [scene.dot(tangent, slip) for tangent in tangents]
+
+    def contact_point(self, scene: Scene) -> Expr:
+        """Where the wheel touches its plane, world components."""
+        return self._contact(scene)[1]
+
+    def _contact(self, scene: Scene) -> tuple[Expr, Expr]:
+        """Height above the plane, and the contact point."""
+        n = scene.axis(self.on, self.normal)
+        centre = scene.place(self.body, self.centre)
+        radius, tube = scene.number(self.radius), scene.number(self.tube)
+        point = centre - tube * n
+        height = scene.dot(centre - scene.place(self.on, self.point), n) - tube
+        if not is_zero(self.radius):
+            a = scene.axis(self.body, self.axis)
+            lean = scene.dot(n, a)
+            sine = scene.sqrt(1 - lean**2)
+            point = point - radius * (n - lean * a) / sine
+            height = height - radius * sine
+        return height, point
 
 
 @constructor
@@ -475,7 +560,7 @@ def rolling(
 
 
 @dataclass(frozen=True)
-class Skate(Part):
+class Skate(Constraint):
     """A blade: the velocity of a point of `body` relative to `on` has no component along `lateral`.
 
     `lateral` is a direction fixed in `body`, perpendicular to the blade; `drift` (m/s) is the lateral
@@ -490,13 +575,18 @@ class Skate(Part):
     drift: Any
 
     noun = "skate constraint"
-    channel_kinds = ("constraint",)
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols."""
         _bodies(scope, self.where, self.body, self.on)
         scope.laws(self.point, scope.constants, f"point of {self.where}")
         scope.laws([self.drift], scope.in_time, f"drift of {self.where}")
+
+    def motions(self, scene: Scene) -> list[Expr]:
+        """The slip velocity along `lateral`, less the drift."""
+        x = scene.place(self.body, self.point)
+        slip = scene.velocity(self.body, x) - scene.velocity(self.on, x)
+        return [scene.dot(scene.axis(self.body, self.lateral), slip) - scene.number(self.drift)]
 
 
 @constructor
@@ -521,16 +611,15 @@ def skate(
     )
 
 
-Constraint: TypeAlias = (
-    Loop | Distance | PointOn | Angle | Holonomic | MotionConstraint | Rolling | Skate
-)
-
-
 def _bodies(scope: Scope, where: str, *names: str) -> None:
     for name in names:
         scope.body(name, where)
     if all(name == GROUND for name in names):
         raise ModelError(f"{where} connects the ground with itself")
+
+
+def _entries(column: Expr) -> list[Expr]:
+    return [column[k] for k in range(column.shape[0])]
 
 
 def _along(n: Axis) -> Any:

@@ -62,7 +62,7 @@ class Contact(Element):
         if exponent < 1.0:
             raise ModelError(
                 f"exponent of {self.where}: found {exponent:g}, expected 1 or more; below 1 the stiffness "
-                "is without bound as the shapes meet"
+                f"is unbounded as the shapes meet"
             )
         if not self.allow_energy_source:
             scope.takes_energy(self.dissipation, f"dissipation of {self.where}")

@@ -177,7 +177,7 @@ def event(
         )
     law = as_law(expression, f"expression of {where}")
     if isinstance(law, float):
-        raise ModelError(f"{where}: the expression is the number {law:g}, which never passes zero")
+        raise ModelError(f"{where}: the expression is the number {law:g}, which never crosses zero")
     return Event(name, law, direction, bool(terminal))
 
 
@@ -221,6 +221,6 @@ def _require_restitution(e: float, where: str, allowed: bool) -> None:
         raise ModelError(f"restitution of {where} is {e:g}; expected a number from 0 to 1")
     if e > 1.0 and not allowed:
         raise ModelError(
-            f"restitution of {where} is {e:g}: above 1 every impact makes energy. Give a number from 0 to "
+            f"restitution of {where} is {e:g}: above 1 every impact creates energy. Give a number from 0 to "
             "1, or allow_energy_source=True if that is meant (the energy is booked)"
         )

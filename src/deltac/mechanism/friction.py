@@ -73,8 +73,8 @@ class FrictionLaw:
             c, s = scope.number(self.coulomb), scope.number(self.static)
             if s < c:
                 raise ModelError(
-                    f"friction of {where}: static {s:g} is below coulomb {c:g}; friction about rest is at "
-                    "least that in slip"
+                    f"friction of {where}: static {s:g} is below coulomb {c:g}; friction near rest is at "
+                    f"least that in slip"
                 )
 
     def strength(self, scene: Scene, square: Any) -> Any:

@@ -162,8 +162,8 @@ def _joint(
     springs = len(shape.coordinates) - (3 if shape.quaternion is not None else 0)
     if motion is not None and not shape.rates:
         raise ModelError(
-            f"motion {where}: the motion of a {kind} joint cannot be prescribed; compose it of "
-            "revolute and prismatic joints with massless frames between them"
+            f"motion {where}: the motion of a {kind} joint cannot be prescribed; build it from revolute "
+            f"and prismatic joints with massless frames between them"
         )
     if motion is not None and (stiffness is not None or damping is not None) and not shape.speeds:
         raise ModelError(f"joint {name!r} has no motion to prescribe")

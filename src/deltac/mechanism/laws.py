@@ -78,7 +78,7 @@ _REMEDIES = {
     "Derivative": "; write u.<speed> for a rate, or differentiate with real symbols and .doit()",
     "Integral": "; integrate in closed form first",
     "Heaviside": "; write Piecewise or where(condition, a, b)",
-    "DiracDelta": "; an impulse is no force, write a short pulse",
+    "DiracDelta": "; an impulse is not a force; write a short pulse",
 }
 
 ALLOWED = (

@@ -13,17 +13,16 @@ from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.quantities import Quantity, Vector, vector
-from deltac.mechanism.scene import Element
+from deltac.mechanism.scene import Constraint, Element
 from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.shapes import Visual
 from deltac.mechanism.state import State, make_state
-from deltac.mechanism.visuals import Visual
 from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:

@@ -1,8 +1,9 @@
 """The mechanism in motion, as the laws of its parts see it.
 
-A force element states its law on a `Scene` in plain operators: it asks where points are and how fast they
-move, and says which forces act there. `dynamics.scene` answers in symbols, so that the law is written once
-and traced for simulation, ledgers and residuals alike, while this package needs no symbolic engine.
+Force elements and constraints state their laws on a `Scene` in plain operators: they ask where points are and
+how fast they move, and say which forces act there, or what is kept at zero. `dynamics.scene` answers in
+symbols, so that a law is written once and traced for simulation, ledgers and residuals alike, while this
+package needs no symbolic engine.
 
 Scalars, columns (3,) and generalized forces (nu,) are expressions that take ``+ - * / **``, comparisons, and
 indices; vectors are world components unless said otherwise.
@@ -62,8 +63,11 @@ class Scene(Protocol):
     def number(self, law: Any) -> Expr:
         """A law or quantity as a scalar."""
 
-    def vector(self, laws: Sequence[Any]) -> Expr:
-        """Several laws as a column."""
+    def vector(self, laws: Sequence[Any], extra: dict[str, Expr] | None = None) -> Expr:
+        """Several laws as a column; `extra` are values of further symbols."""
+
+    def matrix(self, rows: Sequence[Sequence[float]]) -> Expr:
+        """A matrix of numbers."""
 
     def time_rate(self, law: Any) -> Expr:
         """∂/∂t of a law of time."""
@@ -89,8 +93,20 @@ class Scene(Protocol):
     def weight(self, body: str) -> Expr:
         """The weight (3,) of a body, N."""
 
+    def place(self, body: str, point: Sequence[Any]) -> Expr:
+        """Where a point given in the frame of a body is (3,), m."""
+
+    def velocity(self, body: str, place: Expr) -> Expr:
+        """The velocity (3,) of the body's material point that is at a place in the world, m/s."""
+
     def rotation(self, body: str) -> Expr:
         """The matrix from components in a body's frame to world components."""
+
+    def axis(self, body: str, axis: Sequence[float]) -> Expr:
+        """World components of a direction fixed in a body."""
+
+    def local(self, body: str, place: Expr) -> Expr:
+        """Coordinates in the frame of a body of a place in the world."""
 
     def touches(self, first: Shape, second: Shape) -> Sequence[Touch]:
         """The contact points of two shapes."""
@@ -141,6 +157,9 @@ class Scene(Protocol):
     def dot(self, x: Expr, y: Expr) -> Expr:
         """The scalar product."""
 
+    def cross(self, x: Expr, y: Expr) -> Expr:
+        """The vector product."""
+
 
 class Element(Part):
     """A force element: what flows through it is in its channels."""
@@ -161,3 +180,24 @@ class Element(Part):
         if not explicit.is_zero():
             made.append(Channel(ChannelName("prescribed", self.name), 0 * force, explicit=explicit))
         return made
+
+
+class Constraint(Part):
+    """A constraint: rows that it keeps at zero. Its forces do their work in the channel ``constraint``.
+
+    A row is of the size of a length or an angle (its rate: of a speed), so that tolerances mean the same
+    for all, and its multiplier is a force or moment.
+    """
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """``constraint``."""
+        return ("constraint",)
+
+    def positions(self, scene: Scene) -> Sequence[Expr]:
+        """The rows φ(q, t) = 0 of a holonomic constraint."""
+        return ()
+
+    def motions(self, scene: Scene) -> Sequence[Expr]:
+        """The rows ψ(q, u, t) = 0, linear in the speeds, of a motion constraint."""
+        return ()

@@ -2,17 +2,18 @@
 
 A shape is fixed in its body's frame (or the ground's) by `position`, and by `rotation`, `axis` or
 `normal`. It carries no mass; one body may carry several. Dimensions are numbers, or expressions in the
-mechanism's parameters.
+mechanism's parameters. A `Visual` says what a body looks like, for pictures alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.quantities import (
+    IDENTITY,
     ZERO,
     Matrix,
     Quantity,
@@ -24,6 +25,10 @@ from deltac.mechanism.quantities import (
     vector,
 )
 from deltac.mechanism.scope import GROUND, Scope, constructor
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -193,3 +198,38 @@ def _is_point(shape: Shape) -> bool:
 
 
 _WORDS = {Sphere: "sphere", Capsule: "capsule", Box: "box", HalfSpace: "half-space"}
+
+
+# --- what bodies look like: no mechanics --------------------------------------------------------
+
+VisualKind: TypeAlias = Literal[
+    "sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh", "plane"
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """A shape of a body, in numbers, fixed in the body's frame.
+
+    Attributes:
+        body: which body, or "ground".
+        kind: "sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh" or "plane".
+        size: m; sphere (radius,), box its three edges, capsule and cylinder (radius, length) along the third
+            axis, ellipsoid its three half axes, plane its two edges (0 for one without end), its normal the
+            third axis; mesh ().
+        position: of its middle, m.
+        rotation: its axes as columns.
+        colour: red, green, blue, opacity, from 0 to 1; None for whatever suits.
+        vertices: of a mesh (n, 3), m, in the shape's axes; `faces` (m, 3) their indices.
+        name: what the file calls it.
+    """
+
+    body: str
+    kind: VisualKind
+    size: tuple[float, ...] = ()
+    position: Vector = ZERO
+    rotation: Matrix = IDENTITY
+    colour: tuple[float, float, float, float] | None = None
+    vertices: NDArray[np.float64] | None = None
+    faces: NDArray[np.intp] | None = None
+    name: str = ""

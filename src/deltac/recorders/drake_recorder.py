@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.arrays import Array
+from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator
@@ -44,9 +44,6 @@ KINDS = {
 
 SOLVED = 1e-4
 """The same of a discrete step with contact, for the tolerance of its solver."""
-
-ROUNDING = 1e-9
-"""What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
 
 
 @checked
@@ -180,7 +177,7 @@ class DrakeRecorder(Recorder):
         forces = {**self._actuators_of(context), **self._contacts(context)}
         plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
         known, rest = self._known(vdot, v, forces)
-        if np.abs(rest).max(initial=0.0) > ROUNDING * known:
+        if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * known:
             forces["applied external"] = rest
         rows = self._converted(q, v)
         self._before = (t, q, v)
@@ -227,7 +224,7 @@ class DrakeRecorder(Recorder):
                 elements = elements - damping
         size = np.abs(gravity).max(initial=0.0) + np.abs(total).max(initial=0.0)
         size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
-        if np.abs(elements).max(initial=0.0) > ROUNDING * size:
+        if np.abs(elements).max(initial=0.0) > SUM_OF_FORCES * size:
             forces["spring elements"] = elements
         rest = (
             total - gravity - np.sum([np.zeros_like(v), elements, *self._of_logged(forces)], axis=0)
@@ -240,7 +237,7 @@ class DrakeRecorder(Recorder):
 
     def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
         """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
-        least = ROUNDING * size
+        least = SUM_OF_FORCES * size
         implicit = np.zeros_like(rest)
         if self._implicit:
             for joint, place in self._dampers:

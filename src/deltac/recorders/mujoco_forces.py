@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import RecordingError
 from deltac.importers.names import (
     actuator_names,
@@ -30,8 +30,6 @@ Model: TypeAlias = Any
 Data: TypeAlias = Any
 Forces: TypeAlias = dict[str, Array]
 
-ROUNDING = 1e-9
-"""What sums of a few hundred products may lose, with room, relative to the largest force."""
 
 SOLVED = 1e-12
 """A residual of the constraint solver below this, relative to the forces, is not recorded."""
@@ -235,7 +233,7 @@ def _passive(
         [data.qfrc_spring, data.qfrc_damper, data.qfrc_fluid, data.qfrc_adhesion, gravcomp]
     )
     further = data.qfrc_passive - known.sum(axis=0)
-    if np.abs(further).max(initial=0.0) > ROUNDING * np.abs(known).max(initial=0.0):
+    if np.abs(further).max(initial=0.0) > SUM_OF_FORCES * np.abs(known).max(initial=0.0):
         yield "applied passive", further  # of plugins, and of the callback for passive forces
 
 
@@ -347,7 +345,7 @@ def _solver_residual(model: Model, data: Data) -> Array | None:
     )
     if data.nefc and size > SOLVED * scale:
         return np.asarray(residual)
-    if size > ROUNDING * scale:
+    if size > SUM_OF_FORCES * scale:
         raise RecordingError(
             f"MuJoCo's accelerations do not belong to its forces at t = {data.time:g} s: {size:.3g} of "
             f"{scale:.3g} N or N·m is left over, without any constraint"
@@ -369,7 +367,7 @@ class _Remainders:
         """
         left = total - parts.sum(axis=0)
         scale += np.abs(parts).sum(axis=0).max(initial=0.0) + np.abs(total).max(initial=0.0)
-        if np.abs(left).max(initial=0.0) <= ROUNDING * scale:
+        if np.abs(left).max(initial=0.0) <= SUM_OF_FORCES * scale:
             return
         dof = int(np.abs(left).argmax())
         joint = self.elements.joints[self.model.dof_jntid[dof]]

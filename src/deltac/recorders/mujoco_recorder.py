@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arguments import checked
-from deltac.arrays import Array
+from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.deprecation import renamed_keywords
 from deltac.errors import (
     InputError,
@@ -38,7 +38,6 @@ from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
     OCCASIONAL,
-    ROUNDING,
     Elements,
     Forces,
     discrete,
@@ -51,7 +50,6 @@ Model: TypeAlias = Any
 Data: TypeAlias = Any
 
 CHANNELS = ("all", "grouped")
-EPS = float(np.finfo(np.float64).eps)
 INPUTS = (
     "ctrl",
     "qfrc_applied",
@@ -269,13 +267,13 @@ class MujocoRecorder:
             total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
             correction = mass_times(model, data, a) + data.qfrc_bias - total
             corrected = bool(
-                np.abs(correction).max(initial=0.0) > ROUNDING * np.abs(total).max(initial=0.0)
+                np.abs(correction).max(initial=0.0) > SUM_OF_FORCES * np.abs(total).max(initial=0.0)
             )
         else:
             correction = mass_times(model, data, a - qacc)
             # a is a difference of speeds, so it has their rounding.
             rounding = 64.0 * EPS * np.abs(u).max(initial=0.0) / h
-            rounding += ROUNDING * np.abs(a).max(initial=0.0)
+            rounding += SUM_OF_FORCES * np.abs(a).max(initial=0.0)
             corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
         return _Row(t, q, u, qacc, forces, a, correction, corrected)
 

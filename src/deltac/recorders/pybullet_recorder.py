@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.arrays import Array
+from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator
@@ -33,9 +33,6 @@ KINDS = {0: "revolute", 1: "prismatic"}
 """PyBullet's kind of a joint -> ours; those that are fixed (4) have no coordinate."""
 
 FIXED = 4
-
-ROUNDING = 1e-9
-"""What is left over of a sum of forces, relative to the largest of them, before it counts as a force."""
 
 
 @checked
@@ -171,7 +168,7 @@ class PybulletRecorder(Recorder):
                     forces[f"{kind} {name}"][place] = value
         rest = total - np.sum([*forces.values(), np.zeros(len(total))], axis=0)
         size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
-        self._name(rest, ROUNDING * size, forces)
+        self._name(rest, SUM_OF_FORCES * size, forces)
         t, self._t = self._t, self._t + h
         self._before = after
         ours = {name: self._force(f, before) for name, f in forces.items()}

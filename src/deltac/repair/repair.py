@@ -21,11 +21,11 @@ from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
-from deltac.repair.edits.by_running import found_by_running
-from deltac.repair.edits.candidates import Candidate, unified_diff
+from deltac.repair.edits.by_running import found_by_running, text_edits
+from deltac.repair.edits.candidates import Candidate, apply, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
-from deltac.repair.tracing.interpreter import Endless, branches
+from deltac.repair.tracing.interpreter import Endless, Failed, branches
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
@@ -59,11 +59,17 @@ ALIKE = 4
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
 
+FAILING_TIME = 8.0
+"""Time of the processor for edits of a statement that raises an error (s)."""
+
 MORE_TIME = 3.0
 """Time of the processor in which other ways are looked for when a repair is found (s)."""
 
 AGREE = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
+
+TWO = 2.5
+"""Edits that cost more than this are compared with two plain ones."""
 
 BRANCHES = 12
 """Edits of one branch that are combined with those of another."""
@@ -159,7 +165,12 @@ def repair_loaded(
                 source = replace(read_source(plain), told=told)
                 _as_run(source, plain, target)
                 return repair_source(source, target, time_limit)
-        ran = _by_running(read_source(text), equations, target, time_limit, str(refused))
+        failed = isinstance(refused, Failed)
+        ran = None
+        with contextlib.suppress(*([InputError] if failed else [])):
+            ran = _by_running(read_source(text), equations, target, time_limit, str(refused))
+        if ran is None and failed:  # raised again where no edit of its line helps
+            return repair_source(replace(read_source(text), told=told), target, time_limit)
         if ran is None:
             raise
         return ran
@@ -233,7 +244,13 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     """`repair_equations` for a source and a target at hand."""
     start = time.monotonic()
     deadline = start + time_limit
-    reading = read(source, target)
+    try:
+        reading = read(source, target)
+    except Failed as failed:
+        repaired = _failing(source, target, failed, start, deadline)
+        if repaired is None:
+            raise
+        return repaired
     if reading.wrong < RIGHT:
         return _report(reading, target, [], start, deadline)
     found, suspected = _search(reading, target, deadline)
@@ -245,6 +262,50 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
         if found or not suspected:
             reading, suspected, coincidence = plain, more, True
     return _report(reading, target, found, start, deadline, suspected, coincidence)
+
+
+def _failing(
+    source: Source, target: Target, failed: Failed, start: float, deadline: float
+) -> Repair | None:
+    """Repair a function that raises an error of Python's, by an edit of the statement where it does."""
+    statements = [n for n in source.nodes if isinstance(n, ast.stmt)]
+    within = {
+        line: [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
+        for line in failed.lines
+    }
+    if failed.file != source.name:
+        return None
+    found: list[tuple[tuple[Candidate, ...], Source]] = []
+    end = time.process_time() + FAILING_TIME
+    innermost_ones = [covering[-1] for covering in within.values() if covering]
+    tried = sorted(text_edits(source, innermost_ones), key=lambda c: (c.cost, c.place))
+    for candidate in tried:
+        late = time.monotonic() > deadline or time.process_time() > end
+        if late or (found and candidate.cost > found[0][0][0].cost):
+            break
+        changed = apply(source, [candidate])
+        with contextlib.suppress(InputError):
+            changed = None if changed is None else formed(changed, target)
+            if changed is not None and read(changed, target, vary=False).wrong < RIGHT:
+                found.append(((candidate,), changed))
+    formulas, _ = _formulas(target, [changed for _, changed in found])
+    fixes, contradicted = _fixes(source, target, _groups(source, found, formulas))
+    if not fixes:
+        return None
+    return Repair(
+        file=source.name,
+        function=source.qualified,
+        residual=np.inf,
+        equations=(),
+        fixes=fixes,
+        certain=False,
+        varied=(),
+        suspects=(),
+        complete=time.monotonic() <= deadline,
+        seconds=time.monotonic() - start,
+        undefined=str(failed).partition(". The function is read")[0],
+        contradicted=contradicted,
+    )
 
 
 def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, list[str]]:
@@ -262,6 +323,10 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, l
         singles = search.single()
         found = _confirm(reading, target, ((c,) for c in singles), deadline)
         suspected += suspects(program.source, [r.place for r in search.whole])
+        if found and found[0][0][0].cost > TWO:
+            kinds = (_confirm(reading, target, kind, deadline) for kind in pairs(search, True))
+            two = next(filter(None, kinds), [])
+            found = sorted([*found, *two], key=lambda f: sum(e.cost for e in f[0]))
         if found:
             return found, list(dict.fromkeys(suspected))
         searches.append(search)
@@ -275,7 +340,7 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, l
         if found:
             return found, list(dict.fromkeys(suspected))
     for search in searches:
-        for kind in pairs(search, target):
+        for kind in pairs(search):
             found = _confirm(reading, target, kind, deadline)
             if found:
                 return found, list(dict.fromkeys(suspected))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arrays import Array
-from deltac.report.style import COLOURS, EPS, POINTS, blank, stacked, styled
+from deltac.arrays import EPS, Array
+from deltac.report.style import COLOURS, POINTS, blank, stacked, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

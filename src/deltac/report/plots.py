@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.report.style import (
@@ -23,7 +23,6 @@ from deltac.report.style import (
     COLOURS,
     DASHED,
     DOTTED,
-    EPS,
     GREEN,
     GREY,
     ORANGE,
@@ -63,8 +62,6 @@ if TYPE_CHECKING:
 
 MANY = (BLUE, VERMILION, GREEN, ORANGE, PINK, BLACK)
 """Colours of curves of one panel; those that follow are grey."""
-
-TINY = float(np.finfo(np.float64).tiny)
 
 
 def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
@@ -462,7 +459,7 @@ def _localisation(found: Localisation) -> Figure:
 
 
 def _explanation(found: Explanation) -> Figure:
-    """What each cause explains of what is left of the equations."""
+    """What each cause explains of the residual of the equations."""
     causes = found.causes
     made = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {found.kind}", beside=BESIDE)
     panel = made.subplots()

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-EPS = float(np.finfo(np.float64).eps)
 DPI = 150
 
 WIDTH = 7.6

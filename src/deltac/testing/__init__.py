@@ -87,7 +87,7 @@ def assert_converges(
 
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
-        steps: three or more, each half of the one before; see `deltac.study`.
+        steps: three or more, each half of the previous one; see `deltac.study`.
         tolerance: accepted |ΔC| at the finest step, as a fraction of the energy exchanged.
         order: if given, the motion must converge at this order, within its error and half an order.
         options: further arguments of `deltac.study`: state, duration, solver, equations, logs, …

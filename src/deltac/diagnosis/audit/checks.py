@@ -27,8 +27,8 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.constraints import Constraint
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scene import Constraint
 from deltac.trajectories import Trajectory, suspicions
 
 if TYPE_CHECKING:
@@ -66,14 +66,14 @@ def _difference(
     name: str, own: Array | None, logged: Array, energy: float, energy_exchanged: float
 ) -> Finding:
     share = percent(energy / energy_exchanged)
-    moved = f"{energy:.3g} J went through the difference, {share} of the energy exchanged"
+    moved = f"{energy:.3g} J flowed through the difference, {share} of the energy exchanged"
     if own is None or not own.any():
         return Finding(
             "channel-not-in-model",
             f"the log has an active channel {name!r} that the model does not have",
             moved,
-            "Add it to the model: the ledger takes the logged force, but the model alone would move "
-            "otherwise",
+            "Add it to the model: the ledger uses the logged force, but the model on its own would move "
+            "differently",
             "cause",
             name,
         )
@@ -126,7 +126,7 @@ def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> 
                 Finding(
                     "stale-stage",
                     f"the log's {what} are one row old: each belongs to the state of the row before",
-                    f"moved up by one row they leave {left / size:.2g} of the residual of the equations",
+                    f"shifted by one row, they leave {left / size:.2g} of the residual of the equations",
                     "Log them with the state that they belong to: after a step most engines hold new "
                     "positions beside old forces. deltac.record_mujoco takes care of that",
                     "doubt",
@@ -170,9 +170,10 @@ def forces_of_other_rows(
     return [
         Finding(
             "forces-not-of-this-row",
-            "the logged forces are those of the rows around, averaged, interpolated, held or delayed",
-            f"put together from up to {REACH} rows around they leave {left:.2g} of the residual; they acted "
-            f"about {abs(late):.2g} rows {'later' if late > 0 else 'earlier'}",
+            "the logged forces belong to neighbouring rows: they were averaged, interpolated, held or "
+            "delayed",
+            f"a combination of up to {REACH} rows on either side leaves {left:.2g} of the residual; the "
+            f"forces acted about {abs(late):.2g} rows {'later' if late > 0 else 'earlier'}",
             "The equations are judged from row to row. Log the force that acts in each state",
         )
     ]
@@ -196,7 +197,7 @@ def all_in_degrees(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) 
     return [
         Finding(
             "degrees",
-            "the log seems to have angles, their speeds and accelerations in degrees in place of radians",
+            "the log seems to contain angles, their speeds and accelerations in degrees in place of radians",
             f"multiplied by π/180 they leave {percent(left)} of the terms of the equations of motion, else "
             f"{percent(was)}",
             'Say so in a mapping ([units] angle = "deg", angular_speed = "deg/s"), or multiply them by '
@@ -232,12 +233,12 @@ def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> lis
         Finding(
             "missing-contact",
             (
-                "a force is missing now and then, as of a contact, a joint limit or an impact"
+                "a force is missing from time to time, such as that of a contact, a joint limit or an impact,"
                 if share <= 0.95
-                else "a force is missing that only pushes against gravity, as of a contact"
+                else "a force that only pushes against gravity is missing, such as that of a contact,"
             )
-            + " that the log does not hold",
-            f"the equations of motion do not close in {100 * share:.3g} % of the samples ({when})"
+            + " which is not in the log",
+            f"the equations of motion do not hold in {100 * share:.3g} % of the samples ({when})"
             + ("; what is missing pushes upward on the floating base" if upward else ""),
             "Log the forces of all contacts and limits"
             + (f"; the log has {', '.join(map(repr, logged[:5]))}" if logged else "; it has none"),
@@ -285,9 +286,9 @@ def blame(terms: EquationTerms) -> list[Finding]:
     return [
         Finding(
             "residual",
-            f"the equations of motion do not close for {len(order)} of {len(terms.speeds)} speeds",
+            f"the equations of motion do not hold for {len(order)} of {len(terms.speeds)} speeds",
             f"root mean square of F_r + F*_r: {shown}{', …' if len(order) > 4 else ''}",
-            "Look for the mistake at these joints and at what they carry",
+            "Look for the error at these joints and the bodies that they carry",
             "note",
             terms.speeds[order[0]],
         )
@@ -316,7 +317,7 @@ def violations(
                         "prescribed-departs",
                         f"the {what} of prescribed joint {element!r} departs from its law",
                         evidence,
-                        "Give the model the motion that was really driven",
+                        "Give the model the motion that was actually imposed",
                         grave,
                         element,
                     )
@@ -337,15 +338,13 @@ def violations(
             large = worst > tolerance * float(moved.max(initial=0.0)) + 4.0 * _digits(run, what)
             along = _follows(run, values) if what == "position" else ""
             drifted = float(values[0]) < 0.5 * worst and not along
-            how = ", more and more" if drifted else " from the start on"
+            how = ", increasingly" if drifted else ", from the start"
             if along:
-                evidence += (
-                    f"; in proportion to {along!r}, which a wrong ratio does and a drift does not"
-                )
+                evidence += f"; in proportion to {along!r}, as with a wrong ratio and unlike drift"
             found.append(
                 Finding(
                     "constraint-drift" if drifted else "constraint-violation",
-                    f"constraint {element!r} is violated on {what} level{'' if along else how}",
+                    f"constraint {element!r} is violated at {what} level{'' if along else how}",
                     evidence,
                     "Use a projection or a smaller step, or log the constraint's force if it is soft"
                     if drifted
@@ -415,7 +414,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     return [
         Finding(
             "assumed-zero",
-            f"the log has no force of {number} that the model's file has; taken as zero",
+            f"the log has no force for {number} of the model's file; taken as zero",
             ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
             "If one of them acted, log it",
             "note",
@@ -437,8 +436,8 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
             f"the work of {number} not resolved by the samples",
             ", ".join(f"{name!r} ± {errors[name]:.2g} J" for name in unknown[:6])
             + (", …" if len(unknown) > 6 else ""),
-            "Log more samples; runs of deltac integrate the works in the loop where testing functions are "
-            "(simulate(..., record=...))",
+            "Log more samples; runs of deltac integrate the works together with the testing functions "
+            "that they record (simulate(..., record=...))",
             "note",
             element=worst,
             error=errors[worst],
@@ -484,7 +483,7 @@ def suspicious_conventions(
         found.append(
             Finding(
                 s.kind.replace(" ", "-"),
-                f"the log seems to have {_SLIPS.get(s.kind, 'a slip: ' + s.kind)}",
+                f"the log seems to contain {_SLIPS.get(s.kind, 'a slip: ' + s.kind)}",
                 s.evidence,
                 s.remedy[:1].upper() + s.remedy[1:],
                 "doubt" if doubtful else "note",

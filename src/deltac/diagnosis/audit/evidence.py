@@ -186,9 +186,10 @@ def _left_out(deadline: Deadline) -> list[Finding]:
 def _interpolated() -> Finding:
     return Finding(
         "interpolated-rows",
-        "the rows lie between the solver's steps, on its interpolant, and obey the equations only roughly",
-        "equidistant times of a solver that adapts its steps",
-        "Leave t_eval out or set dense_output=True, so that the solver's own steps are judged; or hand over "
+        "the rows lie between the solver's steps, on its interpolant, and obey the equations only "
+        "approximately",
+        "equally spaced times from a solver that adapts its steps",
+        "Leave t_eval out or set dense_output=True, so that the solver's own steps are tested; or pass "
         "the equations: Trajectory.from_scipy(result, model, equations=f)",
     )
 
@@ -226,9 +227,9 @@ def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple
     moved = replace(moved, forces={n: f[1:] for n, f in run.forces.items()})
     finding = Finding(
         "forces-one-row-late",
-        "the logged forces are those of the step that led to their row, one row older than the state",
-        "put one row earlier they close the equations",
-        "They were put one row earlier. Log forces with the state in which they act",
+        "the logged forces belong to the step that led to their row: they are one row older than the state",
+        "shifted by one row, they satisfy the equations",
+        "They were shifted by one row. Log forces with the state in which they act",
     )
     return balanced(mechanism, moved, work, log.findings, log.comparisons), finding
 
@@ -250,7 +251,7 @@ def _believed(
                 "udot-differenced",
                 f"the accelerations are the {told.difference} difference quotient of the logged speeds",
                 "to their digits",
-                "They say no more than the speeds, and were left out. Log those of the simulator",
+                "They carry no information beyond the speeds and were left out. Log the simulator's own",
             )
         ]
     disagreement = _disagreement(terms, told)
@@ -293,10 +294,10 @@ def _not_of_this_row(terms: EquationTerms, told: Accelerations, disagreement: Ar
     )
     return Finding(
         "udot-not-of-this-row",
-        "the logged accelerations are not the rates of the logged speeds at their rows",
+        "the logged accelerations are not the rates of the logged speeds in the same rows",
         f"the difference means {percent(share)} of the terms of {terms.speeds[k]!r}"
         + (late if abs(told.late) > 0.05 else ""),
-        "The equations are judged by the speeds. Log accelerations of the same state, unfiltered",
+        "The speeds are used instead to test the equations. Log accelerations of the same state, unfiltered",
         element=terms.speeds[k],
     )
 
@@ -472,9 +473,9 @@ def _missing(step: OneStep, share: float) -> list[Finding]:
     return [
         Finding(
             "missing-contact",
-            "a force is missing now and then, as of a contact, a joint limit or an impact that the log does "
-            "not hold",
-            f"in {percent(share)} of the steps the next row does not follow from the one before (near t = "
+            "a force is missing from time to time, such as that of a contact, a joint limit or an impact, "
+            "which is not in the log",
+            f"in {percent(share)} of the steps the next row does not follow from the previous one (near t = "
             f"{when} s): up to {worst[k]:.3g} at {step.speeds[k]!r} are missing",
             "Log the forces of all contacts and limits",
             "cause",

@@ -28,7 +28,9 @@ def replayed(
     Raises InputError for a model or a log that cannot be stepped.
     """
     if not isinstance(log, str | Path):
-        raise ArgumentsError("replay is of log files with states and controls; this log is no file")
+        raise ArgumentsError(
+            "replay needs a log file with states and controls; this log is not a file"
+        )
     try:
         own = compiled_model(model)
     except InputError as error:
@@ -67,7 +69,7 @@ def _finding(found: Replay) -> Finding:
     if not len(departs):
         return Finding(
             "replayed",
-            "the log is this model's: from each row MuJoCo arrives at the next one",
+            "MuJoCo reproduces the log: from each row it arrives at the next one",
             f"{len(found.t) - 1} times, {steps}; largest miss {percent(float(found.missed.max()))} of what "
             f"changes "
             "from row to row",
@@ -77,11 +79,11 @@ def _finding(found: Replay) -> Finding:
     worst = float(found.missed[departs - 1].max())
     return Finding(
         "replay-departs",
-        f"the model does not reproduce the log: stepped from row {first - 1} it misses row {first}",
+        f"the model does not reproduce the log: stepping from row {first - 1} misses row {first}",
         f"t = {found.t[first]:.6g} s, by {percent(float(found.missed[first - 1]))} of what changes from row "
         f"to row; "
         f"{len(departs)} of {len(found.t) - 1} rows are missed, the worst by {percent(worst)}; {steps}",
-        "The log is of another model, step, or controls, or something acted that it does not hold (a push, a "
-        "reset, noise on the action); compare the parameters, or take the rows before that",
+        "The log was made with another model, step or controls, or something acted that is not in it (a "
+        "push, a reset, noise on the action); compare the parameters, or use the rows before that",
         "cause",
     )

@@ -128,7 +128,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if any(f.weight == "doubt" for f in findings):
         named = ", ".join(dict.fromkeys(f.kind for f in findings if f.weight == "doubt"))
         return verdict(
-            "unresolved", "high", f"The log is not what it claims to be ({named}): correct it first"
+            "unresolved", "high", f"The log contradicts itself ({named}); correct it first"
         )
     equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
@@ -151,7 +151,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         if float(terms.relative[terms.significant].max()) > measures.tolerance or (
             measures.left > measures.allowed and share >= HALF * measures.left
         ):
-            accounted = f"The residual of the equations accounts for {share:.3g} J of what is left"
+            accounted = (
+                f"The residual of the equations accounts for {share:.3g} J of the energy error"
+            )
             return verdict("equation-error", "medium", balance, *equations, accounted)
     if step is not None and beyond(step, measures.tolerance):
         far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
@@ -173,8 +175,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         return verdict(
             "unresolved",
             "high",
-            f"Next to nothing moves: {measures.energy_exchanged:.3g} J are exchanged, no more than rounding. "
-            "Take a run in which energy flows",
+            f"Almost nothing moves: the energy exchanged, {measures.energy_exchanged:.3g} J, is at "
+            f"rounding level. "
+            "Use a run in which energy flows",
         )
     if measures.outside_gaps is not None and max(measures.left, measures.bar) > measures.allowed:
         left, bar = measures.outside_gaps()
@@ -202,19 +205,18 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     spent = step is not None and (step.hidden if borne else step.hidden + step.spent)
     if not tested and not (step is not None and spent <= HALF * measures.left):
         wanted = (
-            "The log has no accelerations of its own rows, and the one-step test does not exclude that the "
-            "equations account for what is left: log udot.<speed> of the same instants (MuJoCo: qacc; SciPy: "
-            "Trajectory.from_scipy(result, model, equations=f)), or every step. Where the simulator has no "
-            "accelerations, run the same motion with half the step as well: deltac study MODEL --logs COARSE "
+            "The log has no accelerations of its own, and the one-step test cannot rule out that wrong "
+            "equations cause the energy error: log udot.<speed> at the same instants (MuJoCo: qacc; SciPy: "
+            "Trajectory.from_scipy(result, model, equations=f)), or log every step. If the simulator has "
+            "no accelerations, run the same motion with half the step as well: deltac study MODEL --logs "
+            "COARSE "
             "--logs FINE"
         )
         return verdict("unresolved", "medium", balance, *equations, wanted)
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
     if any(f.kind == "forces-not-of-this-row" for f in findings):
-        wanted = (
-            "What is left of the energy may be that of the logged forces, which are of other rows"
-        )
+        wanted = "The energy error may come from the logged forces, which belong to other rows"
         return verdict("unresolved", "medium", balance, *equations, wanted)
     return verdict(
         "integration-error",
@@ -239,10 +241,11 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
         return [
             Finding(
                 "small-but-real",
-                f"the equations at the samples leave {percent(terms.relative[k])} of the terms of "
-                f"{terms.speeds[k]!r}: within the tolerance, but {terms.size[k] / bar:.2g} error bars",
+                f"the equations at the samples have a residual of {percent(terms.relative[k])} of the "
+                f"terms of {terms.speeds[k]!r}: within the tolerance, but {terms.size[k] / bar:.2g} times "
+                f"its error bar",
                 f"|ΔC| {percent(energy)} of the energy",
-                "Look at the notes for what may cause it; strict=True makes it count",
+                "See the notes for possible causes; strict=True makes it count",
                 "note",
                 terms.speeds[k],
             )
@@ -253,11 +256,11 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     return [
         Finding(
             "small-but-real",
-            f"the equations leave {percent(step.relative[k])} of the terms of {step.speeds[k]!r}: within the "
-            f"tolerance, but {step.ratio[k]:.2g} error bars",
+            f"the equations have a residual of {percent(step.relative[k])} of the terms of "
+            f"{step.speeds[k]!r}: within the tolerance, but {step.ratio[k]:.2g} times its error bar",
             f"|ΔC| {percent(energy)} of the energy; an integrator may leave "
             f"{percent(step.bar[k] / step.scale[k])} at most",
-            "Look at the notes for what may cause it; strict=True makes it count",
+            "See the notes for possible causes; strict=True makes it count",
             "note",
             step.speeds[k],
         )
@@ -271,42 +274,44 @@ def _steps(step: OneStep | None) -> str:
     if step.closes and step.scheme is not None:
         by = f"a step of {step.scheme.name}" if step.scheme.name else "one step of several methods"
         return (
-            f"Each of {step.rows} rows follows from the one before by {by}, to "
-            f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the equations are the model's"
+            f"Each of {step.rows} rows follows from the previous one by {by}, to "
+            f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "
+            f"equations"
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
     if step.known_but_for_causes and step.scheme is not None:
         by = f"a step of {step.scheme.name}" if step.scheme.name else "an accurate step"
         return (
-            f"Each of {len(step.t)} rows follows from the one before by {by} but for "
+            f"Each of {len(step.t)} rows follows from the previous one by {by}, except for "
             f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "
-            f"{percent(1.0 / step.ratio[k])} of that is of one cause"
+            f"{percent(1.0 / step.ratio[k])} of that has one cause"
         )
     if not step.significant.any():
         k = int(np.argmax(step.bar / step.scale))
         return (
-            f"Over {step.rows} rows each follows from the one before as far as an integrator, the digits and "
-            f"what is not known between rows allow: {percent(step.bar[k] / step.scale[k])} of the terms "
+            f"Over {step.rows} rows, each follows from the previous one as far as an integrator, the "
+            f"digits of the log and the unknown motion between rows permit: "
+            f"{percent(step.bar[k] / step.scale[k])} of the terms "
             f"({step.speeds[k]})"
         )
     return (
-        f"Over {step.rows} rows the next does not follow from the one before by the model's equations: "
-        f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r} are left, {step.ratio[k]:.2g} times "
-        "what any integrator, digits and noise explain"
+        f"Over {step.rows} rows, the next does not follow from the previous one by the model's equations: "
+        f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r} remain, {step.ratio[k]:.2g} "
+        f"times what any integrator, the digits and the noise can explain"
     )
 
 
 def _open(step: OneStep) -> str:
     return (
-        "No known cause explains what is left from row to row, and the integrator is not known: log every "
+        "No known cause explains the residual from row to row, and the integrator is unknown: log every "
         "step, with more digits"
     )
 
 
 def _by_steps(m: Measures) -> str:
     return (
-        f"The energy is known to ± {m.bar:.2g} J only, at {1.0 / m.spacing:.4g} Hz; that the motion is the "
-        "model's rests on the test from row to row"
+        f"At {1.0 / m.spacing:.4g} Hz the energy is known only to ± {m.bar:.2g} J; the verdict rests on "
+        f"the test from row to row"
     )
 
 
@@ -314,10 +319,10 @@ def _balance(m: Measures) -> str:
     share = m.left / m.beside if m.beside > 0.0 else 0.0
     what = f"{m.energy_exchanged:.4g} J exchanged"
     if m.beside < m.energy_exchanged:
-        what = f"{m.beside:.4g} J that the system has, of {what}"
+        what = f"{m.beside:.4g} J held by the system, of {what}"
     return (
-        f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the {what}; accepted "
-        f"are {100 * m.tolerance:g} %"
+        f"Largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}), {percent(share)} of the {what}; the "
+        f"tolerance is {100 * m.tolerance:g} %"
     )
 
 
@@ -325,35 +330,35 @@ def _equations(terms: EquationTerms | None, step: OneStep | None) -> str:
     if terms is None:
         if step is not None:
             return ""
-        return "The equations of motion were not tested at the samples: no measured accelerations"
+        return "The equations of motion were not tested at the samples: there are no measured accelerations"
     if not terms.significant.any():
         worst = float(terms.relative.max(initial=0.0))
         if not worst:
-            return f"At {len(terms.t)} samples the equations of motion close to rounding: no mistake shows"
+            return f"At {len(terms.t)} samples the equations of motion hold to rounding"
         return (
-            f"At {len(terms.t)} samples the equations of motion close to {worst:.1g} of their terms: no "
-            "mistake shows"
+            f"At {len(terms.t)} samples the equations of motion hold to {worst:.1g} of their terms"
         )
     k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))
     above = terms.size[k] / terms.precision[k]
     return (
-        f"At {len(terms.t)} samples the equations of motion leave up to {percent(terms.relative[k])} of "
+        f"At {len(terms.t)} samples the equations of motion have a residual of up to "
+        f"{percent(terms.relative[k])} of "
         f"their terms ({terms.speeds[k]}), {above:.2g} times what the log's precision explains"
     )
 
 
 def _idle(m: Measures) -> str:
     return (
-        f"Energy is hardly exchanged ({m.energy_exchanged:.3g} J), so the kinetic energy is the scale: "
-        f"largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}) of {m.kinetic:.4g} J; accepted are "
+        f"Hardly any energy is exchanged ({m.energy_exchanged:.3g} J), so the kinetic energy is the scale: "
+        f"largest |ΔC| {m.left:.3g} J ± {m.bar:.2g} J ({m.method}) of {m.kinetic:.4g} J; the tolerance is "
         f"{100 * m.tolerance:g} %"
     )
 
 
 def _missing_rows(outside: Measures) -> str:
     return (
-        "Unresolved because rows are missing (see the gap below): what was done in it is not known, and "
-        f"between gaps no more than {outside.left:.3g} J ± {outside.bar:.2g} J are left"
+        "Unresolved because rows are missing (see the gap below): what happened there is unknown, and "
+        f"between gaps the energy error is at most {outside.left:.3g} J ± {outside.bar:.2g} J"
     )
 
 
@@ -365,7 +370,7 @@ def _sampling(m: Measures) -> str:
         now = f"the error bar of the samples dominates at {1.0 / m.spacing:.4g} Hz"
     else:
         wanted = max(m.left - m.allowed, 0.1 * m.bar)
-        now = f"what is left exceeds the tolerance by less than the error bar at {1.0 / m.spacing:.4g} Hz"
+        now = f"the energy error exceeds the tolerance by less than its error bar at {1.0 / m.spacing:.4g} Hz"
     # What was held does not fall with the spacing; a whole order is counted on.
     excess = max(m.bar - m.held, 0.0) / max(wanted - m.held, 0.01 * wanted)
     rate = max(excess, 1.0) ** (1.0 / math.floor(order)) / m.spacing
@@ -384,10 +389,10 @@ def _sampling(m: Measures) -> str:
 def _slight(m: Measures) -> tuple[str, ...]:
     if m.left > m.allowed:
         return ()
-    return ("As far as energy goes, the mistake stays within the tolerance",)
+    return ("The energy error that it causes is within the tolerance",)
 
 
 def _smaller_step(m: Measures) -> str:
     if m.step is None:
-        return "A smaller step, or a method of higher order, is the remedy"
-    return f"The step was {m.step:g} s: a smaller one, or a method of higher order, is the remedy"
+        return "Use a smaller step, or a method of higher order"
+    return f"The step was {m.step:g} s: use a smaller one, or a method of higher order"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import renamed_keywords
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
@@ -46,14 +46,14 @@ SHOWN = 6
 """Equations that are told of in words."""
 
 LIMITS = (
-    "states other than those drawn, such as a branch that is seldom taken",
-    "a parameter that is wrong in the model and in the equations alike",
+    "states other than those drawn, such as a branch that is rarely taken",
+    "a parameter that is wrong in both the model and the equations",
 )
 
 MEANINGS: dict[Kind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
-    "unresolved": "The function is too rough, or too often undefined, to tell.",
+    "unresolved": "The function is too rough, or too often undefined, to decide.",
 }
 
 
@@ -172,7 +172,7 @@ def finite_worst(residuals: Residuals) -> list[float]:
 
 # --- `check_equations` ---------------------------------------------------------------------------
 
-TOLERANCE = float(np.sqrt(np.finfo(np.float64).eps))
+TOLERANCE = float(np.sqrt(EPS))
 """Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
 constant typed with seven digits shows."""
 
@@ -241,8 +241,8 @@ def check_equations(
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise ModelError(
-            f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed: there is nothing "
-            "that equations of motion could tell"
+            f"all joints of mechanism {loaded.mechanism.name!r} are prescribed or fixed, so it has no "
+            f"equations of motion"
         )
     scales = natural_scales(kane)
     where = places(kane)
@@ -357,7 +357,7 @@ def check_states(
         seen = (*seen, Seen("coordinate rates", missed, missed > accepted))
     rough = np.zeros(len(test.speeds))
     evidence = _evidence(residuals, rough, limit, accepted, seen, test, udot, wrong)
-    limits = (*LIMITS, "what the function gives at other states than those of the table")
+    limits = (*LIMITS, "the function at states that are not in the table")
     return EquationCheck(
         verdict=Verdict(
             kind,
@@ -417,9 +417,10 @@ def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
     wrong = [name for name, off in rates.items() if off > tolerance]
     worst = max(rates.values())
     if not wrong:
-        return (f"q̇ is that of the speeds, to {worst:.2g} of its size",)
+        return (f"q̇ agrees with the speeds to {worst:.2g} of its size",)
     return (
-        f"q̇ of {', '.join(wrong)} is not that of the speeds: it is off by up to {worst:.2g} of its size",
+        f"q̇ of {', '.join(wrong)} does not agree with the speeds: it is off by up to {worst:.2g} of its "
+        f"size",
     )
 
 
@@ -520,8 +521,8 @@ def _evidence(
         said.append(f"only the acceleration of {', '.join(wrong_speeds)} differs from the model's")
     if float(rough.max(initial=0.0)) > 1e-13:
         said.append(
-            f"the function is rough: its values are good to {float(rough.max()):.1g} only, as with single "
-            "precision or derivatives by differences"
+            f"the function is rough: its values are accurate to {float(rough.max()):.1g} only, as in "
+            f"single precision or with finite differences"
         )
     if wrong:
         energy = [s for s in seen if s.test in residuals.power]
@@ -530,7 +531,7 @@ def _evidence(
             said.append(f"seen by the testing functions {sees}")
         elif all(s.relative < max(tolerance, BLIND * worst) for s in energy):
             said.append(
-                "no energy test sees it: the error does no work, and a simulation would keep its energy"
+                "no energy test can see it: the error does no work, and a simulation would conserve energy"
             )
         momenta = [s for s in seen if s.test.startswith("momentum")]
         if momenta:
@@ -543,8 +544,8 @@ def _evidence(
 
 def _overwriting(name: str, written: str) -> str:
     return (
-        f"{name} overwrites its arguments ({written}); if it does so before it uses them, that is the "
-        "mistake, and the terms named below are only what it looks like: copy q and u first"
+        f"{name} overwrites its arguments ({written}); if it does so before using them, that is the "
+        f"error, and the terms named below only follow from it: copy q and u first"
     )
 
 
@@ -563,8 +564,8 @@ def _findings(
         found.append(
             Finding(
                 "writes-to-input",
-                "the function writes into the arrays that it is given",
-                f"for example {caller.overwrites}; it was handed copies here; a solver would be disturbed",
+                "the function modifies its input arrays",
+                f"for example {caller.overwrites}; here it was given copies, but a solver would be disturbed",
                 "Copy q and u before changing them",
                 "doubt",
             )
@@ -573,7 +574,7 @@ def _findings(
         found.append(
             Finding(
                 "motor",
-                f"the motors {', '.join(motors)} have no law, and were taken to exert nothing",
+                f"the motors {', '.join(motors)} have no law and were taken as zero",
                 "a joint torque whose value a controller or a log supplies",
                 "Give the joint torque a law if the equations have one",
             )
@@ -587,7 +588,7 @@ def _findings(
                 "not-finite",
                 f"the accelerations are not finite at {missing} of {len(finite)} states",
                 f"for example at {where}",
-                "Look for a root of a negative number or a division by zero; those states were left out",
+                "Look for the root of a negative number or a division by zero; those states were left out",
                 "doubt",
             )
         )
@@ -597,7 +598,7 @@ def _findings(
 def _other_coordinates(
     model: Model, equations: Equations, chosen: CoordinateMap | None, *, count: int, seed: int
 ) -> tuple[Finding, ...]:
-    """A finding if the same function is right in other coordinates."""
+    """A finding if the function is right in other coordinates."""
     others: list[tuple[str, CoordinateMap | None]] = []
     if chosen is not None:
         others.append(("joint", None))
@@ -629,9 +630,9 @@ def _other_coordinates(
             return (
                 Finding(
                     "coordinates",
-                    "the same function is right if its speeds are the rates of its coordinates"
+                    "the function is right if its speeds are the rates of its coordinates"
                     if name is RATES
-                    else f"the same function is right in {name} coordinates ({names})",
+                    else f"the function is right in {name} coordinates ({names})",
                     f"relative residual {float(relative.max(initial=0.0)):.1g} there",
                     "Leave u= out of the map, or turn them into the map's speeds"
                     if name is RATES

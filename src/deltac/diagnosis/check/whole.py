@@ -77,7 +77,7 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
             return (
                 Finding(
                     "coordinates",
-                    f"the same function is right {frame.words}",
+                    f"the function is right {frame.words}",
                     f"all accelerations agree then, at {len(some)} states",
                     frame.remedy,
                     "cause",
@@ -157,9 +157,9 @@ def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
             return (
                 Finding(
                     "parameter-value",
-                    f"the same function is right with {name} = {factor * value:.6g}",
+                    f"the function is right with {name} = {factor * value:.6g}",
                     f"the model has {name} = {value:.6g}",
-                    f"Give {name} one value in both",
+                    f"Give {name} the same value in both",
                     "cause",
                     name,
                 ),
@@ -174,7 +174,7 @@ def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
             return (
                 Finding(
                     "parameter-value",
-                    f"the same function is right with {a} and {b} exchanged",
+                    f"the function is right with {a} and {b} exchanged",
                     f"the model has {a} = {known[a]:.6g} and {b} = {known[b]:.6g}",
                     f"Exchange {a} and {b}",
                     "cause",
@@ -248,7 +248,7 @@ def _linear(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
         return (
             Finding(
                 "linearised",
-                "the same function is right for small coordinates: a small-angle version",
+                "the function is right for small coordinates: a small-angle version",
                 f"its error goes to zero as the power {near:.1f} of the coordinates",
                 "Keep the sines and cosines",
                 "cause",

@@ -52,8 +52,8 @@ def advice(
             most, said = told, name
     if not said:
         return (
-            "No motion of this machine tells them apart by joint coordinates and these forces: they say the "
-            "same in other words"
+            "No motion of this machine can tell them apart from joint coordinates and these forces: they "
+            "are equivalent"
         )
     them = "them" if most == len(found.alternatives) else "some of them"
     return f"To tell {them} apart, log also {said}"
@@ -116,7 +116,7 @@ def _experiments(
     )
     found = [
         ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
-        ("a motion with other forces of the motors", states(anywhere, fast, hard, force)),
+        ("a motion with different motor forces", states(anywhere, fast, hard, force)),
     ]
     for k in range(nu):
         alone = np.zeros((STATES, nu))

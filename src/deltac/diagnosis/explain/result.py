@@ -56,7 +56,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)"
         case "body-centre":
             axes = ", ".join(c.names)
-            return f"the mass centre of {element} in the run is moved by {several} m along {axes} of the body"
+            where = f"{several} m along {axes} of the body"
+            return f"the mass centre of {element} in the run is displaced by {where}"
         case "actuator-gear":
             return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
         case "channel-factor" if abs(factor) < 3.0 * error[0]:
@@ -64,7 +65,7 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
         case "channel-factor":
             return f"{element} acts with {shown} of its {c.origin} force"
         case "actuator-delay":
-            return f"{element} acts {shown} s later than it was logged"
+            return f"{element} acts {shown} s later than logged"
         case "zero-offset":
             return (
                 f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
@@ -231,9 +232,9 @@ class Explanation(Report, also=("sentence",)):
                 f"terms, and noise accounts for {self.noise:.1g}"
             )
         if self.kind == "unexplained":
-            nearest = f"; the nearest is {self.causes[0]}" if self.causes else ""
+            nearest = f"; the closest is {self.causes[0]}" if self.causes else ""
             return (
-                f"No few causes of those known explain the residual ({self.residual:.2g} of the terms)"
+                f"No small set of known causes explains the residual ({self.residual:.2g} of the terms)"
                 f"{nearest}, which explains {percent(self.explained)}"
             )
         told = "; ".join(c.sentence for c in self.causes)
@@ -246,7 +247,7 @@ class Explanation(Report, also=("sentence",)):
         if self.kind == "ambiguous":
             others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
             more = len(self.alternatives) - 4
-            said += f". The log explains as well: {others}"
+            said += f". These explain the log equally well: {others}"
             said += f"; or {more} more" if more > 0 else ""
             said += f". {self.separating}" if self.separating else ""
         return said
@@ -266,7 +267,7 @@ class Explanation(Report, also=("sentence",)):
         yield from (f"Note: {note}." for note in self.notes)
         if self.unseen:
             shown = ", ".join(self.unseen[:SHOWN]) + (", …" if len(self.unseen) > SHOWN else "")
-            yield f"Not seen in this log: {shown}."
+            yield f"Not observable in this log: {shown}."
         if self.causes:
             heads = ("cause", "of", "in the run", "±", "in the model", "unit", "explains")
             yield Table(heads, self.rows())
@@ -292,14 +293,14 @@ class Explanation(Report, also=("sentence",)):
         """The causes as findings of an audit; none where the residual is not explained."""
         if self.kind not in ("explained", "ambiguous"):
             return ()
-        evidence = f"explains {percent(self.explained)} of what is left of the equations of motion"
+        evidence = f"explains {percent(self.explained)} of the residual of the equations of motion"
         if len(self.causes) > 1:
             evidence = (
-                f"together these explain {percent(self.explained)} of what is left of the equations"
+                f"together these explain {percent(self.explained)} of the residual of the equations"
             )
         if self.alternatives:
             others = (" and ".join(map(str, other)) for other in self.alternatives[:3])
-            evidence += f"; explained as well by: {'; '.join(others)}"
+            evidence += f"; explained equally well by: {'; '.join(others)}"
             evidence += f". {self.separating}" if self.separating else ""
         return tuple(
             Finding(

@@ -129,7 +129,7 @@ def differing_gears(
                 "channel-differs",
                 str(gear),
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
-                f"{energy:.3g} J went through the difference, {share} of the energy exchanged",
+                f"{energy:.3g} J flowed through the difference, {share} of the energy exchanged",
                 "Give the model the gear that the simulator used",
                 "cause" if energy > tolerance * ledger.energy_exchanged else "note",
                 gear.channel,

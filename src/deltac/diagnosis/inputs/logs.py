@@ -53,9 +53,9 @@ def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, l
     )
     finding = Finding(
         "order",
-        "the log's columns are in another order than the model's and were put in the model's by name",
+        "the log's columns are in a different order from the model's and were reordered by name",
         f"log: {_shown(theirs)}; model: {_shown(ours)}",
-        "If the log's names are right, nothing is to be done",
+        "If the log's names are right, nothing needs to be done",
     )
     return moved, [finding]
 
@@ -74,7 +74,7 @@ def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.n
             lines.append("in the log only: " + ", ".join(told) + _more(unknown))
         if missing:
             lines.append("in the model only: " + ", ".join(map(repr, missing[:4])) + _more(missing))
-        lines.append("Rename the columns with a mapping file, or take the model of this log")
+        lines.append("Rename the columns with a mapping file, or use the model of this log")
         raise LogError(". ".join(lines))
     return np.array([theirs.index(name) for name in ours.names], dtype=np.intp)
 

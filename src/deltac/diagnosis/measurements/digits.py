@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 
-EPS = float(np.finfo(np.float64).eps)
 SINGLE = float(np.finfo(np.float32).eps)
 HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).smallest_subnormal)
 PROBES = 400

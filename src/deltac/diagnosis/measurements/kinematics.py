@@ -492,7 +492,7 @@ def _jitter(run: Trajectory, even: Trajectory) -> Finding:
         "clock-jitter",
         f"the time stamps scatter by {scatter:.2g} s about an even clock",
         f"by their coordinates and speeds the rows are {step:.6g} s apart",
-        "They were put back onto it. Log the simulator's own time, with all its digits",
+        "They were put back on that clock. Log the simulator's own time, with all its digits",
     )
 
 
@@ -530,7 +530,7 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     keep[copies] = False
     finding = Finding(
         "duplicated-rows",
-        f"{len(copies)} rows repeat the row before, though time and speeds go on",
+        f"{len(copies)} rows repeat the previous row, although time and speeds advance",
         f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
         "They were left out. Write each state once, at its own time",
         "note" if len(copies) <= 0.34 * len(run) else "doubt",
@@ -587,9 +587,9 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
             found.append(
                 Finding(
                     "wrapped-angle",
-                    f"coordinate {run.coordinates[i]!r} is reduced to one turn",
+                    f"coordinate {run.coordinates[i]!r} is wrapped to one turn",
                     f"it jumps by 2π {int(jumps.sum())} times while its speed is steady",
-                    "It was made continuous again. Log the angle as the simulator holds it",
+                    "It was unwrapped. Log the angle as the simulator has it",
                     element=run.coordinates[i],
                 )
             )
@@ -625,7 +625,7 @@ def _without_spikes(
     first = min(rows)
     finding = Finding(
         "spikes",
-        f"{len(rows)} rows hold a value far off those before and after",
+        f"{len(rows)} rows have a value far from those before and after",
         f"the first is {rows[first]!r} in row {first}, t = {run.t[first]:.6g} s",
         "They were left out. Look for what wrote them",
         element=rows[first],
@@ -643,7 +643,7 @@ def _wrong_rates(
             yield Finding(
                 "swapped-columns",
                 f"the speeds {name!r} and {other!r} seem to be swapped",
-                "each coordinate moves as the speed of the other says",
+                "each coordinate moves with the other's speed",
                 "Correct the names of the columns",
                 "doubt",
                 name,
@@ -655,7 +655,7 @@ def _wrong_rates(
             "clipped-column",
             f"the speed {name!r} stays at its extreme while the coordinate moves faster",
             f"at most {np.abs(run.speed(name)).max():.6g} was written",
-            "Widen the range of what wrote the column",
+            "Widen the range of the sensor or format that wrote the column",
             "doubt",
             name,
         )
@@ -672,7 +672,7 @@ def _wrong_rates(
             f"coordinates are {abs(rows):.3g} rows {'older' if rows < 0 else 'newer'} than the speeds beside "
             "them",
             f"shown by {', '.join(map(repr, list(late)[:4]))}",
-            "Write coordinates and speeds of one instant into one row",
+            "Write coordinates and speeds of the same instant into one row",
             "doubt",
             next(iter(late)),
         )
@@ -712,7 +712,7 @@ def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterato
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",
-            f"all coordinates move by {common:.6g} times what their speeds say: the clock is wrong",
+            f"all coordinates move by {common:.6g} times as far as their speeds say: the clock is wrong",
             f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
             f"Multiply the times by {common:.6g}, or log the simulator's own time",
             "doubt",
@@ -727,7 +727,7 @@ def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterato
             "gear-between-q-and-u",
             f"coordinate {name!r} moves by {c.ratio:.6g} times what its speed says",
             f"± {max(c.ratio_error, LEAST_RATIO):.1g}",
-            "Take both on the same side of the gear, and in the same units",
+            "Log both on the same side of the gear, in the same units",
             "doubt",
             name,
             c.ratio,

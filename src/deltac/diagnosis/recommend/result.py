@@ -19,9 +19,9 @@ SAME_TIME = 1.2
 """Times within this factor are the same; fewer evaluations decide."""
 
 LIMITS = (
-    "errors of the model: the recommendation is about the integration only",
-    "other motions: another start or drive may need a smaller step",
-    "other machines: times are of this one, though their ratios change little",
+    "errors of the model: the recommendation concerns the integration only",
+    "other motions: a different start or drive may need a smaller step",
+    "other machines: the times were measured on this one, though their ratios vary little",
 )
 
 
@@ -150,9 +150,9 @@ def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
     if advice.still:
         return [
-            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which is "
-            "rounding. "
-            "Next to nothing moves, so every solver and step would do. Give a start, a drive or a duration "
+            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which "
+            f"is at rounding level. "
+            "Almost nothing moves, so any solver and step would do. Give a start, a drive or a duration "
             "in which energy flows."
         ]
     if best is None:
@@ -160,10 +160,11 @@ def _explained(advice: Recommendation) -> list[str]:
         line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"
         if tried:
             nearest = min(tried, key=lambda t: t.excess(*asked))
-            line += f"; nearest comes {nearest.solver} at {setting_of(nearest)}, which "
+            line += f"; {nearest.solver} at {setting_of(nearest)}, which "
             line += failing(nearest, *asked)
         return [
-            line + ". Ask for less, or for a shorter motion (a chaotic one loses every accuracy)."
+            line
+            + ". Ask for less accuracy, or for a shorter motion (a chaotic one loses all accuracy)."
         ]
     lines = [
         f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import EPS, resolution
+from deltac.arrays import EPS, TINY, Array
+from deltac.diagnosis.measurements.digits import resolution
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
@@ -232,7 +232,7 @@ def _inertial_rounding(evaluator: Evaluator, samples: Sampled, units: Sequence[s
     """
     some = samples.take(np.linspace(0, len(samples.t) - 1, 20).astype(np.intp))
     momentum = np.abs(evaluator(replace(some, udot=some.u))["inertia"]).max(axis=0)
-    time = max(float(np.ptp(samples.t)), float(np.finfo(np.float64).tiny))
+    time = max(float(np.ptp(samples.t)), TINY)
     return _floored(NEGLIGIBLE * momentum / time, units, 1.0)
 
 
@@ -273,7 +273,7 @@ def _precision(
         }
         difference = total(evaluator(replace(exact, **moved))) - residual
         squares += np.mean(difference**2, axis=0)
-    rounding = 4.0 * np.finfo(np.float64).eps * scale
+    rounding = 4.0 * EPS * scale
     return np.asarray(np.sqrt(squares / PERTURBATIONS) + rounding)
 
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, Point, times
 from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
@@ -33,8 +33,6 @@ from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.errors import InputError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-
-TINY = float(np.finfo(np.float64).tiny)
 
 LEAST = 1e-3
 """A speed's terms count as at least this share of its natural inertia force: rounding has no size."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, told
@@ -19,8 +19,6 @@ from deltac.errors import InputError, SourceError
 from deltac.progress import Progress, counted, untold
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
-
-EPS = float(np.finfo(np.float64).eps)
 
 SAMPLED = 8
 """States at which a batch is compared with single calls, and a second call with the first."""

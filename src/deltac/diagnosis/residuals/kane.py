@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
@@ -31,9 +31,6 @@ from deltac.mechanism.channels import Channel
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-
-ASSEMBLED = 1e-9
-"""A place that meets its constraints to this (m, rad) is assembled."""
 
 
 @dataclass(frozen=True, eq=False)

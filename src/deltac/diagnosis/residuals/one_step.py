@@ -31,8 +31,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import EPS, resolution, scatter
+from deltac.arrays import EPS, Array
+from deltac.diagnosis.measurements.digits import resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea

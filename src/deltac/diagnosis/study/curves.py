@@ -231,7 +231,7 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
             f"{'the step' if len(stiff) == 1 else 'steps'} {', '.join(f'{r.step:g}' for r in stiff)} s "
             f"{'is' if len(stiff) == 1 else 'are'} too large for the fast parts of the mechanism",
             stiff[-1].stiff.rstrip("."),
-            "What converges at such steps says little of the motion",
+            "Convergence at such steps says little about the motion",
         )
     stopped = [(entry, f) for entry in runs for f in entry.findings if f.kind == "stopped"]
     if len(stopped) > 1:
@@ -249,7 +249,7 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
                 "run-failed",
                 f"there is no run at step {entry.step:g}",
                 entry.failure.rstrip("."),
-                "The others are judged without it",
+                "The other runs are judged without it",
             )
 
 
@@ -263,15 +263,15 @@ def _other_start(entry: StudyRun, run: Trajectory, finest: Trajectory, off: floa
         f"the run at step {entry.step:g} starts at another time or state than the finest one and is not "
         "compared with it",
         evidence,
-        "Let all runs start in the same state at the same time",
+        "Start all runs in the same state at the same time",
     )
 
 
 def _ignored(a: StudyRun, b: StudyRun) -> Finding:
     return Finding(
         "step-ignored",
-        f"the runs at steps {a.step:g} and {b.step:g} are the same, number by number",
+        f"the runs at steps {a.step:g} and {b.step:g} are identical",
         "the simulator ignores its step",
-        "Let the simulator use the step that it is called with, then study it again",
+        "Make the simulator use the step that it is called with, then repeat the study",
         "doubt",
     )

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import Comparison, one_sided
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -34,7 +34,7 @@ SPREAD = 0.3
 LEAST_ORDER = 0.5
 """Below this order an extrapolation would amplify what it cannot know."""
 
-ROUNDING = 16 * float(np.finfo(np.float64).eps)
+ROUNDING = 16 * EPS
 """Error of an extrapolated number for rounding, as a share of the largest of its kind."""
 
 SYMMETRIC = ("implicit-midpoint", "discrete-gradient")

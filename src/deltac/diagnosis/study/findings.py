@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
@@ -46,16 +46,16 @@ def of_comparison(
     if max(ends) - min(ends) > 1e-6 * span:
         yield Finding(
             "other-times",
-            "the runs do not cover the same time, and are compared where all of them have rows",
+            "the runs do not cover the same time; they are compared where all of them have rows",
             ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
-            "Let all runs end at the same time",
+            "End all runs at the same time",
         )
     if len(compared.t) < FEWEST:
         yield Finding(
             "few-common-times",
             f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
             f"rows that agree within {SAME:g} of the duration",
-            "Let the steps divide each other (0.01, 0.005, 0.0025), or sample all runs at the same times",
+            "Choose steps that divide each other (0.01, 0.005, 0.0025), or sample all runs at the same times",
         )
     elif compared.horizon < compared.t[-1] - SAME * span:
         fine, coarse = runs[-1].step, runs[max(-len(runs), -3)].step
@@ -84,7 +84,7 @@ def of_order(
                 f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
                 f"by differences of the states at steps {_listed(state.steps)}",
                 "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
-                "over the step), or the start violates the constraints, or the solver has a mistake",
+                "over the step), or the start violates the constraints, or the solver has a bug",
             )
     for name, found in energy.items():
         if found.order is None or found.trend != "falls to zero":
@@ -96,8 +96,8 @@ def of_order(
                 f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than the "
                 "method guarantees",
                 f"at steps {_listed(found.steps)}",
-                "Where errors cancel over a period, or forces are symmetric, the energy is better than the "
-                "motion",
+                "Where errors cancel over a period, or forces are symmetric, the energy is more accurate "
+                "than the motion",
             )
 
 
@@ -115,7 +115,7 @@ def of_growth(
     meaning = {
         "bounded": "a longer run will not lose more energy; the motion itself may still be inaccurate",
         "linear": "a run twice as long will have twice the energy error",
-        "exponential": "the method is unstable at this step, or the motion is",
+        "exponential": "the method or the motion is unstable at this step",
     }[how]
     remedy = "Take a smaller step" if how == "exponential" else ""
     yield Finding(
@@ -132,8 +132,8 @@ def of_growth(
             "symplectic-drift",
             f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
             f"it grows {how}ly" if how != "linear" else "it grows linearly",
-            "Kinetic energies that depend on the coordinates, and large steps, spoil the property: take a "
-            "smaller step, or a method of higher order",
+            "The property is lost where the kinetic energy depends on the coordinates, or steps are "
+            "large: use a smaller step, or a method of higher order",
         )
 
 
@@ -152,11 +152,11 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
         return
     yield Finding(
         "stabilised",
-        f"the run is corrected as it goes ({name}), so one way of counting ΔC is blind",
+        f"the run is corrected as it goes ({name}), so one way of computing ΔC is blind to the error",
         f"corrections did up to {done:.2g} J of work, {percent(done / ledger.energy_exchanged)} of the "
         "energy exchanged; "
         f"|ΔC| is {ways[0]:.2g} J with it and {ways[1]:.2g} J without",
-        "The larger one is taken for the error; a method that needs no corrections shows its own",
+        "The larger one is taken as the error; use a method that needs no corrections to see its own",
         element=name,
     )
 
@@ -192,7 +192,7 @@ def of_constraints(
         blamed = stays and not trusted and what != "quaternion"
         yield Finding(
             "constraint-violation",
-            f"{what} {element!r} is violated, whatever energy says"
+            f"{what} {element!r} is violated, even if the energy balance holds"
             + (
                 ", at every step alike"
                 if stays
@@ -213,10 +213,10 @@ def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator
         if found.trend == "tends to a limit":
             yield Finding(
                 "momentum",
-                f"the balance of {name} does not close: it is off by {found.limit:.3g}, however small "
+                f"the balance of {name} does not hold: it is off by {found.limit:.3g}, however small "
                 "the step",
                 f"± {found.limit_error:.1g}",
-                "A force or a gyroscopic term is wrong or missing; energy sees it only if it does work",
+                "A force or a gyroscopic term is wrong or missing; energy reveals it only if it does work",
                 element=name,
             )
 
@@ -237,7 +237,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
     sudden = (change[1:-1] > JUMP * np.maximum(around, usual)) & (
-        change[1:-1] > NOTICEABLE * np.maximum(top, np.finfo(np.float64).tiny)
+        change[1:-1] > NOTICEABLE * np.maximum(top, TINY)
     )
     if not sudden.any():
         return

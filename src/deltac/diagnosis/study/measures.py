@@ -85,12 +85,12 @@ class Residuals(Record, omit=("findings",)):
         first = self.names[self.blamed[0]]
         return Finding(
             "coordinate-residual",
-            f"the equation of motion of {first!r} does not close at the run's own states and accelerations"
+            f"the equation of motion of {first!r} does not hold at the run's own states and accelerations"
             if len(self.blamed) == 1
-            else f"{len(self.blamed)} of {len(self.names)} equations of motion do not close at the run's own "
-            "states and accelerations",
-            f"F_r + F*_r leaves of its terms: {shown}; the same at every step",
-            f"Look for the mistake in the equation of {first!r}: a sign, a factor, a term, a force",
+            else f"{len(self.blamed)} of {len(self.names)} equations of motion do not hold at the run's "
+            f"own states and accelerations",
+            f"F_r + F*_r, as a share of its terms: {shown}; the same at every step",
+            f"Look for the error in the equation of {first!r}: a sign, a factor, a term, a force",
             "cause",
             first,
         )
@@ -99,10 +99,10 @@ class Residuals(Record, omit=("findings",)):
         name, share = max(self.constraints.items(), key=lambda item: item[1])
         return Finding(
             "constraint-acceleration",
-            f"the accelerations do not keep to constraint {name!r}, though the states do",
+            f"the accelerations violate constraint {name!r}, though the states do",
             f"G u̇ + γ leaves {percent(share)} of its terms; the same at every step",
-            "Look for a mistake in the constraint's force, or in what was eliminated with it: the projection "
-            "after each step hides it from energy",
+            "Look for an error in the constraint's force, or in what was eliminated with it: the "
+            "projection after each step hides it from the energy",
             "cause",
             name,
         )

@@ -26,9 +26,9 @@ FIRM = 0.02
 """A limit of ΔC that is known to this share of itself is none of chance."""
 
 LIMITS: tuple[str, ...] = (
-    "an error that the motion shares with the model, such as one wrong mass used in both",
+    "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
-    "inaccuracy of a method that keeps energy by construction: then see the order of the state",
+    "the inaccuracy of an energy-conserving method; see the order of the state",
 )
 
 BLOCKING = (
@@ -64,7 +64,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     if violated := [
         f.what for f in m.findings if f.kind == "constraint-violation" and f.weight == "cause"
     ]:
-        meaning = f"The motion is not one of this model: {'; '.join(violated)}."
+        meaning = f"The motion is not a motion of this model: {'; '.join(violated)}."
         return verdict("equation-error", "medium", meaning)
     if m.blown_up and m.equations_right:
         return verdict("integration-error", "high", _unstable(m))
@@ -105,9 +105,9 @@ def judge_study(m: StudyMeasures) -> Verdict:
             return unresolved(f"ΔC tends to {m.energy.limit:.3g} J, but {blocked[0]}")
         if m.residuals is not None:
             return unresolved(
-                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion close at the samples: "
-                "something happens between them that no channel holds, or the constraints of the model are "
-                "not those of the motion"
+                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion hold at the samples: "
+                f"something happens between them that is in no channel, or the model's constraints are "
+                f"not those of the motion"
             )
         return verdict("equation-error", "medium", _wrong_equations(m))
     if astray:
@@ -164,7 +164,9 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
     """What this study does not see; more where steps are few, or energy is kept whatever they are."""
     more = []
     if len(m.steps) < 3:
-        what = "nothing confirms the order" if m.steps[1:] else "how the error falls was not seen"
+        what = (
+            "nothing confirms the order" if m.steps[1:] else "how the error falls was not observed"
+        )
         more.append(f"what a third step would show, for {_count(m)}: {what}")
     floor = m.energy.trend == "at its floor" and not m.quadrature
     if floor and m.state.trend == "tends to a limit":
@@ -206,7 +208,9 @@ def _falling(m: StudyMeasures) -> str:
 def _unresolved_motion(m: StudyMeasures) -> str:
     if m.resolved or len(m.steps) < 3:
         return ""
-    return f" The {m.knob}s do not resolve the motion: its runs do not come closer as they are refined."
+    return (
+        f" The {m.knob}s do not resolve the motion: the runs do not converge as they are refined."
+    )
 
 
 def _hidden(m: StudyMeasures) -> tuple[str, ...]:
@@ -230,7 +234,7 @@ def _small(m: StudyMeasures, *, idle: bool = False) -> str:
 
 def _unstable(m: StudyMeasures) -> str:
     return (
-        "The error is the integrator's: the equations are right, yet even the finest run blows up. Take "
+        "The error is the integrator's: the equations are right, yet even the finest run blows up. Use "
         f"smaller {m.knob}s, or an implicit method."
     )
 
@@ -239,24 +243,23 @@ def _mended(m: StudyMeasures) -> str:
     assert m.nominal is not None
     return (
         f"ΔC falls with the {m.knob}, yet the motion converges at order {order_text(m.state)} where the "
-        f"method promises {m.nominal}: non-smooth forces do this, and so do wrong forces that the projection "
-        "onto the constraints hides"
+        f"method should have {m.nominal}: non-smooth forces cause this, and so do wrong forces that the "
+        f"projection onto the constraints hides"
     )
 
 
 def _unsettled(m: StudyMeasures) -> str:
     return (
         f"ΔC falls with the {m.knob} ({_amount(m)}), but the motion does not converge at these {m.knob}s, "
-        "and a "
-        "mistake could hide behind their error"
+        "and an error of the equations could hide behind theirs"
     )
 
 
 def _coarse(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
         return (
-            f"The error is the integrator's, for the equations are right; {_amount(m)}. {_few(m)}: study "
-            f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the one before."
+            f"The error is the integrator's, since the equations are right; {_amount(m)}. {_few(m)}: study "
+            f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the previous one."
         )
     return (
         f"The error is the integrator's: the equations are right, yet nothing converges at these {m.knob}s; "
@@ -332,16 +335,16 @@ def _equations(m: StudyMeasures) -> str:
     if m.trusted:
         return "The motion was computed from the model's own equations"
     if m.residuals is None:
-        return "The equations of motion were not tested at the samples: no measured accelerations"
+        return "The equations of motion were not tested at the samples: there are no measured accelerations"
     if m.residuals.closes:
-        return "The equations of motion close at the samples: no mistake shows"
+        return "The equations of motion hold at the samples"
     worst = percent(max(m.residuals.relative.max(initial=0.0), m.residuals.by_step[-1]))
     how = (
         f"; that falls with the {m.knob} at order {m.residuals.order:.1f}"
         if m.residuals.order > 0.0 and not m.residuals.stays
         else ""
     )
-    return f"The equations of motion leave up to {worst} of their terms at the samples{how}"
+    return f"The equations of motion have a residual of up to {worst} of their terms at the samples{how}"
 
 
 def _why(m: StudyMeasures) -> str:
@@ -349,7 +352,7 @@ def _why(m: StudyMeasures) -> str:
         return f"{_count(m)}: what ΔC tends to shows from three on"
     if m.energy.trend == "at its floor":
         return (
-            f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly more than the error bar of the work, "
+            f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly above the error bar of the work, "
             f"{m.bars[-1]:.2g} J"
         )
     if m.energy.trend == "tends to a limit":

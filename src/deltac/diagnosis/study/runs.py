@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
-from deltac.diagnosis.measurements.digits import EPS, resolution
+from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import DeltacError, InputError, WrongType
@@ -106,7 +106,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
             raise InputError(f"{what} is {step!r}; expected a positive, finite number")
         values.append(number)
     if not values:
-        raise InputError(f"no {what} was given; three, each half of the one before, tell most")
+        raise InputError(f"no {what} was given; give three, each half of the previous one")
     kept: list[float] = []
     dropped: list[float] = []
     for number in sorted(values, reverse=True):
@@ -117,14 +117,14 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     if len(kept) == 1:
         raise InputError(
             f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
-            "half of the one before"
+            f"half of the previous one"
         )
     return tuple(kept), [
         Finding(
             "steps-do-not-refine",
             f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
             f"given: {', '.join(f'{x:g}' for x in values)}",
-            "Let each be half of the one before",
+            "Make each half of the previous one",
         )
     ]
 
@@ -193,7 +193,7 @@ def _simulated(
                 "stopped",
                 f"the run at step {step:g} stopped at t = {run.t[-1]:.4g} s",
                 stopped.rstrip("."),
-                "Nothing that comes after is compared",
+                "Nothing after that is compared",
             )
         )
     if ill:
@@ -212,7 +212,7 @@ def _simulated(
                 "step-differs",
                 f"the simulator was asked for step {step:g} and says that it took {told:g}",
                 "provenance of the run",
-                "Let it take the step that it is given",
+                "Make it use the step that it is given",
                 "doubt",
             )
         )
@@ -247,8 +247,8 @@ def _balanced(
             return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
             step,
-            failure=f"the run blows up at once: before that it has {few}. Take smaller steps, or an implicit "
-            "method",
+            failure=f"the run blows up at once: before that it has {few}. Use smaller steps, or an "
+            f"implicit method",
         )
     try:
         log = read_log(mechanism, run, None, None, measured=not trusted)
@@ -278,8 +278,8 @@ def _absurd(run: Trajectory) -> str:
     for what, values in (("coordinates", run.q), ("speeds", run.u), ("accelerations", run.udot)):
         if values is not None and float(np.abs(values).max(initial=0.0)) > LARGEST:
             return (
-                f"the run blows up: {what} reach {np.abs(values).max():.2g}. Take smaller steps, or an "
-                "implicit method"
+                f"the run blows up: {what} reach {np.abs(values).max():.2g}. Use smaller steps, or an "
+                f"implicit method"
             )
     return ""
 
@@ -289,7 +289,7 @@ def _blown_up(given: Trajectory, run: Trajectory, step: float) -> Finding:
         "blown-up",
         f"the run at step {step:g} blows up at t = {run.t[-1]:.4g} s",
         f"speeds reach {np.abs(given.u).max():.2g}",
-        "What comes after is left out; a smaller step is the remedy where the equations are right",
+        "Later rows are left out; if the equations are right, use a smaller step",
     )
 
 

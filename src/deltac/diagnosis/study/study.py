@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
-from deltac.diagnosis.measurements.digits import EPS
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along
@@ -365,7 +364,7 @@ def _of_a_part(verdict: Verdict, lacking: list[Finding]) -> Verdict:
         confidence="low",
         evidence=(
             *verdict.evidence,
-            f"This is of the model without some of its file: {lacking[0].what}",
+            f"Parts of the model's file were left out: {lacking[0].what}",
         ),
     )
 
@@ -539,7 +538,7 @@ def study(
         given = simulator is not None or steps is not None or tolerances is not None
         if given or solver:
             raise ArgumentsError(
-                "logs= are runs already: leave out steps, tolerances, solver and simulator"
+                "logs= are finished runs: leave out steps, tolerances, solver and simulator"
             )
         runs = logged(loaded.mechanism, logs, mapping)
         maker = _of_logs(runs, order)
@@ -555,7 +554,7 @@ def study(
         if simulator is not None:
             if solver or equations is not None or controller is not None:
                 raise ArgumentsError(
-                    "simulator= makes the runs by itself: leave out solver, equations and controller"
+                    "simulator= makes the runs itself: leave out solver, equations and controller"
                 )
             maker = _of_user(simulator, order)
         else:
@@ -675,7 +674,7 @@ def _of_user(simulator: Simulator, order: int | None) -> _Maker:
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
-        raise ArgumentsError("give steps=, three or more, each half of the one before")
+        raise ArgumentsError("give steps=, three or more, each half of the previous one")
     h, duration = loaded.problem.step, loaded.problem.duration
     coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
     return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)

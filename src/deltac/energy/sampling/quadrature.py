@@ -16,7 +16,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, TINY, Array
 from deltac.energy.sampling.interpolation import (
     band_matrices,
     blocks,
@@ -52,9 +52,6 @@ BAND, BANDS = 24, 32
 """Intervals that share a band matrix of weights (small enough that its zeros are cheap), and such matrices
 in a batch.
 """
-
-EPS = float(np.finfo(np.float64).eps)
-TINY = float(np.finfo(np.float64).tiny)
 
 
 def cumulated(samples: Samples, powers: Powers, window: int) -> Array:

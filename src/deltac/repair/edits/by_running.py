@@ -42,6 +42,9 @@ NAMES = 24
 MARGIN = 0.25
 """Edits that cost this much more than the least one that is right are not tried."""
 
+NEAR = 3
+"""How far from an index others are tried."""
+
 NUMBERS = (2, 3, 4, 0.5)
 """Factors that are forgotten."""
 
@@ -148,6 +151,8 @@ def _edits(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
             yield text, f"{short(text)} should not be transposed", "order", 1.1
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
         yield from _names(source, place, node)
+    if isinstance(node, ast.Subscript):
+        yield from _indices(source, node)
     if not isinstance(node, ast.Constant | ast.List | ast.Tuple | ast.Dict | ast.Lambda):
         words = f"{short(own)} enters with +, should be −"
         yield negated(source, node), words, "sign", 1.1 + 0.1 * isinstance(node, ast.Name)
@@ -207,6 +212,16 @@ def _names(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
         if text != own:
             cost = 1.05 if family(text) == family(own) else 1.3
             yield text, f"{own} should be {text}", "name", cost
+
+
+def _indices(source: Source, node: ast.Subscript) -> Iterator[Edit]:
+    """Another whole number for an index, where the source does not have that entry elsewhere."""
+    match node.slice:
+        case ast.Constant(value=int() as own):
+            for k in range(max(own - NEAR, 0), own + NEAR + 1):
+                if k != own:
+                    text = f"{source.segment(node.value)}[{k}]"
+                    yield text, f"{source.segment(node)} should be {text}", "index", 1.1
 
 
 def _factors(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:

@@ -15,6 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.repair.tracing.interpreter import Instance
 from deltac.repair.tracing.library import flatten
+from deltac.repair.tracing.modules import UserModule
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Operation, Slot, identity
@@ -180,11 +181,10 @@ def _count(program: Program, value: Slot) -> bool:
 
 def _attributes(value: Any) -> Iterator[tuple[str, Any]]:
     """Attributes of an object of the user's that hold numbers or arrays, by their names."""
-    if isinstance(value, Object):
-        held = dict(value.attributes)
-        cls = value.cls
-        if cls is not None:
-            held = {**cls.names, **held}
+    if isinstance(value, Object | UserModule):
+        held = dict(value.names if isinstance(value, UserModule) else value.attributes)
+        if isinstance(value, Object) and value.cls is not None:
+            held = {**value.cls.names, **held}
         for name, one in held.items():
             if isinstance(one, Slot | np.ndarray) and name.isidentifier():
                 yield name, one

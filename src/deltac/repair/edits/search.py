@@ -280,18 +280,23 @@ class First:
     changes: Mapping[int, Change]
 
 
-def pairs(search: Search, target: Target) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
-    """Pairs of edits that seem to make the function right, one kind after the other, cheapest first."""
+def pairs(search: Search, plain: bool = False) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
+    """Pairs of edits that seem to make the function right, one kind after the other, cheapest first.
+
+    `plain`: those only that are found without a second search.
+    """
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
-        ways.insert(0, Search(rows, target, search.deadline))
+        ways.insert(0, Search(rows, search.target, search.deadline))
         ways[0].require()
     pools = []
     for way in ways:
         yield _in_different_equations(way)
         pools.append(_pool(way))
         yield _adding_up(way, pools[-1])
+    if plain:
+        return
     for way, pool in zip(ways, pools):
         yield _followed(way, [*pool, *_closing(way)])
     yield _after_reading(search)

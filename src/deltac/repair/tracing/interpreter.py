@@ -129,6 +129,14 @@ HARMLESS = {
 """Modules whose calls as statements change nothing of the result."""
 
 
+class Failed(Refused):
+    """An error of Python's, and the `lines` of a file where it is raised in the forms that were tried."""
+
+    def __init__(self, message: str, file: str, lines: tuple[int, ...]) -> None:
+        super().__init__(message)
+        self.file, self.lines = file, lines
+
+
 class Endless(Refused):
     """A loop that does not end."""
 
@@ -276,7 +284,13 @@ class _Reader:
         except RecursionError:
             self.refuse(self.node, "calls itself without end")
         except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
-            self.refuse(self.node, f"{type(error).__name__}: {error}")
+            raise Failed(
+                f"{self.where(self.node)}: {type(error).__name__}: {error}. The function is read, not "
+                "run: call it once, and if Python raises the same error at this line, mend that first; else "
+                "write the line with arithmetic, NumPy's or math's elementary functions and arrays",
+                self.module.name,
+                (getattr(self.node, "lineno", 1),),
+            ) from None
 
     def callee(self) -> Any:
         """The function that is meant: an object of a running session, or what the module calls so."""
@@ -359,9 +373,19 @@ class _Reader:
         return self.result
 
     def unused(self) -> None:
-        """Read the module's other plain constants: one of them may be what the function lacks."""
-        for name in self.main.setters.keys() - self.main.names.keys():
-            statement = self.main.setters[name][0]
+        """Read other plain constants, of the module and of the user's that it has by name.
+
+        One of them may be what the function lacks.
+        """
+        imported = [held for held in self.main.names.values() if isinstance(held, UserModule)]
+        for module in (self.main, *imported):
+            self.unused_of(module)
+        self.result.scope = dict(self.main.names)
+
+    def unused_of(self, module: UserModule) -> None:
+        """Read the other plain constants of a module."""
+        for name in module.setters.keys() - module.names.keys():
+            statement = module.setters[name][0]
             if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
                 continue
             calls = [n for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
@@ -370,8 +394,7 @@ class _Reader:
                 for c in calls
             ):
                 with contextlib.suppress(*FAILURES):
-                    self.lookup(name, Scope(self.main), statement)
-        self.result.scope = dict(self.main.names)
+                    self.lookup(name, Scope(module), statement)
 
     def where(self, node: ast.AST) -> str:
         return f"{self.module.name}:{getattr(node, 'lineno', 1)}"
@@ -1195,6 +1218,10 @@ class _Reader:
         match target:
             case ast.Name():
                 if scope.outer.get(target.id) == "global":
+                    if not scope.module.pending:  # no statement of the module's calls this
+                        self.refuse(
+                            target, f"changes the outer variable {target.id!r}, a side effect"
+                        )
                     scope.module.names[target.id] = value
                     self.set_again(target.id, value)
                 else:

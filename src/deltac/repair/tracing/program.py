@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
-from deltac.repair.tracing.interpreter import Instance, Trace, branches, form_of
+from deltac.repair.tracing.interpreter import Failed, Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
@@ -260,6 +260,10 @@ def formed(source: Source, target: Target) -> Source:
     candidates = as_told(forms(names, needed, nq, nu, motors), said, places)
     found = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if found is None:
+        failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
+        if failed:
+            lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
+            raise Failed(str(failed[0]), source.name, lines)
         if failures:
             raise failures[0]
         raise SourceError(

@@ -14,8 +14,7 @@ from deltac.mechanism.constraints import Distance, Loop, PointOn
 from deltac.mechanism.forces import SpringDamper, Tendon
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
-from deltac.mechanism.visuals import Visual
+from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, Visual
 from deltac.report.page.parts import Numbers
 
 FACES = 1500

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.audit.audit import Audit
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.runs import StudyRun
@@ -26,8 +26,6 @@ from deltac.report.page.parts import (
 )
 from deltac.results import number
 from deltac.trajectories import Trajectory
-
-EPS = float(np.finfo(np.float64).eps)
 
 MOST_LINES = 8
 """Channels whose curves are shown at first; the others are there to be switched on."""

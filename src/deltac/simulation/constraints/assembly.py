@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.deprecation import renamed_keywords
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
@@ -20,9 +20,6 @@ from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
-
-MET = 1e-9
-"""Largest violation (m or rad, and per s at unit speeds) of an assembled state."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +76,12 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
         held_u = np.array([name in pinned for name in u_free], dtype=bool)
         q = onto_positions(equations, t, q, movable=~held_q)
         phi, _ = equations.violation(t, q, u)
-        if not float(np.abs(phi).max(initial=0.0)) <= MET:
+        if not float(np.abs(phi).max(initial=0.0)) <= ASSEMBLED:
             raise _unmet(rows, phi, "position", "m or rad")
         u = onto_speeds(equations, t, q, u, movable=~held_u)
         _, psi = equations.violation(t, q, u)
         fastest = max(1.0, float(np.abs(u).max(initial=0.0)))
-        if not float(np.abs(psi).max(initial=0.0)) <= MET * fastest:
+        if not float(np.abs(psi).max(initial=0.0)) <= ASSEMBLED * fastest:
             raise _unmet(rows, psi, "velocity", "m/s or rad/s")
     found = independence(equations, t, q)
     full_q, full_u = guess.q.copy(), guess.u.copy()

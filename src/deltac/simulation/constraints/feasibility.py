@@ -81,7 +81,7 @@ def constraint_start(
     if found.singular:
         raise StateError(
             f"the start of {mechanism.name!r} is a singular configuration: its constraints are dependent "
-            "there, and more than one motion may begin; give it a state nearby to choose"
+            f"there, and more than one motion may start; give a nearby state to choose one"
         )
     return found.independent
 

@@ -98,7 +98,7 @@ def member_parameters(
             "for `simulate`, where they say what stays a parameter of the compiled code"
         )
     if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
-        raise InputError(f"sensitivity={sensitivity!r}: expected names of parameters, each once")
+        raise InputError(f"sensitivity={sensitivity!r}: expected distinct names of parameters")
     names = [name for name in vary if name not in sensitivity] + list(sensitivity)
     mechanism = mechanism.opened(*vary, where="vary: ")
     mechanism = mechanism.opened(*sensitivity, where="sensitivity: ")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
 from deltac.dynamics.recursions import crba
@@ -99,7 +99,7 @@ def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[A
     p, _ = nnls(C, -c)
     after = v + C.T @ (C @ p)
     made = float(p @ (0.5 * (v + after)))
-    size = float(p @ np.abs(v)) + np.finfo(float).tiny
+    size = float(p @ np.abs(v)) + TINY
     if (e <= 1.0).all() and (made > 1e-12 * size or (after < -1e-9 * np.abs(v).max()).any()):
         return None
     return [np.array([value]) for value in p]
@@ -125,7 +125,9 @@ def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list
     plastic = [Contact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts]
     rest = _together(inertia, plastic, u)
     if rest is None:
-        raise DeltacError(f"the impacts of {len(contacts)} contacts at once come to no end")
+        raise DeltacError(
+            f"the simultaneous impacts at {len(contacts)} contacts do not come to an end"
+        )
     for k, impulse in enumerate(rest):
         total[k][0] += impulse[0]
     return total

@@ -21,7 +21,6 @@ from deltac.arrays import Array
 Look: TypeAlias = Callable[[float], tuple[float, float]]
 """θ in [0, 1] -> the function and its rate by θ there."""
 
-EPS = float(np.finfo(np.float64).eps)
 MOST_LOOKS = 60
 DEEPEST = 6
 """How often the extremum of the picture is looked at, on ever shorter parts of the step."""

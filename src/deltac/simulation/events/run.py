@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
@@ -18,12 +18,14 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.events import Event, JointStop
 from deltac.simulation.events.impact import Collider
-from deltac.simulation.events.location import EPS, End, crossing, may_cross
+from deltac.simulation.events.location import End, crossing, may_cross
 from deltac.simulation.events.switching import switched
 from deltac.simulation.events.witness import Witness, Witnesses
-from deltac.simulation.events.zeno import Accumulation
 from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.interpreted import StageRate
+
+HEIGHT = 1e-12
+"""Flights that reach no farther than this (m or rad) are lost in rounding."""
 
 TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
@@ -303,10 +305,11 @@ class EventRun:
             if resting and sight.bend[k] < -none:
                 limit = self.collider.paradox(k, t, x, self.p)
                 what = (
-                    "is in lasting contact, pressed on and not parting; impacts are of an instant."
+                    "is in lasting contact: the bodies are pressed together and do not separate, while "
+                    "impacts are instantaneous."
                     if limit is None
-                    else "slides, pressed on, where rigid bodies with Coulomb's friction have no motion or "
-                    f"more than one (Painlevé's paradox, here from a friction of {limit:.6g} on)."
+                    else "slides under pressure where rigid bodies with Coulomb friction have no motion, "
+                    f"or more than one (Painlevé's paradox, here for friction of at least {limit:.6g})."
                 )
                 self.message = (
                     f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} {what} Let a terminal event end "
@@ -319,9 +322,9 @@ class EventRun:
         for k in which:
             if self._sides[k] * sight.rate[k] < 0.0:
                 self.message = (
-                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} leads back to where it switches, "
-                    "from both sides (stick, a sliding mode): the law has no value there. Give it a steep "
-                    "but continuous slope in place of the jump"
+                    f"stopped at t = {t:.9g} s: {self.watch.names[k]!r} is driven back to its jump from "
+                    f"both sides (sticking, a sliding mode), where the law has no value. Replace the jump "
+                    f"by a steep but continuous slope"
                 )
 
 
@@ -352,3 +355,40 @@ def check_apart(run: EventRun, t: float, x: Array) -> None:
         f"{what} {point.name!r} by {-gaps[worst]:.6g} m or rad at t = {t:g} s; start from a state in which "
         "the gap is zero or positive"
     )
+
+
+class Accumulation:
+    """Watches impacts that follow each other ever faster: infinitely many in a finite time (Zeno).
+
+    Flights τ, r τ, r² τ, … end τ r/(1 − r) after the last impact.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """`names` of what happens, for words."""
+        self._names = names
+        self._times: dict[int, list[float]] = {}
+        self._end: dict[int, float] = {}
+
+    def add(self, point: int, t: float, speed: float) -> bool:
+        """Note an impact that left with `speed`; whether its flights have become too short to follow."""
+        times = self._times.setdefault(point, [])
+        times.append(t)
+        del times[:-4]
+        if len(times) < 4:
+            return False
+        first, second, third = (b - a for a, b in zip(times, times[1:]))
+        if not 0.0 < third < second < first:
+            return False
+        ratio = third / second
+        self._end[point] = t + third * ratio / (1.0 - ratio)
+        return abs(speed) * third <= HEIGHT
+
+    def words(self, point: int) -> str:
+        """What is to be said, with the time at which they come to their end."""
+        t = self._times[point][-1]
+        return (
+            f"stopped at t = {t:.9g} s: {self._names[point]!r} recurs ever faster: the impacts accumulate "
+            f"(Zeno) at t = {self._end[point]:.12g} s, after which the contact lasts. End the run earlier "
+            f"(a shorter "
+            "duration, or a terminal event), or use a compliant contact"
+        )

@@ -85,7 +85,7 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
             floor = 1e-13 * work
         elif not compressing and (whole or work <= floor or v[0] <= rub.tiny):
             return impulse
-    raise DeltacError("an impact with friction comes to no end: its slip turns too often")
+    raise DeltacError("an impact with friction does not end: its slip reverses too often")
 
 
 @dataclass(frozen=True)

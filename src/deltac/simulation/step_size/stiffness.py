@@ -120,7 +120,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
     if motion.message:
         return replace(motion, message=f"{motion.message}. {words}")
     if _growth(solver, h * rate) > DOUBLED:
-        warn_user(f"the run does not follow the mechanism. {words}", StiffStepWarning)
+        warn_user(f"the step is outside the solver's stability region. {words}", StiffStepWarning)
     return motion
 
 

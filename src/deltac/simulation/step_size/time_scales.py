@@ -85,8 +85,8 @@ def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float 
     if worst is not None and step > longest:
         warn_user(
             f"step {step:g} s is too large for {worst.element}: {worst.why} has the time scale "
-            f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of more width, allows "
-            "longer ones",
+            f"{worst.value:.3g} s. {remedy(longest)}. A softer contact, or friction of larger width, "
+            f"allows longer steps",
             StiffStepWarning,
         )
 
@@ -260,7 +260,7 @@ def _check_overlaps(mechanism: Mechanism, state: State) -> None:
             at = f" ({worst.label})" if worst.label else ""
             raise StateError(
                 f"the start: the shapes of {pair} of contact {element.name!r} overlap by "
-                f"{-worst.gap:.4g} m{at}, more than {allowed:.4g} m; move them apart, or say "
+                f"{-worst.gap:.4g} m{at}, more than {allowed:.4g} m; move them apart, or write "
                 f"contact(..., deepest={-worst.gap * 1.01:.2g}) if that is meant"
             )
 

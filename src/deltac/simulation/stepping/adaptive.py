@@ -1,4 +1,10 @@
-"""Our explicit methods with steps of their own choice, by the local error and by ΔC (`step_size.control`)."""
+"""Our explicit methods with steps of their own choice, by the local error and by ΔC.
+
+A step is accepted where both are within the tolerance. The local error, from an embedded method, is relative
+to the state. ΔC is known at no cost, since the powers of testing functions are integrated with the motion;
+what it may change in a step is the step's share of the run. So |ΔC| at the end is within the tolerance, as a
+fraction of the energy that takes part: the largest kinetic energy so far and the range of the potential one.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +16,22 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.control import StepControl
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 from deltac.simulation.stepping.runge_kutta import EMBEDDED, Rate, embedded_step
+
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
+"""Factors on the step that would just do, and between one step and the next (Hairer, Nørsett, Wanner)."""
+
+ABSOLUTE = 1e-3
+"""Absolute tolerance of a coordinate or speed near zero, as a share of the relative one."""
+
+ROUNDED = 64 * EPS
+"""Change of ΔC, as a share of the energies, that rounding makes."""
 
 MOST_INSTRUCTIONS = 6_000
 """A step larger than this is not compiled as one: ẋ is, and the step goes stage by stage."""
@@ -30,6 +44,51 @@ SHORTER = 0.05
 
 MOST_REJECTED = 60
 """Times that one step is tried again, each at least a tenth shorter."""
+
+
+@dataclass
+class StepControl:
+    """What is accepted of a step, by the energies that a run has shown so far.
+
+    `tolerance` is that of `solvers.Adaptive`, `duration` the run's (s); `order` is the method's, `embedded`
+    that of the embedded one. `kinetic` is the largest K, `low` and `high` the range of V, J.
+    """
+
+    tolerance: float
+    duration: float
+    order: int
+    embedded: int
+    kinetic: float = 0.0
+    low: float = np.inf
+    high: float = -np.inf
+
+    def see(self, K: float, V: float) -> None:
+        """Energies of a state that a step ended at."""
+        self.kinetic = max(self.kinetic, K)
+        self.low, self.high = min(self.low, V), max(self.high, V)
+
+    def local(self, x0: Array, x1: Array, error: Array) -> float:
+        """The local error of coordinates and speeds, 1 where it is just accepted."""
+        size = np.maximum(np.abs(x0), np.abs(x1))
+        allowed = self.tolerance * (ABSOLUTE + size)
+        return float(np.sqrt(np.mean((error / allowed) ** 2))) if error.size else 0.0
+
+    def energy(self, change: float, K: float, V: float, h: float) -> float:
+        """The change of ΔC in a step, 1 where it is just accepted."""
+        low, high = min(self.low, V), max(self.high, V)
+        taking_part = max(self.kinetic, K) + high - low
+        allowed = self.tolerance * taking_part * h / self.duration
+        rounding = ROUNDED * (abs(K) + max(abs(low), abs(high)))
+        return float(abs(change) / (allowed + rounding + 1e-300))
+
+    def next(self, h: float, local: float, energy: float) -> float:
+        """The length of the next step, or of the same one again."""
+        factors = [
+            SAFETY * max(error, 1e-10) ** (-1.0 / power)
+            # ΔC over a step is of order p + 1, and what it may be is in proportion to the step.
+            for error, power in ((local, self.embedded + 1), (energy, self.order))
+        ]
+        return float(h * min(MOST, max(LEAST, min(factors))))
 
 
 @dataclass(frozen=True)
@@ -140,13 +199,14 @@ class AdaptiveSteps:
                 refused = refused if refused[0] else (h, energy)
                 if h < SHORTER * refused[0] and energy > 0.5 * refused[1]:
                     raise StepFailed(
-                        f"ΔC changes by {change / h:.3g} W however short the step is, so it is not its "
-                        "error: the equations are not those of the model, or a force that does work is not "
-                        "told. deltac.check_equations finds which; record=() leaves ΔC out of the control"
+                        f"ΔC changes by {change / h:.3g} W however short the step is, so the step is not "
+                        f"the cause: the equations are not those of the model, or a force that does work "
+                        f"is in no channel. deltac.check_equations finds out which; record=() takes ΔC "
+                        f"out of the step control"
                     )
         raise StepFailed(
-            f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; what was "
-            "computed so far is kept. Where a law jumps, use Adaptive(switches=True); or allow more"
+            f"the step became too small ({self._h:.3g} s) for the tolerance {control.tolerance:g}; the "
+            f"run up to here is kept. Where a law jumps, use Adaptive(switches=True); or allow more"
         )
 
     def accept(self, t: float, x: Array) -> None:

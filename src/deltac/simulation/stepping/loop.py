@@ -176,8 +176,8 @@ class Loop:
             if np.isfinite(step.x1).all():
                 raise StepFailed(
                     f"in the step to {step.t1:.9g} s the new state cannot be brought onto the constraints. "
-                    f"The motion up to t = {t:.9g} s is kept. Take a smaller step, or look for constraints "
-                    "that lock"
+                    f"The motion up to t = {t:.9g} s is kept. Take a smaller step, or look for "
+                    f"constraints that lock up"
                 )
             self.message = _blown_up(step.t1, t)
             return fresh

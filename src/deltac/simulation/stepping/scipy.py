@@ -53,7 +53,7 @@ class ScipySteps:
         stuck = method.status == "running" and method.t - t < 10 * np.spacing(t)
         if method.status == "failed" or stuck:
             reason = problem or "the steps became too small"
-            raise StepFailed(f"{reason}; what was computed so far is kept")
+            raise StepFailed(f"{reason}; the run up to here is kept")
         dense = method.dense_output()
 
         def near(time: float) -> Array:
@@ -92,7 +92,7 @@ class ScipySteps:
                 method.step()
         if method.status == "failed":
             raise StepFailed(
-                "an event within the step could not be met; what was computed so far is kept"
+                "an event within the step could not be met; the run up to here is kept"
             )
         return np.array(method.y)
 

@@ -57,7 +57,7 @@ class SundialsSteps:
         except RuntimeError as error:
             check_interrupted()
             raise StepFailed(
-                f"{_reason(error)}{_speed(self._flow, x)}; what was computed so far is kept. Look at the "
+                f"{_reason(error)}{_speed(self._flow, x)}; the run up to here is kept. Look at the "
                 "laws there: one that grows without bound, jumps, or ceases to be defined; or try a larger "
                 "tolerance="
             ) from None
@@ -216,8 +216,8 @@ class _Integration:
 
 _WORDS = {
     "TOO_MUCH_WORK": f"more than {MOST_STEPS} internal steps between two samples",
-    "TOO_MUCH_ACC": "the tolerance is beyond the precision of the numbers",
-    "ERR_FAIL": "the error test failed again and again with ever smaller steps",
+    "TOO_MUCH_ACC": "the tolerance is below what double precision can reach",
+    "ERR_FAIL": "the error test failed repeatedly with ever smaller steps",
     "CONV_FAIL": "Newton's method did not converge with the smallest step",
     "LSETUP_FAIL": "the Jacobian cannot be factorised",
     "RHSFUNC_FAIL": "the equations are not defined at a state that was tried",

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.report.page.content import Beside, page_of
 from deltac.report.page.parts import Chapter, Grid, Guide, Line, Page, Part, TimePlot, Words
 from deltac.report.page.scene import scene
@@ -15,7 +15,6 @@ from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.reproduction import Reproduction
 from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles, problem
 
-EPS = float(np.finfo(np.float64).eps)
 NAMES = {"liu-huston": "Liu–Huston", "wang": "Wang"}
 
 

@@ -205,11 +205,11 @@ def _stopped(method: ImplicitMethod, t: float, h: float, outcome: Outcome) -> st
             if outcome.singular
             else f"Newton's method found no solution in {outcome.iterations} iterations"
         )
-        why += f"; what is left of the equations of motion is{_worst(method, h, outcome)}"
+        why += f"; the residual of the equations of motion is{_worst(method, h, outcome)}"
     return (
         f"in the step to {t + h:.9g} s {why}. The motion up to t = {t:.9g} s is kept. Take a smaller step; "
-        "if that does not help, look for a law that jumps or is not defined there, or for constraints that "
-        "lock"
+        "if that does not help, look for a law that jumps or is not defined there, or for constraints "
+        "that lock up"
     )
 
 
@@ -231,13 +231,13 @@ def _check_conservative(flow: Flow) -> None:
     advice = "use 'implicit-midpoint' or 'generalized-alpha'"
     if flow.equations is not None:
         raise SolverError(
-            "solver 'discrete-gradient' keeps the energy of the mechanism, which equations by hand need "
+            "solver 'discrete-gradient' conserves the energy of the mechanism, which equations by hand need "
             f"not have; {advice}"
         )
     for joint in mechanism.joints:
         if joint.prescribed:
             raise SolverError(
-                f"solver 'discrete-gradient' keeps the energy, and the prescribed joint {joint.name!r} "
+                f"solver 'discrete-gradient' conserves the energy, and the prescribed joint {joint.name!r} "
                 f"feeds it; {advice}"
             )
     if flow.bound is not None:
@@ -245,7 +245,7 @@ def _check_conservative(flow: Flow) -> None:
         for k, name in enumerate(rows.names):
             if ca.sparsify(ca.simplify(rows.b[k])).nnz():
                 raise StateError(
-                    f"solver 'discrete-gradient' keeps the energy, and constraint {name!r}, which moves "
+                    f"solver 'discrete-gradient' conserves the energy, and constraint {name!r}, which moves "
                     f"in time, feeds it; {advice}"
                 )
     from deltac.dynamics.forces import channels
@@ -253,6 +253,7 @@ def _check_conservative(flow: Flow) -> None:
     for channel in channels(flow.system):
         if channel.explicit is not None:
             raise SolverError(
-                f"solver 'discrete-gradient' keeps the energy, and {channel.name!r}, whose law depends on "
+                f"solver 'discrete-gradient' conserves the energy, and {channel.name!r}, whose law "
+                f"depends on "
                 f"time, feeds it; {advice}"
             )

@@ -15,7 +15,6 @@ from measure import contest
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.ensemble.steps import rate_kernel
 from deltac.simulation.flow import build_flow
 
@@ -29,7 +28,6 @@ APART = 1e-11
 TIGHTEST = 2.3e-14  # SciPy raises smaller relative tolerances to 100 ulp
 
 
-@one_thread_a_call()
 def run(rounds: int) -> dict[str, Any]:
     """Check both sides' energy and angles, then time them; {"skipped": why} without heyoka."""
     name = f"triple pendulum, {DURATION:g} s to {WITHIN:g}: deltac taylor / SciPy DOP853"

@@ -13,14 +13,12 @@ import numpy as np
 from measure import contest
 
 import deltac as dc
-from deltac.kernels.parallel import one_thread_a_call
 
 STEPS, STEP, TARGET = 1000, 1e-3, 1.0
 AGREE = 1e-9
 """How far the ends may be apart (m, rad)."""
 
 
-@one_thread_a_call()
 def run(rounds: int) -> dict[str, Any]:
     """Check that both sides make the same motion, then time them; {"skipped": why} without MuJoCo."""
     name = f"{STEPS} steps of a 27-dof humanoid, ode4 + ΔC: deltac / MuJoCo RK4"

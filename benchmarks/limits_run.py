@@ -1,8 +1,8 @@
 """What deltac adds to the compiled code it stands on: whole runs beside the bare calls inside them.
 
-The bare side has no trajectory to fill, no checks, no report: heyoka's compiled steps in an empty loop, which
-write over the same numbers, and heyoka's own Taylor integrator, made before the clock starts. What CasADi's
-evaluator, which takes heyoka's place where that has no wheels, does with the same steps stands beside.
+The bare side has no trajectory to fill, no checks, no report: the compiled loop of steps, and heyoka's own
+Taylor integrator, made before the clock starts. What CasADi's evaluator, which takes LLVM's place where that
+has no wheels, does with the same steps stands beside.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.kernels import evaluator_name, to_heyoka
-from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from deltac.simulation.stepping.explicit import FixedMethod
@@ -44,7 +43,6 @@ class Pair:
     unit: str
 
 
-@one_thread_a_call()
 def run(rounds: int) -> list[dict[str, Any]]:
     """Both sides in turn; {"skipped": why} without heyoka."""
     if evaluator_name() != "llvm":
@@ -140,7 +138,7 @@ def _casadi(problem: dc.problems.Problem) -> Pair:
     off = float(np.abs(ends[0] - ends[1]).max())
     assert off < 1e-10, f"the two evaluators end {off:.1e} apart"
     return Pair(
-        "ode5 with testing functions on CasADi's evaluator / on heyoka",
+        "ode5 with testing functions on CasADi's evaluator / as machine code",
         lambda: compiled_steps.end(slow, start, STEP, steps),
         lambda: compiled_steps.end(fast, start, STEP, steps),
         steps,

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from peers import PENDULUMS, Absent, Pendulum, Rival, pendulum_rivals
 
 import deltac as dc
-from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.solvers import find_solver
 
 Array = NDArray[np.float64]
@@ -29,7 +28,6 @@ far below what another model would show."""
 OURS_WITHIN = 1e-11
 
 
-@one_thread_a_call()
 def run(rounds: int, few: int) -> list[dict[str, Any]]:
     """Check that both sides are right, then time them; {"skipped": why} for what is not installed.
 

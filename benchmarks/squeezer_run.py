@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from peers import casadi_squeezer
 
 import deltac as dc
-from deltac.kernels.parallel import one_thread_a_call
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
@@ -40,7 +39,6 @@ CALLS = 10
 """Runs in a measurement: one takes a few milliseconds."""
 
 
-@one_thread_a_call()
 def run(rounds: int, few: int) -> list[dict[str, Any]]:
     """Find what each side needs for the accuracy, then time that: `few` times beside Exudyn."""
     squeezer = Squeezer()

@@ -99,21 +99,31 @@ class CasadiLoop:
     def __init__(self, function: Any) -> None:
         """Of a function of dense columns (x, p) to a column of the size of x."""
         self._function = function
+        self._accumulated: dict[int, Any] = {}
 
     def iterate(self, rows: Array, parameters: Array) -> None:
         """As `Loop`'s."""
         count, period = len(rows) - 1, len(parameters)
-        block = min(count, -(-_COLUMNS // period) * period)
-        # A run of its own buffers: threads may iterate the same function.
-        whole, rest = count - count % block, count % block
-        for size, first, last in ((block, 0, whole), (rest, whole, count)):
-            if first == last:
-                continue
-            buffer, evaluate = self._function.mapaccum(size).buffer()
-            p = np.ascontiguousarray(np.tile(parameters, (-(-size // period), 1))[:size])
-            if p.size:
-                buffer.set_arg(1, p.data)
-            for k in range(first, last, size):
-                buffer.set_arg(0, rows[k].data)
-                buffer.set_res(0, rows[k + 1 : k + 1 + size].data)
-                evaluate()
+        block = -(-_COLUMNS // period) * period
+        whole = count - count % block
+        # Buffers are a run's own: threads may iterate the same function.
+        if whole:
+            accumulated = self._accumulated.get(block)
+            if accumulated is None:
+                accumulated = self._accumulated[block] = self._function.mapaccum(block)
+            buffer, evaluate = accumulated.buffer()
+            p = np.tile(parameters, (block // period, 1))
+            for k in range(0, whole, block):
+                _take(buffer, evaluate, rows[k], p, rows[k + 1 : k + 1 + block])
+        buffer, evaluate = self._function.buffer()
+        for k in range(whole, count):
+            _take(buffer, evaluate, rows[k], parameters[k % period], rows[k + 1])
+
+
+def _take(buffer: Any, evaluate: Any, x: Array, p: Array, out: Array) -> None:
+    """One call on contiguous arrays."""
+    buffer.set_arg(0, x.data)
+    if p.size:
+        buffer.set_arg(1, p.data)
+    buffer.set_res(0, out.data)
+    evaluate()

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from threading import Event, Lock, local
+from threading import Event, local
 from typing import TypeVar
 
 from deltac.errors import InputError
@@ -81,30 +79,3 @@ def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None 
             raise
     if errors:
         raise errors.pop(0)
-
-
-_lock = Lock()
-_inside = 0
-_before = 0
-
-
-@contextmanager
-def one_thread_a_call() -> Iterator[None]:
-    """Without threads of heyoka's own: beside ours they would only get in each other's way."""
-    global _inside, _before
-    hy = sys.modules.get("heyoka")
-    if hy is None:  # nothing compiled by it can be running
-        yield
-        return
-    with _lock:
-        if _inside == 0:
-            _before = hy.get_nthreads()
-            hy.set_nthreads(1)
-        _inside += 1
-    try:
-        yield
-    finally:
-        with _lock:
-            _inside -= 1
-            if _inside == 0:
-                hy.set_nthreads(_before)

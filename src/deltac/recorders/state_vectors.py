@@ -104,7 +104,8 @@ def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:
     """Times (T,), states (T, n) and what the result says of its solver."""
     if not is_solver_result(source):
         raise WrongType(
-            f"log: found {type(source).__name__}, expected a Trajectory, the path of a log, the result of "
+            f"log: found {type(source).__name__}, expected a Trajectory, the path of a log, a table "
+            "(dictionary of arrays, DataFrame, xarray Dataset), the result of "
             "scipy.integrate.solve_ivp, or a pair (t, y) of times (T,) and states (T, n)"
         )
     if isinstance(source, tuple | list):

@@ -257,7 +257,8 @@ def audit(
     Args:
         model: a Mechanism, a Problem, the name of a problem, an ``.xml`` or ``.urdf`` file, a
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
-        log: a Trajectory; the path of a log; or what SciPy returned (see `Trajectory.from_scipy`).
+        log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
+            an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
         work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
             has that, discrete where it holds every step of an engine that holds its forces over a step.

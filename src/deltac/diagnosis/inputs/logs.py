@@ -19,6 +19,7 @@ from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
+from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.parquet import parquet_facts
 from deltac.trajectories.formats.reading import LEFT_OUT
 from deltac.trajectories.lint import gap_rows
@@ -128,7 +129,7 @@ def read_log(
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 
-    What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, too.
+    What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, and so is a table.
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
     another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
     computed here, is not searched for slips of its columns. `progress` is told the share of the rows that are
@@ -140,6 +141,8 @@ def read_log(
         if mapping is not None:
             raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
         return _whole(mechanism, source, work, measured=measured)
+    if is_table(source):
+        return _whole(mechanism, read_trajectory(source, mapping, mechanism), work)
     if not isinstance(source, str | Path):
         return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
     path = Path(source)

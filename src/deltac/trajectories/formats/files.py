@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 from deltac.arguments import checked
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
@@ -22,6 +22,7 @@ from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.matlab import read_mat, write_mat
 from deltac.trajectories.formats.npz import read_npy, read_npz, write_npz
+from deltac.trajectories.formats.objects import read_table
 from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim, read_opensim_folder
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
@@ -115,11 +116,14 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
 
 @checked
 def read_trajectory(
-    path: str | Path,
+    path: Any,
     mapping: LogMapping | str | Path | None = None,
     mechanism_names: MechanismNames | Mechanism | None = None,
 ) -> Trajectory:
     """Read a log in the format of its suffix (see `FORMATS`), of deltac or of another program.
+
+    `path` may also be a table itself: a dictionary of arrays, a DataFrame of pandas or polars, an xarray
+    Dataset, an array (T, n).
 
     `mapping`, a TOML file (see `mapping`), says which columns are what, in which units.
     `mechanism_names`, a mechanism or its names, says which coordinates are needed and which are
@@ -130,12 +134,14 @@ def read_trajectory(
     """
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     known = as_mapping(mapping)
+    if not isinstance(path, str | Path):
+        return to_trajectory(only_episode(checked_raw(read_table(path))), known, names)
     with naming(path):
         return to_trajectory(only_episode(read_raw(path)), known, names)
 
 
 def explain(
-    path: str | Path,
+    path: Any,
     mapping: LogMapping | str | Path | None = None,
     mechanism_names: MechanismNames | Mechanism | None = None,
 ) -> list[ColumnReading]:
@@ -145,15 +151,20 @@ def explain(
     """
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     known = as_mapping(mapping)
+    if not isinstance(path, str | Path):
+        return interpret(checked_raw(read_table(path)), known, names, lenient=True)
     with naming(path):
         return interpret(read_raw(path), known, names, lenient=True)
 
 
-def draft_mapping(path: str | Path, mechanism_names: MechanismNames | Mechanism) -> str:
+def draft_mapping(path: Any, mechanism_names: MechanismNames | Mechanism) -> str:
     """A mapping file (TOML) for a log of another program: what is recognised, guessed and missing.
 
     Raises InputError for a log that cannot be read, or is deltac's own.
     """
+    if not isinstance(path, str | Path):
+        raw = first_episode(checked_raw(read_table(path)))
+        return reading.draft_mapping(raw, MechanismNames.of(mechanism_names), "a table")
     with naming(path):
         return reading.draft_mapping(
             first_episode(read_raw(path)), MechanismNames.of(mechanism_names), Path(path).name

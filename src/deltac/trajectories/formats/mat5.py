@@ -149,7 +149,10 @@ class _Elements:
         if kind == _OPAQUE:
             name, _, found = self.text(), self.text(), self.text()
             return name, MatlabObject(found)
-        shape = tuple(int(n) for n in self.numbers())
+        sizes = self.numbers()
+        if not np.isfinite(sizes).all():
+            _damaged("an array has a size that is no number")
+        shape = tuple(map(int, sizes))
         if not 1 < len(shape) <= 32 or min(shape) < 0:
             _damaged(f"an array has the shape {shape[:32]}")
         name = self.text()

@@ -144,8 +144,10 @@ def _complete(
 
     What is missing up to the end stays, and is refused: so ends a simulation that diverged.
     """
-    numbers = np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
-    known: npt.NDArray[np.bool_] = ~np.asarray(np.isnan(numbers).any(axis=1))
+    rows = len(next(iter(columns.values()), ()))
+    known: npt.NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
+    for values in columns.values():
+        known &= ~np.isnan(values)
     if known.all() or not known.any() or not known[-1]:
         return columns, {}
     first, count = int(np.argmin(known)), int((~known).sum())

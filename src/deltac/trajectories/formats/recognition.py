@@ -385,13 +385,13 @@ def _kind(left: Sequence[str]) -> str | None:
     return orders[place] if place < len(orders) else None
 
 
+_KNOWN = frozenset().union(*WORDS.values(), _DERIVATIVES)
 _GLUED = re.compile(r"(d{0,2})([^\W\d_]+?)(dot|ddot|dotdot|d|dd|p|pp|prime)?")
 
 
 def _unglued(word: str) -> list[str]:
     """A word with what differentiates it apart: ``thetadot``, ``dtheta``, ``thdd``, ``xp``."""
-    known = set().union(*WORDS.values()) | _DERIVATIVES.keys()
-    if word in known or not (match := _GLUED.fullmatch(word)):
+    if word in _KNOWN or not (match := _GLUED.fullmatch(word)):
         return [word]
     before, stem, after = match.groups()
     if stem not in WORDS["q"] | SLIDES - {"v"}:

@@ -1,0 +1,80 @@
+"""Logs that are handed over in Python: dictionaries, DataFrames, xarray Datasets, arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from deltac.errors import WrongType
+from deltac.trajectories.formats.raw import Collector, RawLog, labelled
+
+
+def is_table(source: Any) -> bool:
+    """Whether this is a table, by what it offers: pandas, polars and xarray need not be loaded for that."""
+    if isinstance(source, Mapping):
+        return True
+    if isinstance(source, np.ndarray):
+        return source.ndim == 2 or source.dtype.names is not None
+    return hasattr(source, "data_vars") or (
+        hasattr(source, "columns") and hasattr(source, "__getitem__")
+    )
+
+
+def read_table(source: Any) -> RawLog:
+    """The columns of a table, as those of a file; nested dictionaries are joined by dots.
+
+    Raises WrongType for what is no table.
+    """
+    if not is_table(source):
+        raise WrongType(
+            f"log: found {type(source).__name__}; expected the path of a log, a dictionary of arrays, a "
+            "DataFrame, an xarray Dataset, or an array (T, n)"
+        )
+    collector = Collector()
+    if isinstance(source, np.ndarray):
+        collector.add("array", source)
+        return collector.log()
+    for name, values in labelled(dict(_members(source, ""))).items():
+        if isinstance(values, Mapping):
+            for column, numbers in values.items():
+                collector.add(f"{name}.{column}", numbers)
+        elif (array := _array(values)).dtype.kind in "OSU":
+            collector.skip(name, "holds other values than numbers")
+        else:
+            collector.add(name, array)
+    return collector.log()
+
+
+def _members(source: Any, before: str) -> Iterator[tuple[str, Any]]:
+    if hasattr(source, "data_vars"):  # of xarray: coordinates are times and labels
+        yield from ((str(name), source[name].values) for name in source.coords)
+        yield from ((str(name), source[name].values) for name in source.data_vars)
+    elif isinstance(source, Mapping):
+        for name, values in source.items():
+            inner = values if isinstance(values, Mapping) else None
+            if inner is not None:
+                yield from _members(inner, f"{before}{name}.")
+            else:
+                yield f"{before}{name}", _array(values)
+    else:
+        index = getattr(source, "index", None)  # of pandas: perhaps the times
+        if index is not None and getattr(index, "name", None) is not None:
+            yield str(index.name), np.asarray(index)
+        for name in source.columns:
+            label = ".".join(map(str, name)) if isinstance(name, tuple) else str(name)
+            yield label, _array(source[name])
+
+
+def _array(values: Any) -> np.ndarray[Any, Any]:
+    """As an array; lists in cells become its columns."""
+    if hasattr(values, "to_numpy"):
+        values = values.to_numpy()
+    try:
+        array = np.asarray(values)
+        if array.dtype == object and array.ndim == 1 and len(array):
+            array = np.array([np.asarray(value, dtype=np.float64) for value in array])
+    except (ValueError, TypeError):
+        return np.asarray(None)
+    return array

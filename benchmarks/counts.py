@@ -1,12 +1,15 @@
 """Instruction counts of kernels: the measure of speed that is the same on every machine.
 
 `python benchmarks/counts.py` writes them to instructions.json; a test compares, so that a change that makes
-kernels larger shows as a difference of that file.
+kernels larger shows as a difference of that file. `python benchmarks/counts.py --since REF` tells, as a table
+in Markdown, what changed since a commit; continuous integration puts it into the summary of a pull request.
 """
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -53,6 +56,25 @@ def _of(mechanism: dc.Mechanism) -> dict[str, int]:
     }
 
 
+def since(ref: str) -> str:
+    """A table of the counts that differ from those kept at a commit, with the ratio."""
+    command = ["git", "show", f"{ref}:./{SNAPSHOT.name}"]
+    before = json.loads(subprocess.check_output(command, cwd=SNAPSHOT.parent, text=True))
+    rows = [
+        f"| {name} | {kernel} | {was} | {now[kernel]} | {now[kernel] / was:.2f} |"
+        for name, now in counts().items()
+        for kernel, was in before.get(name, {}).items()
+        if now[kernel] != was
+    ]
+    if not rows:
+        return f"Instructions of kernels: none changed since {ref}."
+    head = ["| mechanism | kernel | before | now | ratio |", "|---|---|--:|--:|--:|"]
+    return "\n".join([f"Instructions of kernels since {ref}:", "", *head, *rows])
+
+
 if __name__ == "__main__":
-    SNAPSHOT.write_text(json.dumps(counts(), indent=2) + "\n", encoding="utf-8")
-    print(f"written to {SNAPSHOT}")
+    if sys.argv[1:2] == ["--since"]:
+        print(since(sys.argv[2]))
+    else:
+        SNAPSHOT.write_text(json.dumps(counts(), indent=2) + "\n", encoding="utf-8")
+        print(f"written to {SNAPSHOT}")

@@ -133,14 +133,51 @@ def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
     print(f"ratio                   {single / warm:8.1f}")
 
 
+def dask_workers(runs: int, steps: int) -> None:
+    """The same sweep on a local Dask cluster of one worker, then of two: wall times, on a quiet machine."""
+    from distributed import LocalCluster
+
+    count = round(runs**0.5)
+    axes = {"parameter.m1": np.linspace(0.5, 2.0, count), "q.joint1": np.linspace(0.1, 1.0, count)}
+    folder, times = Path(tempfile.mkdtemp()), []
+    try:
+        for size in (1, 2):
+            with LocalCluster(
+                n_workers=size, threads_per_worker=1, dashboard_address=None
+            ) as cluster:
+                for name, many in (("warm", 8), ("out", steps)):
+                    began = time.perf_counter()
+                    dc.sweep(
+                        "double-pendulum",
+                        folder / f"{name}{size}",
+                        vary=axes,
+                        solver="ode5",
+                        step=1e-2,
+                        duration=1e-2 * many,
+                        scheduler=cluster.scheduler_address,
+                        chunk=4096,
+                    )
+                    last = time.perf_counter() - began
+                times.append(last)
+    finally:
+        shutil.rmtree(folder)
+    print(
+        f"{count**2} runs of {steps} steps on Dask: 1 worker {times[0]:.1f} s, 2 {times[1]:.1f} s"
+    )
+    print(f"throughput, 2 over 1 {times[0] / times[1]:8.2f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--episodes", type=int, default=0, help="batched audits instead")
+    parser.add_argument("--dask", action="store_true", help="one and two workers of a Dask cluster")
     given = parser.parse_args()
-    if given.episodes:
+    if given.dask:
+        dask_workers(given.runs, given.steps)
+    elif given.episodes:
         batched_beside_single_audits(given.episodes, 1000, 10)
     else:
         sweep_beside_ensemble(given.runs, given.steps, given.workers)

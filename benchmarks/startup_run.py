@@ -22,7 +22,7 @@ from measure import seconds
 from deltac.kernels import evaluator_name
 
 STUDY = ("study", "triple-pendulum", "--steps", "0.02,0.01,0.005", "--json")
-VERDICT_WITHIN = {"cold": 3.0, "warm": 1.5}  # s
+VERDICT_WITHIN = {"cold": 2.0, "warm": 1.0}  # s
 SIZES = (30, 100)
 LOADED_WITHIN = 0.3  # s
 CHECKED = {3: 2.0, 30: 10.0}

@@ -198,3 +198,20 @@ def test_a_verdict_for_each_episode(
     assert found.exit_code == 1 and len(found.groups()) == 5
     code, said, _ = command("audit", NAME, str(path), "--episode", "4", "--json", capsys=capsys)
     assert code == 1 and json.loads(said)["verdict"] == "integration-error"
+
+
+def test_arrays_that_are_no_episodes_say_why(motions: list[dc.Trajectory], tmp_path: Path) -> None:
+    """Episodes first, or numbers of episodes that differ: one row, with the reason."""
+    from deltac.fleets.audits import plan_audits
+    from deltac.fleets.verdicts import verdicts
+
+    q, u = (np.stack([getattr(run, name) for run in motions], axis=1) for name in ("q", "u"))
+    turned = {"qpos": q.transpose(1, 0, 2), "qvel": u.transpose(1, 0, 2)}
+    cases = {"time first": turned, "numbers N": {"qpos": q, "qvel": u[:, :3]}}
+    for words, arrays in cases.items():
+        path = tmp_path / "log.npz"
+        np.savez(path, t=motions[0].t, **arrays)
+        plan = plan_audits(NAME, path)
+        assert [log.episode for log in plan.logs] == [None]
+        (row,) = verdicts(plan.task, str(path), [None])
+        assert row["verdict"] == "failed" and words in row["message"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -308,3 +309,30 @@ def test_the_command(
     row = undisturbed.frame.row(7, named=True)
     assert json.loads(out)["energy_error"] == row["energy_error"]
     assert command("sweep", capsys=capsys)[0] == command("sweep", "x.csv", capsys=capsys)[0] == 2
+
+
+@pytest.mark.parametrize(("step", "duration"), [(0.01, 20.0), (0.01, 9.97)])
+def test_a_motion_that_turns_where_it_is_looked_at(step: float, duration: float) -> None:
+    """Its period divides the times of the records (2000 steps), or there is but one of these (997 steps)."""
+    from deltac.fleets.sweep import plan_sweep
+
+    point = {"m1": 0.765886287625418, "q": 0.5123745819397993}
+    plan = plan_sweep(
+        "double-pendulum",
+        vary={"parameter.m1": [point["m1"], 1.0], "q.joint1": [point["q"]]},
+        solver="ode4",
+        step=step,
+        duration=duration,
+        tolerance=1e-4,
+    )
+    frame = pl.read_parquet(io.BytesIO(plan.piece([0, 1])()))
+    problem = dc.problems.load("double-pendulum")
+    mechanism = problem.mechanism.with_parameters(m1=point["m1"])
+    q = problem.state.q.copy()
+    q[0] = point["q"]
+    ledger = dc.balance(
+        mechanism, dc.simulate(mechanism, mechanism.state(q), duration, step, "ode4")
+    )
+    energy = float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
+    assert frame["verdict"].to_list() == ["consistent"] * 2
+    assert 0.5 * energy < frame["energy"][0] <= energy * (1.0 + 1e-9)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from deltac.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.fleets.result import shown_cell
-from deltac.fleets.rows import FAILED, SETTING
+from deltac.fleets.rows import FAILED, is_point
 from deltac.fleets.store import Store
 from deltac.results import Report, Section, Table
 
@@ -33,8 +33,6 @@ SEVERITY = {
     "equation-error": 2,
     FAILED: 3,
 }
-
-POINT = ("log", "episode", *SETTING)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,11 +110,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
             f"{before} holds a {kinds[0]}, {after} a {kinds[1]}; compare like with like"
         )
     a, b = (_judged(store) for store in stores)
-    keys = [
-        n
-        for n in a.columns
-        if n in b.columns and (n in POINT or n.split(".")[0] in ("parameter", "q", "u"))
-    ]
+    keys = [n for n in a.columns if n in b.columns and is_point(n)]
     if "log" in keys:
         a, b = _by_name(a, b)
     joined = a.join(b, on=keys, how="full", suffix=" after", nulls_equal=True, coalesce=True)
@@ -158,11 +152,7 @@ def _judged(store: Store) -> polars.DataFrame:
     frame = store.table()
     if not len(frame) or "verdict" not in frame.columns:
         raise FileError(f"{store.folder}: there are no rows yet")
-    points = [
-        n
-        for n in frame.columns
-        if n in POINT or (n.split(".")[0] in ("parameter", "q", "u") and n not in ("u", "q"))
-    ]
+    points = [n for n in frame.columns if is_point(n)]
     if store.head.get("kind") == "audit":
         points = ["log", "episode"]
     return frame.select(*points, "verdict", "relative").unique(

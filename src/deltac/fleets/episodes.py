@@ -26,6 +26,7 @@ from deltac.trajectories.formats.reading import to_trajectory
 from deltac.trajectories.trajectory import Trajectory
 
 TIMES = ("time", "t", "tout")
+ARRAYS = (".npz", ".h5", ".hdf5")
 
 
 def file_system(url: str) -> tuple[Any, str]:
@@ -79,7 +80,7 @@ def episode_names(source: str) -> list[str] | None:
                     head = file.readline(1 << 16).decode("utf-8", "replace")
                 if not set(COLUMNS) & {name.strip() for name in head.split(",")}:
                     return None
-            elif suffix in (".npz", ".h5", ".hdf5"):
+            elif suffix in ARRAYS:
                 if (shapes := _shapes(path)) is not None:
                     return [str(k) for k in range(_count(shapes))]
                 if suffix == ".npz":
@@ -111,6 +112,9 @@ def read_episodes(
     try:
         with local_copy(source) as path:
             if list(names) == [None]:
+                if path.suffix.lower() in ARRAYS and (shapes := _shapes(path)) is not None:
+                    with naming(source):
+                        _count(shapes)  # why they are no episodes
                 return [read_trajectory(path, mapping, mechanism)]
             raws = dict(_raw_episodes(path, [name for name in names if name is not None]))
     except InputError as error:
@@ -157,7 +161,7 @@ def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLo
 
         yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return
-    if suffix not in (".npz", ".h5", ".hdf5") or _shapes(path) is None:
+    if suffix not in ARRAYS or _shapes(path) is None:
         found = episodes(read_raw(path))
         yield from ((name, found[name]) for name in names if name in found)
     else:
@@ -202,6 +206,13 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]] | None:
 
 
 def _count(shapes: Mapping[str, tuple[int, ...]]) -> int:
+    arrays = [shape for shape in shapes.values() if len(shape) == 3]
+    times = [shape[0] for name, shape in shapes.items() if name in TIMES and len(shape) == 1]
+    if times and all(shape[0] != times[0] == shape[1] for shape in arrays):
+        raise LogError(
+            f"the arrays are (N, T, n), of {times[0]} times; expected (T, N, n), time first: write "
+            "values.transpose(1, 0, 2)"
+        )
     counts = {name: shape[1] for name, shape in shapes.items() if len(shape) == 3}
     if len(set(counts.values())) > 1:
         raise LogError(f"arrays (T, N, n) of different numbers N of episodes: {counts}")

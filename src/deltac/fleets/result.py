@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.arguments import checked
-from deltac.fleets.rows import FAILED, SETTING
+from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
 
@@ -247,7 +247,7 @@ def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
         n
         for n in bad.columns
         if n in ("address", "message", "verdict", "relative")
-        or (n in SETTING and frame[n].n_unique() > 1 and bad[n].count())
+        or (is_point(n) and frame[n].n_unique() > 1 and bad[n].count())
         or (n not in HIDDEN and bad[n].n_unique() > 1 and not n.startswith("delta_c."))
     ]
     return tuple(bad.select(keep).to_dicts())

@@ -20,6 +20,15 @@ FAILED = "failed"
 SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
 """Columns that tell the setting of a run."""
 
+POINT = ("log", "episode", *SETTING)
+
+
+def is_point(column: str) -> bool:
+    """Whether a column tells what a row is of: its log, its setting, the value of an axis."""
+    group, dot, _ = column.partition(".")
+    return column in POINT or bool(dot) and group in ("parameter", "q", "u")
+
+
 MEASURED = ("seconds",)
 """Columns that differ between two runs of the same work."""
 

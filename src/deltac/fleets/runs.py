@@ -25,6 +25,13 @@ if TYPE_CHECKING:
 RECORDS = 8
 """Times at which the energies of a run are looked at, at most, besides the start."""
 
+CLOSER = 64
+"""Times, at least, at which those are looked at that seem to be wrong: few times may all fall to where a
+periodic motion turns and has little energy."""
+
+HELD = 1 << 20
+"""Numbers of one quantity, of runs by times, that are held at once when looking closer."""
+
 TESTING = ("wang", "liu-huston")
 
 OUTCOME: dict[str, str] = {
@@ -185,7 +192,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
     records = max(k for k in range(1, RECORDS + 1) if steps % k == 0)
     own = [name for name in task.axes if name.startswith("parameter.")]
 
-    def run(members: slice) -> Ensemble:
+    def run(members: Any, records: int) -> Ensemble:
         from deltac.simulation.ensemble.ensemble import simulate_ensemble
 
         values = piece.values[members]
@@ -210,20 +217,22 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
 
     key = (task.mechanism.digest(own and [n[10:] for n in own]), task.solver, steps // records)
     if key not in _WARM:  # compiled before the clock runs
-        run(slice(0, LANES))
+        run(slice(0, LANES), records)
         _WARM.add(key)
     began = time.process_time()
-    found = run(slice(None))
+    found = run(slice(None), records)
+    lost = np.isfinite(found.stopped)
+    left, energy, *largest = _extremes(found)
+    relative, verdict = judged(left, energy, lost, task.tolerance)
+    if (more := _closer(steps)) > records:
+        accused = np.flatnonzero((relative > task.tolerance) & ~lost)
+        for some in np.array_split(accused, math.ceil(len(accused) * more / HELD) or 1):
+            seen = _extremes(run(some, more)) if len(some) else []
+            for values, again in zip((left, energy, *largest), seen):
+                values[some] = np.fmax(values[some], again)
+        relative, verdict = judged(left, energy, lost, task.tolerance)
     count = len(piece.addresses)
     seconds = (time.process_time() - began) / count
-    lost = np.isfinite(found.stopped)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of runs that are lost before the first record
-        left = np.nanmax(np.abs(found.delta_c["wang"] + found.corrections), axis=0)
-        V = found.potential
-        energy = np.nanmax(found.kinetic, axis=0) + np.nanmax(V, axis=0) - np.nanmin(V, axis=0)
-        largest = {n: np.nanmax(np.abs(found.delta_c[n]), axis=0) for n in TESTING}
-    relative, verdict = judged(left, energy, lost, task.tolerance)
     stages = find_solver(task.solver).stages
     taken = np.where(lost, np.round((found.stopped - task.start.t) / task.step), steps)
     return {
@@ -231,11 +240,28 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
         "relative": relative,
         "energy_error": left,
         "energy": energy,
-        **{f"delta_c.{name}": values for name, values in largest.items()},
+        **{f"delta_c.{name}": values for name, values in zip(TESTING, largest)},
         "stopped": found.stopped,
         "evaluations": stages * taken,
         "seconds": np.full(count, seconds),
     }
+
+
+def _closer(steps: int) -> int:
+    """At how many times runs of so many steps are looked at closer: a divisor, `CLOSER` or a few more."""
+    return next(k for k in range(min(CLOSER, steps), steps + 1) if steps % k == 0)
+
+
+def _extremes(found: Ensemble) -> list[Array]:
+    """Of every run the largest energy error, the energy, the largest |ΔC| of each testing function, in J."""
+    V = found.potential
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of runs that are lost before the first record
+        return [
+            np.nanmax(np.abs(found.delta_c["wang"] + found.corrections), axis=0),
+            np.nanmax(found.kinetic, axis=0) + np.nanmax(V, axis=0) - np.nanmin(V, axis=0),
+            *(np.nanmax(np.abs(found.delta_c[n]), axis=0) for n in TESTING),
+        ]
 
 
 def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[Array, list[str]]:

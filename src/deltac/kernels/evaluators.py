@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
 from typing import Any, Protocol
 
 from deltac.arrays import Array
@@ -38,7 +39,9 @@ class Loop(Protocol):
 
 
 def evaluator_name() -> str:
-    """The evaluator in use: `DELTAC_EVALUATOR` if set, else llvm where llvmlite is installed, else casadi.
+    """The evaluator in use: `DELTAC_EVALUATOR` if set, else llvm on Linux with llvmlite, else casadi.
+
+    llvmlite has wheels for macOS and Windows too; nobody has tried them with deltac, so there it is a choice.
 
     Raises:
         InputError: an unknown name, or llvm is asked for and llvmlite is not installed.
@@ -55,7 +58,7 @@ def evaluator_name() -> str:
             "DELTAC_EVALUATOR='llvm', and llvmlite is not installed; "
             "install it, or unset the variable to use casadi"
         )
-    return forced or ("llvm" if installed else "casadi")
+    return forced or ("llvm" if installed and sys.platform == "linux" else "casadi")
 
 
 def compile_function(function: Any, batches: bool = True) -> Evaluator:

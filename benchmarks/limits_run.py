@@ -1,8 +1,8 @@
 """What deltac adds to the compiled code it stands on: whole runs beside the bare calls inside them.
 
-The bare side has no trajectory to fill, no checks, no report: heyoka's compiled steps in an empty loop, which
-write over the same numbers, and heyoka's own Taylor integrator, made before the clock starts. What CasADi's
-evaluator, which takes heyoka's place where that has no wheels, does with the same steps stands beside.
+The bare side has no trajectory to fill, no checks, no report: the compiled loop of steps, and heyoka's own
+Taylor integrator, made before the clock starts. What CasADi's evaluator, which takes LLVM's place where that
+has no wheels, does with the same steps stands beside.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def _casadi(problem: dc.problems.Problem) -> Pair:
     off = float(np.abs(ends[0] - ends[1]).max())
     assert off < 1e-10, f"the two evaluators end {off:.1e} apart"
     return Pair(
-        "ode5 with testing functions on CasADi's evaluator / on heyoka",
+        "ode5 with testing functions on CasADi's evaluator / as machine code",
         lambda: compiled_steps.end(slow, start, STEP, steps),
         lambda: compiled_steps.end(fast, start, STEP, steps),
         steps,

@@ -40,6 +40,17 @@ def run(**changed: Any) -> dc.Trajectory:
 
 
 PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
+    # states that were not made by the mechanism
+    **{
+        f"{verb} at {value}": (
+            "E-STATE",
+            lambda verb=verb, value=value: getattr(dc, verb)(
+                M, dc.State(0.0, np.array([value]), np.zeros(1))
+            ),
+        )
+        for verb in ("evaluate", "matrices", "linearise", "equilibrium", "assemble")
+        for value in (np.nan, np.inf)
+    },
     # descriptions
     "pos for position": ("E-NAME", lambda: dc.revolute("h", "ground", "b", pos=(0, 0, 0))),  # type: ignore
     "centre": ("E-NAME", lambda: dc.body("b", mass=1.0, inertia=(1, 1, 1), centre=(0, 0, 0))),  # type: ignore

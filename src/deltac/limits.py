@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -212,6 +213,10 @@ def parse_toml(text: str) -> dict[str, Any]:
 
     limits = Limits.current()
     limits.check("text", len(text), "the file has")
+    # Each dot of a key is a table in a table; thousands of them keep the parser busy for minutes.
+    dense = text.replace(" ", "").replace("\t", "")
+    deepest = max((word.count(".") for word in re.split(r"[\s=,\[\]{}#]+", dense)), default=0)
+    limits.check("nesting", deepest, "a key or text has dots, each a table:")
     try:
         document = tomllib.loads(text)
         check_nesting(document, "its tables and lists")

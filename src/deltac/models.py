@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
+from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -163,6 +164,11 @@ class Model:
                 f"state: it has {given.q.size} coordinates and {given.u.size} speeds, mechanism "
                 f"{self.mechanism.name!r} has {expected[0]} and {expected[1]}; make it by "
                 "mechanism.state(...) of this mechanism"
+            )
+        values = (given.t, *given.q.tolist(), *given.u.tolist())
+        if not all(isinstance(v, Real) and math.isfinite(v) for v in values):
+            raise StateError(
+                "the state is not finite; make it by mechanism.state(...), which says where"
             )
         return given
 

@@ -162,7 +162,7 @@ def test_a_blow_up_is_no_damaged_file_and_has_no_order() -> None:
     with pytest.raises(
         InputError, match=r"blows up at once.*smaller steps, or an implicit"
     ) as refused:
-        dc.study("stiff-governor", duration=1.0, steps=(1e-2, 5e-3, 2.5e-3), solver="ode4")
+        dc.study("stiff-governor", duration=1.0, steps=(0.1, 0.05, 0.025), solver="ode4")
     assert "damaged" not in str(refused.value)
     found = dc.study("stiff-governor", duration=1.0, steps=(2e-3, 1e-3, 5e-4), solver="ode4")
     assert found.verdict.kind == "integration-error" and "blows up" in found.verdict.meaning

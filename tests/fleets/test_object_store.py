@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,15 +67,15 @@ def test_a_bucket_of_logs(store: Any, tmp_path: Path) -> None:
     np.savez(tmp_path / "batch.npz", **arrays)
     store.put_file(str(tmp_path / "batch.npz"), "lab/batch.npz")
     logs = ["s3://lab/runs/*.parquet", "s3://lab/gone.parquet", "s3://lab/batch.npz"]
-    with ThreadPoolExecutor(1) as crew:
-        first = dc.audit_many(NAME, logs, tmp_path / "out", executor=crew)
-        verdicts = first.frame["verdict"].to_list()
-        assert verdicts == [*["consistent"] * 2, "failed", "failed", *["consistent"] * 3]
-        assert first.frame["episode"].to_list()[-3:] == ["0", "1", "2"]
-        local = dc.audit(NAME, tmp_path / "1.parquet")
-        assert first.frame["relative"][1] == local.relative
-        store.put_file(str(tmp_path / "1.parquet"), "lab/runs/broken.parquet")
-        told: list[float] = []
-        again = dc.audit_many(NAME, logs, tmp_path / "out", executor=crew, progress=told.append)
+    # Processes that know the environment of now.
+    first = dc.audit_many(NAME, logs, tmp_path / "out", workers=1)
+    verdicts = first.frame["verdict"].to_list()
+    assert verdicts == [*["consistent"] * 2, "failed", "failed", *["consistent"] * 3]
+    assert first.frame["episode"].to_list()[-3:] == ["0", "1", "2"]
+    local = dc.audit(NAME, tmp_path / "1.parquet")
+    assert first.frame["relative"][1] == local.relative
+    store.put_file(str(tmp_path / "1.parquet"), "lab/runs/broken.parquet")
+    told: list[float] = []
+    again = dc.audit_many(NAME, logs, tmp_path / "out", workers=1, progress=told.append)
     assert again.verdicts == {"consistent": 6, "failed": 1}
     assert told[0] == pytest.approx(6 / 7)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.simulation.events.location import EPS, End, crossing
+from deltac.arrays import EPS
+from deltac.simulation.events.location import End, crossing
 
 G = 9.81
 SOLVERS: list[tuple[Any, dict[str, Any]]] = [

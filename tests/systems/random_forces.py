@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
 from numpy.typing import NDArray
 
+from deltac.dynamics.textbook.forces import STATED
 from deltac.mechanism import shapes
 from deltac.mechanism.contact import Contact, contact
 from deltac.mechanism.forces import (
@@ -66,7 +67,8 @@ ELEMENTS: dict[type, tuple[str, ...]] = {
 }
 """What `random_force` can make of every type of force element."""
 
-EVERY_FORCE = [what for some in ELEMENTS.values() for what in some]
+EVERY_FORCE = [what for kind, some in ELEMENTS.items() if kind in STATED for what in some]
+"""Those that random mechanisms draw: what the textbook states by other means."""
 
 
 def drawn_forces(

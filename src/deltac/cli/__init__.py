@@ -1,7 +1,8 @@
 """The command line: parse, call, print. Each command is a module that loads what it needs itself.
 
 Exit code: 0 all is well; 1 it is not (numbers disagree); 2 bad usage or bad input; 3 unresolved;
-70 an error of deltac itself (its traceback is shown with DELTAC_DEBUG=1); 130 interrupted.
+70 an error of deltac itself (its traceback is shown with DELTAC_DEBUG=1); 130 interrupted; 141 nobody reads
+the output any more.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
-BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 2, 70, 130
+BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, CLOSED = 2, 70, 130, 141
 
 ClickException: Any = typer.BadParameter.__mro__[2]
 """The base of all errors of usage, from the click that typer brings or needs."""
@@ -162,7 +163,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
-            sys.exit(app(given, prog_name="deltac", standalone_mode=False))
+            code = app(given, prog_name="deltac", standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # what a closed pipe or a full disk has against it is said here
+        sys.exit(code)
+    except SystemExit:
+        if type(sys.stdout).__name__ == "PacifyFlushWrapper":  # click has found the pipe closed
+            sys.exit(CLOSED)
+        raise
+    except BrokenPipeError:  # who read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(CLOSED)
     except ClickException as error:
         error.show()
         _as_json(given, USAGE, error.format_message(), error.exit_code)
@@ -171,11 +182,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _as_json(given, error.code, str(error), BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
+    except OSError as error:  # a full disk, a name too long for it, a folder without rights
+        _traceback()
+        where = f"{error.filename}: " if error.filename is not None else ""
+        _complain(f"{where}{error.strerror or error} [{'E-FILE'}]")
+        _as_json(given, "E-FILE", f"{where}{error.strerror or error}", BAD_INPUT)
     except Exception as error:
-        if os.environ.get("DELTAC_DEBUG", "") not in ("", "0"):
-            import traceback
-
-            traceback.print_exc()
+        _traceback()
         message = f"{type(error).__name__}: {error}"
         _complain(
             f"internal error: {message}\n"
@@ -183,6 +196,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "DELTAC_DEBUG=1 shows."
         )
         _as_json(given, INTERNAL, message, INTERNAL_ERROR)
+
+
+def _traceback() -> None:
+    if os.environ.get("DELTAC_DEBUG", "") not in ("", "0"):
+        import traceback
+
+        traceback.print_exc()
 
 
 def _as_json(given: Sequence[str], code: str, message: str, exit_code: int) -> NoReturn:
@@ -195,4 +215,6 @@ def _as_json(given: Sequence[str], code: str, message: str, exit_code: int) -> N
 
 
 def _complain(message: str) -> None:
-    print(f"deltac: {message}", file=sys.stderr)
+    from deltac.cli.output import displayed
+
+    print(f"deltac: {displayed(message)}", file=sys.stderr)

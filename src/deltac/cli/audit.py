@@ -17,6 +17,7 @@ from deltac.cli.output import (
     Model,
     PageFile,
     deliver,
+    displayed,
     print_cases,
     print_json,
     print_sections,
@@ -214,7 +215,7 @@ def _print_several(cases: Sequence[Case], form: Form) -> None:
         print_sections([Table(("log", "outcome"), rows)])
         for case in cases:
             if case.exit_code and not isinstance(case.report, InputError):
-                print(f"\n{case.name}")
+                print(f"\n{displayed(case.name)}")
                 print_sections(case.report.sections())
     print_cases(cases, form)
 

@@ -148,6 +148,20 @@ def width() -> int:
     return max(40, min(WIDEST, shutil.get_terminal_size((UNKNOWN, 24)).columns))
 
 
+def displayed(text: str) -> str:
+    """Text for a terminal or the log of a CI, in which names that files give are no commands.
+
+    Control characters and those that turn the direction of writing are written out; lines that a workflow of
+    GitHub would obey (``::set-output``, ``##[group]``) are broken.
+    """
+    text = _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _WORKFLOW.sub(r"\1: :", text).replace("##[", "## [")
+
+
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+_WORKFLOW = re.compile(r"^(\s*)::", re.MULTILINE)
+
+
 def print_json(kind: str, contents: Mapping[str, Any]) -> None:
     """Print contents as JSON, under the head that all JSON of deltac has."""
     print(json.dumps(headed(kind, contents), ensure_ascii=False, allow_nan=False, indent=2))
@@ -155,7 +169,7 @@ def print_json(kind: str, contents: Mapping[str, Any]) -> None:
 
 def print_sections(sections: Iterable[Section]) -> None:
     """Print sections as wide as the terminal, verdicts in colour where it has colours."""
-    text = as_text(sections, width())
+    text = displayed(as_text(sections, width()))
     print(_painted(text) if _coloured() else text)
 
 

@@ -50,8 +50,9 @@ def _scaled(A: Array) -> tuple[Array, Array]:
 
 def _ratio(values: Any) -> float:
     """Of the largest eigenvalue to the smallest; without bound where that is lost in rounding."""
-    least = values[0] if len(values) else 1.0
-    return float(values[-1] / least) if least > 0.0 else np.inf
+    if not len(values):
+        return 1.0
+    return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
 def acceleration_error(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arguments import checked
-from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType
+from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
 from deltac.files import read_bytes
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
@@ -138,6 +139,12 @@ def _try_apart(path: Path) -> None:
     """
     limits = Limits.current()
     text = read_bytes(path, "model").decode("utf-8", "replace")
+    for name in _FILES.findall(text):
+        named = os.path.join(path.parent, name)
+        if os.path.exists(named) and not (os.path.isfile(named) or os.path.isdir(named)):
+            raise FileError(
+                f"model file {path.name!r} names {shown(name)}, which is no regular file"
+            )
     counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
     if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
         return
@@ -169,6 +176,7 @@ def _try_apart(path: Path) -> None:
         )
 
 
+_FILES = re.compile(r"""\bfile\s*=\s*["']([^"']*)["']""")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
 _PLAIN, _MANY = 2**20, 500.0  # bytes of a file, and of its largest count
 _COUNTS = re.compile(r"""\b(?:count|nrow|ncol|width|height|cellcount)\s*=\s*["']([^"']*)["']""")

@@ -19,10 +19,9 @@ import numpy as np
 
 from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.errors import FileError, PackageError, SourceError
-
-LARGEST = 2**31
-"""Bytes that a unit may unpack to."""
+from deltac.errors import FileError, InputError, PackageError, SourceError
+from deltac.limits import Limits
+from deltac.trajectories.formats.files import naming
 
 TRIALS = 3
 """States at which rates are compared with states."""
@@ -51,9 +50,11 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any
     try:
         with zipfile.ZipFile(file) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST:
-            raise FileError(f"{path}: unpacks to {size} bytes, expected at most {LARGEST}")
+        with naming(path):
+            Limits.current().check_unpacked(size, file.stat().st_size)
         described = fmpy.read_model_description(str(file), validate=False)
+    except InputError:
+        raise
     except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
         raise FileError(f"{path}: is no FMU: {error}") from error
     except Exception as error:  # FMPy raises plain exceptions for what it cannot read

@@ -16,6 +16,7 @@ import numpy as np
 from deltac.dynamics.textbook import contact
 from deltac.dynamics.textbook.kinematics import Array
 from deltac.dynamics.textbook.situation import ChannelForce, Situation, between
+from deltac.errors import ModelError
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
     GravityCompensation,
@@ -35,7 +36,11 @@ def channel_forces(now: Situation) -> tuple[ChannelForce, ...]:
     """All channels: gravity, then the elements in their order."""
     found = [_gravity(now)] if any(g != 0.0 for g in now.mechanism.gravity) else []
     for element in now.mechanism.elements:
-        found.extend(_ELEMENTS[type(element)](now, element))
+        if type(element) not in STATED:
+            raise ModelError(
+                f"the textbook's matrices do not state the {element.where}; leave it out"
+            )
+        found.extend(STATED[type(element)](now, element))
     return tuple(found)
 
 
@@ -207,7 +212,7 @@ def _potential(name: str, F: Array, V: float, explicit: float) -> list[ChannelFo
     return made
 
 
-_ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
+STATED: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     JointSpring: _joint_spring,
     JointDamper: _joint_damper,
     JointTorque: _joint_torque,
@@ -219,3 +224,4 @@ _ELEMENTS: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     PointFriction: contact.point_friction,
     Contact: contact.contact,
 }
+"""The laws of force elements, by other means than the elements' own."""

@@ -21,6 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import numpy as np
 from measure import machine
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
@@ -57,6 +58,7 @@ SLIP_NAMES = {
     "clipped": ("clipped-column",),
     "spiked": ("spikes",),
     "gear-qu": ("gear-between-q-and-u",),
+    "zero-offset": ("zero-offset",),
 }
 
 SCHEMES = {
@@ -236,7 +238,7 @@ def _wrong(wrong: list[dict[str, Any]]) -> list[str]:
     edges = ((0.0, 1.0), (1.0, 5.0), (5.0, 10.0), (10.0, 100.0), (100.0, float("inf")))
     for low, high in edges:
         here = [r for r in wrong if r["bars"] is not None and low <= r["bars"] < high]
-        accused = [r for r in here if r["verdict"] == "equation-error" and NAMES[r["fault"]]]
+        accused = [r for r in here if r["verdict"] == "equation-error" and _names(r)]
         first = sum(_rank(r) == 0 for r in accused)
         third = sum(_rank(r) is not None and _rank(r) < 3 for r in accused)
         lines.append(
@@ -244,12 +246,19 @@ def _wrong(wrong: list[dict[str, Any]]) -> list[str]:
             f"{sum(r['verdict'] == 'equation-error' for r in here)} | {first}/{len(accused)} | "
             f"{third}/{len(accused)} |"
         )
+    scenes = [r for r in wrong if r["bars"] is not None and np.isnan(r["bars"])]
+    lines.append(f"\nscenes, of effects not known: {len(scenes)}, seen {sum(map(seen, scenes))}")
     return [*lines, ""]
+
+
+def _names(row: dict[str, Any]) -> tuple[str, ...]:
+    """The causes that name the planted fault, or one of two."""
+    return tuple(n for fault in row["fault"].split("+") for n in NAMES[fault])
 
 
 def _rank(row: dict[str, Any]) -> int | None:
     causes = [f for f in row["findings"] if f[1] == "cause"]
-    ranks = [k for k, f in enumerate(causes) if f[0] in NAMES[row["fault"]]]
+    ranks = [k for k, f in enumerate(causes) if f[0] in _names(row)]
     return ranks[0] if ranks else None
 
 

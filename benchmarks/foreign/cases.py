@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import deltac as dc
-from foreign import bodies
+from foreign import bodies, scenes
 from foreign import simulators as sim
 from foreign.forms import FORMS, SLIPS, Rows, formed, slipped
 from foreign.machines import Machine, draw
@@ -45,11 +45,21 @@ IN_SPACE = 0.4
 """Share of the cases with free and ball joints or loops."""
 
 
+SCENES = 0.12
+"""Share of those with contacts, stops and driven joints."""
+
+TWO = 0.15
+"""Share of the wrong ones with two faults."""
+
+
 def case(seed: int, number: int, truth: str) -> Case | None:
     """The case of a seed and number; None where the motion ran away."""
     rng = np.random.default_rng([seed, number, {"right": 0, "wrong": 1, "slip": 2}[truth]])
-    if truth != "slip" and rng.random() < IN_SPACE:
+    kind = rng.random()
+    if truth != "slip" and kind < IN_SPACE:
         return _in_space(rng, number, truth)
+    if truth != "slip" and kind < IN_SPACE + SCENES:
+        return _scene(rng, number, truth)
     machine = draw(rng)
     n = len(machine.links)
     motors = len(machine.motors)
@@ -64,6 +74,9 @@ def case(seed: int, number: int, truth: str) -> Case | None:
     faulty = run
     if truth == "wrong":
         faulty, fault, element = planted(run, rng)
+        if rng.random() < TWO and faulty.extra is None:
+            faulty, other, _ = planted(faulty, rng)
+            fault = f"{fault}+{other}"
     recording, every = simulated(faulty, rng)
     if recording is None or len(recording.t) < 60 or np.abs(recording.u).max() > 200:
         return None
@@ -99,6 +112,18 @@ def case(seed: int, number: int, truth: str) -> Case | None:
     return Case(
         number, name, truth, fault, element, form, recording.scheme, every, effect,
         machine.mechanism(), log,
+    )  # fmt: skip
+
+
+def _scene(rng: np.random.Generator, number: int, truth: str) -> Case | None:
+    """A case with contacts or driven joints; the effects of their faults are not known."""
+    drawn = scenes.drawn(rng, truth)
+    if drawn is None:
+        return None
+    model, log, fault, element, form, scheme, name, _ = drawn
+    effect = float("nan") if truth == "wrong" else 0.0
+    return Case(
+        number, name, truth, fault, element, form, scheme, False, effect, model, log
     )  # fmt: skip
 
 
@@ -174,9 +199,12 @@ def simulated(run: Run, rng: np.random.Generator) -> tuple[Recording | None, boo
         ]))  # fmt: skip
         return sim.own_integrator(run, h, scheme, rng), True
     if who == "scipy":
-        method = str(rng.choice(["RK45", "DOP853", "LSODA", "Radau"]))
+        method = str(rng.choice(["RK45", "DOP853", "LSODA", "Radau", "BDF", "RK23"]))
         return sim.scipy_solver(
-            run, float(rng.choice([0.002, 0.01, 0.02])), method, float(rng.choice([1e-6, 1e-9]))
+            run,
+            float(rng.choice([0.002, 0.01, 0.02])),
+            method,
+            float(rng.choice([1e-3, 1e-6, 1e-9])),
         ), False
     if who == "bullet":
         return sim.bullet(run, h), True

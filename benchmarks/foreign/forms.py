@@ -36,11 +36,12 @@ FORMS = (
     "non-uniform", "lost-rows", "stale-forces", "backward-udot", "forward-udot", "central-udot",
     "late-udot", "mean-udot", "half", "significant", "interpolated-linearly", "interpolated-cubically",
     "averaged", "encoder", "jittered", "spline-udot", "smoothed-udot", "mean-forces", "later-forces",
-    "commands", "slow-speeds",
+    "commands", "slow-speeds", "mixed-rates", "differenced-q", "savgol-q",
 )  # fmt: skip
 
 SLIPS = (
     "clock-1.01", "clock-0.999", "duplicated", "late-q", "late-u", "swapped", "clipped", "spiked", "gear-qu",
+    "zero-offset",
 )  # fmt: skip
 
 
@@ -141,6 +142,27 @@ def _smoothed_udot(rows: Rows, rng: np.random.Generator) -> Rows:
     return replace(rows, udot=savgol_filter(rows.u, 11, 3, deriv=1, delta=h, axis=0))
 
 
+def _mixed_rates(rows: Rows, rng: np.random.Generator) -> Rows:
+    """Speeds of every second row, commands of every eighth, as they are until new ones come."""
+
+    def slow(x: Array, every: int) -> Array:
+        return np.asarray(np.repeat(x[::every], every, axis=0)[: len(x)])
+
+    return replace(_forces(rows, lambda f: slow(f, 8)), u=slow(rows.u, 2), udot=None)
+
+
+def _of_coordinates(rows: Rows, rng: np.random.Generator, smooth: bool) -> Rows:
+    """Speeds that were made of the coordinates; those of bodies in space are left."""
+    from scipy.signal import savgol_filter
+
+    if rows.q.shape != rows.u.shape:
+        return replace(rows, udot=None)
+    h = float(np.median(np.diff(rows.t)))
+    if smooth and np.ptp(np.diff(rows.t)) < 1e-6 * h:
+        return replace(rows, u=savgol_filter(rows.q, 9, 3, deriv=1, delta=h, axis=0), udot=None)
+    return replace(rows, u=np.gradient(rows.q, rows.t, axis=0), udot=None)
+
+
 def _forces(rows: Rows, change: Callable[[Array], Array]) -> Rows:
     return replace(rows, forces={k: change(f) for k, f in rows.forces.items()})
 
@@ -162,6 +184,9 @@ _HABITS: dict[str, Callable[[Rows, np.random.Generator], Rows]] = {
     ),
     "later-forces": lambda rows, _: _forces(rows, lambda f: np.vstack([f[:1], f[:1], f[:-2]])),
     "commands": lambda rows, _: _forces(rows, lambda f: np.repeat(f[::4], 4, axis=0)[: len(f)]),
+    "mixed-rates": _mixed_rates,
+    "differenced-q": lambda rows, rng: _of_coordinates(rows, rng, False),
+    "savgol-q": lambda rows, rng: _of_coordinates(rows, rng, True),
     "slow-speeds": lambda rows, _: replace(
         rows, u=np.repeat(rows.u[::2], 2, axis=0)[: len(rows.u)]
     ),
@@ -200,6 +225,9 @@ def slipped(rows: Rows, slip: str, rng: np.random.Generator) -> Rows:
         return replace(rows, u=u)
     if slip == "gear-qu":
         q[:, k] *= 0.7
+        return replace(rows, q=q)
+    if slip == "zero-offset":
+        q[:, k] += 0.02
         return replace(rows, q=q)
     raise ValueError(slip)
 

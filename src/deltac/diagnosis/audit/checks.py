@@ -224,7 +224,7 @@ def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> lis
     )
     active = each > quiet_below
     share = float(active.mean())
-    upward = _upward_push(terms)
+    upward = upward_push(terms.evaluator.mechanism, terms.speeds, terms.residual)
     if (share > 0.95 or (~active).sum() < 5) and not upward:
         return []
     when = _intervals(terms.t, active)
@@ -247,19 +247,18 @@ def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> lis
     ]
 
 
-def _upward_push(terms: EquationTerms) -> bool:
-    """Whether what is missing on a free root body always pushes against gravity."""
-    mechanism = terms.evaluator.mechanism
+def upward_push(mechanism: Mechanism, speeds: Sequence[str], residual: Array) -> bool:
+    """Whether what is missing of a free root body (T, n) always pushes against gravity."""
     g = np.array([mechanism.number(x) for x in mechanism.gravity])
     if not g.any():
         return False
     for joint in mechanism.joints:
         if joint.kind != "free" or joint.parent != "ground" or joint.prescribed:
             continue
-        places = [terms.speeds.index(f"{joint.name}.v{c}") for c in "xyz"]
-        push = terms.residual[:, places] @ (g / np.linalg.norm(g))  # the missing force is −residual
+        places = [speeds.index(f"{joint.name}.v{c}") for c in "xyz"]
+        push = residual[:, places] @ (g / np.linalg.norm(g))  # the missing force is −residual
         if np.sum(push > 0) and float(np.sum(push[push < 0] ** 2)) < 1e-3 * float(np.sum(push**2)):
-            side = terms.residual[:, places] - push[:, None] * g / np.linalg.norm(g)
+            side = residual[:, places] - push[:, None] * g / np.linalg.norm(g)
             if float(np.sum(side**2)) < 2.0 * float(np.sum(push**2)):
                 return True
     return False

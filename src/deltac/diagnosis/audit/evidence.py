@@ -413,6 +413,11 @@ def _of_steps(
         return _weighed(told.findings, step, tolerance)
     if local.sum() >= FEWEST and share <= SHORT:
         return _missing(step, share)
+    out = step.standing_out
+    # A body that rests on something is pushed all the time: by what it falls onto, and never down.
+    stands_out = np.where(out[:, None], -step.residual, 0.0)  # like F_r + F*_r
+    if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
+        return _missing(step, float(out.mean()))
     return _unknown(told)
 
 
@@ -466,7 +471,7 @@ def beyond(step: OneStep, tolerance: float) -> bool:
 
 
 def _missing(step: OneStep, share: float) -> list[Finding]:
-    active = step.now_and_then
+    active = step.standing_out
     worst = np.abs(step.residual[active]).max(axis=0)
     k = int(np.argmax(worst / np.maximum(step.scale, 1e-300)))
     when = ", ".join(f"{t:.4g}" for t in step.t[active][:3])

@@ -230,8 +230,6 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
     step, terms = evidence.step, evidence.terms
-    if any(f.kind == "not-reproducible" for f in evidence.findings):
-        return []
     energy = measures.left / measures.beside if measures.beside > 0.0 else 0.0
     if terms is not None and terms.significant.any():
         k = int(np.argmax(np.where(terms.significant, terms.relative, 0.0)))
@@ -250,7 +248,8 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
                 terms.speeds[k],
             )
         ]
-    if step is None or not step.significant.any() or beyond(step, measures.tolerance):
+    unlike = any(f.kind == "not-reproducible" for f in evidence.findings)
+    if step is None or unlike or not step.significant.any() or beyond(step, measures.tolerance):
         return []
     k = int(np.argmax(np.where(step.significant, step.ratio, 0.0)))
     return [
@@ -280,7 +279,7 @@ def _steps(step: OneStep | None) -> str:
         )
     k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
     if step.known_but_for_causes and step.scheme is not None:
-        by = f"a step of {step.scheme.name}" if step.scheme.name else "an accurate step"
+        by = f"a step of {step.scheme.name}" if step.scheme.name else "one step"
         return (
             f"Each of {len(step.t)} rows follows from the previous one by {by}, except for "
             f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "

@@ -51,6 +51,9 @@ FAR_LESS = 0.1
 MOST = 3
 """Relations for which the search is made in full."""
 
+APART = 3.0
+"""How many times more all other integrators must leave with their causes for one to be named."""
+
 CLEAR = 30.0
 """How many times digits and rounding a mistake must be."""
 
@@ -105,14 +108,16 @@ def known_but_for_one(
         whole = evaluate(function, columns, kernels.speeds)[0]
         tried.append((relation, *_regression(whole, kernels)))
     tried.sort(key=lambda item: promise(item[1].regression))
-    best: _Pair | None = None
-    for relation, prepared, residual, weight in tried[:MOST]:
-        pair = _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
-        if best is None or pair.left < best.left:
-            best = pair
+    pairs = [
+        _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
+        for relation, prepared, residual, weight in tried[:MOST]
+    ]
+    best = min(pairs, key=lambda pair: pair.left, default=None)
     if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):
         return None
-    known = _with(step, best)
+    name = steps.named(best.relation)
+    others = [p.left for p in pairs if steps.named(p.relation) != name]
+    known = _with(step, best, name if min(others, default=math.inf) > APART * best.left else "")
     if not known.significant.any():
         return None
     return known, told(mechanism, run, best.prepared, best.found).findings
@@ -193,14 +198,13 @@ def _of_an_integrator(pair: _Pair, h: float) -> bool:
     return False
 
 
-def _with(step: OneStep, pair: _Pair) -> OneStep:
-    """The test with its integrator known: its relation leaves the residual, the causes the bar."""
+def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
+    """The test with its integrator, `name` if it has one: it leaves the residual, the causes the bar."""
     steps, r = step.steps, pair.residual
     assert steps is not None
     bar = (
         np.maximum(pair.left, math.sqrt(pair.prepared.regression.precision / len(r))) / pair.weight
     )
-    name = steps.named(pair.relation)
     u = steps.start.u
     time_ = float(step.t[-1] - step.t[0])
     return replace(

@@ -158,6 +158,8 @@ class Candidate:
         if self.kind == "body-tensor":
             principal = np.linalg.eigvalsh(tensor(value))
             return bool(principal[0] > 0.0 and principal[2] <= principal[0] + principal[1])
+        if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
+            return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":
             return bool(np.all(value > 0.0))
         return self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0)))
@@ -185,14 +187,12 @@ def one(
     unit: str,
     sign: Sign = "any",
     origin: str = "",
-    limit: float = np.inf,
 ) -> Iterator[Candidate]:
     """A cause of one number, if its columns are there and not all weights zero."""
     L = np.array(weights, dtype=float)[:, None]
     if columns is not None and L.any():
         yield Candidate(
             kind, element, columns, L, (name,), np.array([base]), (unit,), sign, origin=origin,
-            limit=limit,
         )  # fmt: skip
 
 
@@ -320,7 +320,10 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 # --- all causes that a mechanism may have --------------------------------------------------------
 
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
-"""Offsets of a coordinate's zero beyond which the equations are no longer linear in it."""
+"""Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
+
+_SQUARE = np.array([[[0.0]], [[1.0]]])
+"""A number whose square is the coefficient of a second column."""
 
 PUSHES: tuple[tuple[What, str, str], ...] = (
     ("force", "applied-force", "N"),
@@ -396,16 +399,12 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 yield from one(
                     "damping", entry.name, at("damper"), [1.0], "damping", law, f"{force}·s/{per}"
                 )
-        yield from one(
-            "zero-offset",
-            entry.name,
-            at("offset"),
-            [1.0],
-            "offset",
-            0.0,
-            per,
-            limit=MOST_OFFSET[per],
-        )
+        first, second = (places(Column("offset", entry.name, k)) for k in range(2))
+        if first is not None and second is not None:
+            yield Candidate(
+                "zero-offset", entry.name, (*first, *second), np.array([[1.0], [0.0]]), ("offset",),
+                np.zeros(1), (per,), "any", _SQUARE, limit=MOST_OFFSET[per],
+            )  # fmt: skip
         if f"friction {joint.name}" not in acting:
             yield from one(
                 "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,
@@ -470,11 +469,9 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         yield from one(kind, name, at, [1.0], "factor", 1.0, "1", origin=origin)
         first, second = (places(Column("delay", name, k)) for k in range(2))
         if first is not None and second is not None:
-            Q = np.zeros((2, 1, 1))
-            Q[1] = 1.0
             yield Candidate(
                 "actuator-delay", name, (*first, *second), np.array([[1.0], [0.0]]), ("delay",),
-                np.zeros(1), ("s",), "any", Q, origin,
+                np.zeros(1), ("s",), "any", _SQUARE, origin,
             )  # fmt: skip
 
 

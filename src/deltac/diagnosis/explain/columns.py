@@ -42,7 +42,8 @@ class Column:
     damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
-    offset      speed: what its coordinate, logged one unit too large, takes from the equations
+    offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
+                proportion, 1 by squares
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     """
@@ -206,7 +207,9 @@ def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
         if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1
-            found[Column("offset", entry.name)] = ca.jtimes(residual, s.q, along)
+            first_order = ca.jtimes(residual, s.q, along)
+            found[Column("offset", entry.name)] = first_order
+            found[Column("offset", entry.name, 1)] = 0.5 * ca.jtimes(first_order, s.q, along)
     return found
 
 

@@ -338,7 +338,7 @@ def _made(
         relative,
         noise,
         prepared.samples,
-        {"nothing": 0.0, "unexplained": prepared.regression.predicted}.get(kind, 1.0),
+        prepared.regression.predicted if kind == "unexplained" else float(kind != "nothing"),
     )
 
 

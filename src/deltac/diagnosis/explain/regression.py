@@ -35,8 +35,11 @@ from deltac.trajectories.lint import gap_rows
 STEPS = 20
 """Steps of Gauss–Newton for causes that are not linear; most converge in two or three."""
 
-FOLDS, RIDGE = 4, 1e-4
-"""Parts of a log of which each is predicted by the others, and what keeps like columns apart in that."""
+FOLDS, RIDGE = 4, 1e-2
+"""Parts of a log of which each is predicted by the others, and what a term as large as the residual costs.
+
+Terms far larger than it would close any equation: they take all of the model away, masses and forces alike.
+"""
 
 SURE = 6.0
 """Standard errors by which a cause must stand out to be named."""

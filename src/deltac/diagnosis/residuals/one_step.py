@@ -98,6 +98,9 @@ RESTING, SHARE_RESTING = 40, 0.2
 NEARBY = (-3, -2, -1, 1, 2, 3)
 """Rows whose force may have acted in place of a row's own, where forces are held."""
 
+TAKEN_BACK = 0.1
+"""Share that two residuals in a row may leave of each other."""
+
 STARTING = 5
 """Steps in which a method of several steps may start in another way."""
 
@@ -873,6 +876,11 @@ class OneStep:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
         out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
+        # A force changes the momentum for good; what is taken back in the next step is a spike of a speed.
+        size = self.residual / np.maximum(self.scale, 1e-300)
+        left = np.abs(size[1:] + size[:-1]).max(axis=1)
+        back = rows[1:] & rows[:-1] & (left < TAKEN_BACK * np.abs(size[1:]).max(axis=1))
+        rows &= ~(np.append(back, False) | np.insert(back, 0, False))
         # Filters leave traces at the ends of a log, methods of several steps where they start.
         exact = self.scheme is not None and self.scheme.typical <= CLOSED
         edge = STARTING if exact else max(1, len(rows) // 50)
@@ -1151,11 +1159,12 @@ def _judged(
     typical = np.concatenate([_norm(p.N, p.a) for p in parts])
     rate = float(np.clip(np.median(change) / max(float(np.median(typical)), 1e-300), 0.0, 1.0))
     first = max((abs(x) for n, x in c.items() if n not in SECOND), default=0.0)
+    growth = rate * (1.0 + 2.0 * first)
     # As much of them as was fitted is believed to be there, and some besides.
     fitted = {n: abs(c.get(n, 0.0)) + BESIDES for n in SECOND}
     seconds = [_sum(fitted[n] * np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
     each: dict[str, list[Array]] = {
-        "next order": [rate * (1.0 + 2.0 * first) * x for x in seconds],
+        "next order": [growth * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
         # Of held forces as much is believed as was fitted of each way in which they may be of other rows.
         "forces between rows": [
@@ -1231,8 +1240,17 @@ def _judged(
     # What is left may be a mistake altogether, and noise may hide another; the next order is no mistake.
     lengths = np.concatenate([r.h[p.at] for (r, _), p in zip(pieces, parts)])
     share = lengths / float(lengths.sum())
-    works = [np.cumsum(np.sum(u * x, axis=1) * share[:, 0]) for x in (left, np.concatenate(noise))]
-    hidden = float(np.abs(works[0]).max() + HIDING * np.abs(works[1]).max()) * time
+
+    def work(force: Array) -> float:
+        """The largest work (J) of a force in the time of the log."""
+        return float(np.abs(np.cumsum(np.sum(u * force, axis=1) * share[:, 0])).max()) * time
+
+    # Columns of second order take off a mistake as well; the next order is as large as they are.
+    absorbed = sum(
+        growth * fitted[n] * work(np.concatenate([forces(p, p.columns[n]) for p in parts]))
+        for n in SECOND
+    )
+    hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     mechanism = model.mechanism
     return OneStep(

@@ -377,11 +377,13 @@ def _wrong(program: Program) -> NDArray[np.bool_]:
 
 def _closing(search: Search) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
-    program, found = search.program, []
+    program = search.program
+    found: list[First] = []
+    end = time.process_time() + FOLLOWED_TIME
     for place in program.numbers:
         for row in np.flatnonzero(_wrong(program)):
-            if time.monotonic() > search.deadline:
-                break
+            if time.monotonic() > search.deadline or time.process_time() > end:
+                return found
             r = search.requirements.closing(place, int(row))
             if r is not None:
                 changes = {r.slot: Change(partial(np.asarray, r.required), ())}

@@ -15,6 +15,7 @@ from deltac import isolation
 from deltac.errors import FileError, InputError, LimitError, UnknownName
 from deltac.isolation import apart
 from deltac.limits import Limits
+from deltac.trajectories import read_trajectory
 
 
 @apart
@@ -125,3 +126,12 @@ def test_what_lies_in_the_folder_is_not_imported(
 def test_all_errors_come_back_as_what_they_were() -> None:
     for code in InputError.codes():
         assert InputError.of(code, "x").code == code
+
+
+def test_a_file_that_keeps_its_decoder_busy_for_ever() -> None:
+    """Found by mutation: the HDF5 library reads a text of it without end."""
+    pytest.importorskip("h5py")
+    path = HERE.parent / "trajectories" / "hostile" / "endless-text.h5"
+    with Limits(seconds=2).applied(), pytest.raises(InputError) as caught:
+        read_trajectory(path)
+    assert caught.value.code in ("E-LIMIT", "E-FILE")  # E-FILE where another release of it refuses

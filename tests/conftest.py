@@ -27,7 +27,7 @@ TESTS = Path(__file__).parent
 
 # A first call compiles kernels, so a slow example says nothing about the code under test.
 _PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("ci", max_examples=10, derandomize=True, **_PATIENT)
+settings.register_profile("ci", max_examples=6, derandomize=True, **_PATIENT)
 settings.register_profile("thorough", max_examples=150, print_blob=True, **_PATIENT)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 

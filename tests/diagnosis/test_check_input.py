@@ -108,6 +108,7 @@ def test_writing_to_the_input_is_noticed() -> None:
     assert [f.kind for f in found.verdict.findings] == ["writes-to-input"]
 
 
+@pytest.mark.slow
 def test_single_precision_is_not_called_a_mistake() -> None:
     def rhs(t: Any, q: Any, u: Any) -> Any:
         single = HAND.free(np.float32(t), np.float32(q), np.float32(u))

@@ -207,6 +207,7 @@ def rod(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dc.Mechanism:
     )
 
 
+@pytest.mark.slow
 def test_what_the_users_own_tests_miss(rod: dc.Mechanism, tmp_path: Path) -> None:
     """Of a method; a test at rest cannot see gravity's factor, and sees a rate that is wrong."""
     command = f"{sys.executable} -m pytest -q -p no:cacheprovider test_rod.py"

@@ -46,10 +46,8 @@ def accelerations(text: str) -> np.ndarray:
     return np.array(namespace["rhs"](0.0, np.array([0.4, -1.1]), np.array([0.7, 1.9])))  # type: ignore[operator]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if k else []) for k, name in enumerate(BOTH)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BOTH)
 def test_the_mass_matrix_and_a_force(name: str, target: Target) -> None:
     found = repair_source(Source("eom.py", mistaken(BOTH[name]), "rhs"), target)
     assert found.fixes and len(found.fixes[0].lines) == 2, found.explain()

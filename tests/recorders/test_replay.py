@@ -101,7 +101,7 @@ def test_logs_that_cannot_be_replayed(change: Any, code: str, tmp_path: Path) ->
 def test_models_that_cannot_be_replayed() -> None:
     with pytest.raises(dc.InputError):
         dc.audit("double-pendulum", LOG, replay=True)
-    with pytest.raises(dc.InputError, match="no file"):
+    with pytest.raises(dc.InputError, match="not a file"):
         dc.audit(str(MODEL), dc.run_mujoco(str(MODEL), 0.02), replay=True)
 
 

@@ -479,6 +479,7 @@ def test_bombs_are_refused_in_little_memory(
     assert outcome(path).startswith(f"InputError {path}: ")
 
 
+@pytest.mark.slow
 def test_a_wide_log_within_the_limits_is_read(tmp_path: Path) -> None:
     names = ",".join(f"q.a{k},u.a{k},udot.a{k}" for k in range(10_000))
     forces = ",".join(f"force.damper b.a{k}" for k in range(10_000))

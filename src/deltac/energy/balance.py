@@ -246,7 +246,8 @@ def _method(run: Trajectory, work: str | None) -> str:
         raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
     if work == "in-loop" and not run.integrals:
         raise LogError(
-            "the run holds no integrals taken in the loop; use work='samples', or simulate with record="
+            "the run holds no integrals taken in the loop; use work='samples', or simulate with "
+            "record=dc.Record(testing=...)"
         )
     return work
 

@@ -14,7 +14,7 @@ from deltac.trajectories.formats.raw import Collector, RawLog, labelled
 def is_table(source: Any) -> bool:
     """Whether this is a table, by what it offers: pandas, polars and xarray need not be loaded for that."""
     if isinstance(source, Mapping):
-        return True
+        return not hasattr(source, "y")  # SciPy's result is a dictionary too
     if isinstance(source, np.ndarray):
         return source.ndim == 2 or source.dtype.names is not None
     return hasattr(source, "data_vars") or (

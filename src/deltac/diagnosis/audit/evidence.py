@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
@@ -30,7 +31,14 @@ from deltac.diagnosis.measurements.kinematics import (
     unsteadiness,
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import EXPLICIT, UNEVEN, OneStep, one_step, trimmed
+from deltac.diagnosis.residuals.one_step import (
+    EXPLICIT,
+    UNEVEN,
+    OneStep,
+    one_step,
+    stairs,
+    trimmed,
+)
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -65,6 +73,9 @@ SHORT = 0.5
 
 FEWEST = 3
 """Windows that must stand out."""
+
+BESIDE = 2.5
+"""Steps from a change of a held force within which a window is beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,7 +403,7 @@ def _of_steps(
     progress: Progress,
 ) -> list[Finding]:
     """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
-    local = step.now_and_then
+    local = _at_times(log, step)
     share = float(local.mean()) if len(local) else 0.0
     if not step.significant.any():
         return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
@@ -431,7 +442,7 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     even = np.abs(h - step_length).max() < UNEVEN * step_length
     if not step.closes_mostly or not (even or len(gap_rows(log.consecutive.t))):
         return []
-    out = step.t[step.now_and_then]
+    out = step.t[_at_times(log, step)]
     t = log.consecutive.t
     jumped = np.unique(
         np.concatenate([t[c.start[c.outliers]] for c in log.comparisons.values()] or [t[:0]])
@@ -441,6 +452,21 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
+
+
+def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
+    """Windows that stand out now and then, but for those beside a change of forces that are held.
+
+    What stands out there is that force, which the log may hold a few rows early or late.
+    """
+    run, local = log.consecutive, step.now_and_then
+    columns = [np.asarray(force).reshape(len(run), -1) for force in run.forces.values()]
+    forces = stairs(np.hstack([np.zeros((len(run), 0)), *columns]))
+    if forces.held:
+        near = BESIDE * float(np.median(np.diff(run.t)))
+        changes = run.t[1:][~forces.known]
+        local &= np.abs(step.t[:, None] - changes).min(axis=1) > near
+    return local
 
 
 def _unknown(told: Explanation | None) -> list[Finding]:

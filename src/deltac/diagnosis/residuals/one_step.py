@@ -99,7 +99,10 @@ NEARBY = (-3, -2, -1, 1, 2, 3)
 """Rows whose force may have acted in place of a row's own, where forces are held."""
 
 TAKEN_BACK = 0.1
-"""Share that two residuals in a row may leave of each other."""
+"""Share of its last residual that the sum over a spike may leave."""
+
+SPIKE = 3
+"""Steps in which a spike is over: its own two, and one more where windows overlap."""
 
 STARTING = 5
 """Steps in which a method of several steps may start in another way."""
@@ -876,11 +879,15 @@ class OneStep:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
         out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
         rows = np.asarray(out.any(axis=1))
-        # A force changes the momentum for good; what is taken back in the next step is a spike of a speed.
+        # A force changes the momentum for good; what is taken back in the next steps is a spike of a speed.
         size = self.residual / np.maximum(self.scale, 1e-300)
-        left = np.abs(size[1:] + size[:-1]).max(axis=1)
-        back = rows[1:] & rows[:-1] & (left < TAKEN_BACK * np.abs(size[1:]).max(axis=1))
-        rows &= ~(np.append(back, False) | np.insert(back, 0, False))
+        spikes = np.zeros_like(rows)
+        for first in map(int, np.flatnonzero(rows)):
+            for last in range(first + 1, min(first + SPIKE, len(rows) - 1) + 1):
+                left = np.abs(size[first : last + 1].sum(axis=0)).max()
+                if rows[last] and left < TAKEN_BACK * np.abs(size[last]).max():
+                    spikes[first : last + 1] = True
+        rows &= ~spikes
         # Filters leave traces at the ends of a log, methods of several steps where they start.
         exact = self.scheme is not None and self.scheme.typical <= CLOSED
         edge = STARTING if exact else max(1, len(rows) // 50)

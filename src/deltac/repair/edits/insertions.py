@@ -508,8 +508,8 @@ def products(
         low = np.minimum.reduceat(rest, starts, axis=1)
         high = np.maximum.reduceat(rest, starts, axis=1)
         largest = np.maximum(np.abs(low), np.abs(high))
-        constant = np.isfinite(largest) & (high - low <= CONSTANT * largest)
-    for k in np.flatnonzero(constant.all(axis=1)):
+        spread = np.isfinite(largest) & (high - low <= CONSTANT * largest)
+    for k in np.flatnonzero(spread.all(axis=1)):
         coefficient = 0.5 * (low[k] + high[k])
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
             powers = state[1].powers(int(k))

@@ -22,6 +22,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from scipy.stats import beta
 from measure import machine
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
@@ -192,7 +193,7 @@ def tables(rows: list[dict[str, Any]]) -> str:
     right = [r for r in rows if r["truth"] == "right"]
     alarms = sum(map(false_alarm, right))
     if right:
-        bound = 1.0 - 0.05 ** (1.0 / len(right)) if not alarms else float("nan")
+        bound = beta.ppf(0.95, alarms + 1, len(right) - alarms)  # Clopper and Pearson's
         unresolved = sum(r["verdict"] == "unresolved" for r in right) / len(right)
         lines += ["", f"- right: {len(right)}, {alarms} false alarms (below {100 * bound:.2g} % with 95 % "
                   f"confidence), unresolved {100 * unresolved:.3g} %"]  # fmt: skip

@@ -162,7 +162,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         if measures.left > measures.allowed:
             return verdict("unresolved", "medium", balance, *equations, _open(step))
     elif small and step is not None and measures.left > measures.allowed + measures.bar:
-        if step.spent >= HALF * measures.left:
+        # So little accuses only where a term of the model, or the samples, say so as well.
+        explained = terms is not None or any(f.factor is not None for f in findings)
+        if explained and step.spent >= HALF * measures.left:
             return verdict("equation-error", "medium", balance, *equations)
         if step.known_but_for_causes:
             return verdict(

@@ -22,8 +22,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from scipy.stats import beta
 from measure import machine
+from scipy.stats import beta
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error", "refused")
 

@@ -191,3 +191,23 @@ def test_numbers_as_formulas() -> None:
         formula(0.7 / 1.2, known, "g*l2*m*sin(a)") is None
     )  # what it divides by is not in the term
     assert formula(0.123456, known) is None and formula(1.0 + 1e-7, known) is None
+
+
+def test_a_parameter_that_leaves_no_inertia_is_no_cause() -> None:
+    """m1 exchanged with d: the mass matrix [[m1 + m2, m2], [m2, m2]] is singular in double precision."""
+    model = dc.Mechanism(
+        [dc.point_mass("near", "m1"), dc.point_mass("far", "m2")],
+        [
+            dc.prismatic("x", "ground", "near", stiffness=3.0, damping="d"),
+            dc.prismatic("y", "near", "far", stiffness=5.0),
+        ],
+        parameters={"m1": 1.2, "m2": 0.7, "d": 1e-20},
+    )
+
+    def wrong(t: float, q: Any, u: Any) -> Any:
+        first = (-3.0 * q[0] + 5.0 * np.sin(q[1])) / 1.2
+        return np.array([first, -5.0 * q[1] / 0.7 - first])
+
+    found = dc.check_equations(model, wrong)
+    assert found.verdict.kind == "equation-error"
+    assert "parameter-value" not in [f.kind for f in found.verdict.findings]

@@ -210,12 +210,16 @@ def _factor(test: EquationTest, some: States, udot: Array, name: str, value: flo
 
 
 def _with(test: EquationTest, some: States, changed: dict[str, float]) -> EquationTest | None:
-    """The equations with other parameters, at some states; None where the mechanism allows no such."""
+    """The equations with other parameters, at some states; None where the mechanism allows no such.
+
+    A mechanism that has no inertia left with them has no accelerations to compare.
+    """
     try:
         mechanism = test.kane.mechanism.with_parameters(**changed)
         kane = Kane(mechanism, test.kane.coordinates)
-        return EquationTest(kane, some, scales=test.scales, strict=False)
-    except InputError:
+        made = EquationTest(kane, some, scales=test.scales, strict=False)
+        return made if np.isfinite(made.acceleration).all() else None
+    except (InputError, np.linalg.LinAlgError):
         return None
 
 

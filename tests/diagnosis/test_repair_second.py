@@ -204,3 +204,17 @@ def test_an_unused_constant_of_another_module_is_known(tmp_path: Path) -> None:
     )
     found = repair_source(read_source(f"{file}:rhs"), Target(BOB))
     assert "-prm.g / prm.l" in found.fixes[0].text and found.certain
+
+
+def test_an_array_never_holds_itself(tmp_path: Path) -> None:
+    """As NumPy, which cannot set an element to an array; arithmetic on such an array never ends."""
+    file = tmp_path / "eq.py"
+    file.write_text(
+        "import numpy as np\n\ndef rhs(t, q, u):\n    F = np.zeros(1)\n"
+        "    F[0] -= 3.0 * q[0]\n    F[0] -= np.zeros(2)\n    return F\n"
+    )
+    model = dc.Mechanism(
+        [dc.point_mass("m", 1.0)], [dc.prismatic("x", "ground", "m", stiffness=3.0)]
+    )
+    with pytest.raises(dc.InputError, match="several numbers"):
+        dc.repair_equations(model, f"{file}:rhs")

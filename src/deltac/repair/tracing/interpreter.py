@@ -1257,14 +1257,10 @@ class _Reader:
                 index = self.subscript(target.slice, scope)
                 if isinstance(base, np.ndarray):
                     value = library.arrayed(value)
-                    whole = (
-                        isinstance(value, np.ndarray)
-                        and value.size == 1
-                        and np.ndim(base[index]) == 0
-                    )
-                    value = (
-                        value.item() if whole and not isinstance(base[index], np.ndarray) else value
-                    )
+                    if isinstance(value, np.ndarray) and not isinstance(base[index], np.ndarray):
+                        if value.size != 1:  # NumPy refuses it too; an array could hold itself
+                            self.refuse(target, "sets an element of an array to several numbers")
+                        value = value.item()
                 base[index] = value
                 scope.version += 1
                 if isinstance(base, dict) and isinstance(index, str):

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import warnings
 
+import casadi as ca
+import mpmath
 import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.dynamics.digits import acceleration_error, condition
+from deltac.dynamics.digits import acceleration_error, condition, exactly
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
 from deltac.problems import load
+from deltac.simulation.flow import build_flow
 
 
 def carried(light: float, apart: float = 1e-6) -> dc.Mechanism:
@@ -81,3 +84,74 @@ def test_an_equilibrium_has_its_digits() -> None:
     motion = equations_of_motion(carried(1e-12))
     found = acceleration_error(motion, (), 0.0, np.zeros(2), np.zeros(2))
     assert found < 1e-6
+
+
+def by_newton(light: float, q: list[float], u: list[float]) -> list[mpmath.mpf]:
+    """u̇ of `carried` by Newton's and Euler's laws in a fixed frame, Σ Jᵀ(m a + m J̇u − m g) = 0."""
+    a, b = (mpmath.mpf(x) for x in q)
+    wa, wb = mpmath.mpf(u[0]), mpmath.mpf(u[0]) + mpmath.mpf(u[1])
+
+    def turned(angle: mpmath.mpf, x: float, y: float) -> mpmath.matrix:
+        c, s = mpmath.cos(angle), mpmath.sin(angle)
+        return mpmath.matrix([c * x - s * y, s * x + c * y])
+
+    def across(r: mpmath.matrix) -> mpmath.matrix:
+        return mpmath.matrix([-r[1], r[0]])
+
+    near, knee, far = turned(a, 0.3, 0.1), turned(a, 1e-6, 0.0), turned(a + b, 0.2, -0.4)
+    M, f = mpmath.zeros(2), mpmath.zeros(2, 1)
+    for mass, inertia, arms, turns, drawn in (
+        (light, light, (near, mpmath.zeros(2, 1)), (1, 0), -(wa**2) * near),
+        (1.3, 0.3, (knee + far, far), (1, 1), -(wa**2) * knee - wb**2 * far),
+    ):
+        J = [across(arm) for arm in arms]
+        force = mpmath.matrix([0, -mpmath.mpf(9.81)]) - drawn
+        for i in range(2):
+            f[i] += mass * (J[i].T * force)[0]
+            for j in range(2):
+                M[i, j] += mass * (J[i].T * J[j])[0] + mpmath.mpf(inertia) * turns[i] * turns[j]
+    return list(mpmath.lu_solve(M, f))
+
+
+@pytest.mark.parametrize("light", [1.0, 1e-12])
+def test_the_digits_are_those_of_newtons_laws(light: float) -> None:
+    """But for products of constants, which CasADi folds in double precision: a few units of its last place."""
+    q, u = [0.3, 0.4], [1.0, 2.0]
+    flow = build_flow(carried(light), ())
+    f = ca.Function("f", [flow.t, flow.x, flow.inputs], [ca.densify(flow.xdot)])
+    with mpmath.workdps(60):
+        [found] = exactly(f, [0.0, [*q, *u], []])
+        for ours, theirs in zip(found[2:], by_newton(light, q, u)):
+            assert abs(ours - theirs) < 4 * np.finfo(float).eps * abs(theirs)
+
+
+def test_every_operation_is_that_of_arithmetic() -> None:
+    """Identities that hold exactly, one for each operation that can be known wrongly."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    zero = [
+        ca.sin(x) ** 2 + ca.cos(x) ** 2 - 1,
+        ca.tan(x) * ca.cos(x) - ca.sin(x),
+        ca.sin(ca.asin(x)) - x,
+        ca.cos(ca.acos(x)) - x,
+        ca.tan(ca.atan2(x, y)) * y - x,
+        ca.tan(ca.atan(y)) - y,
+        ca.exp(ca.log(y)) - y,
+        ca.expm1(x) - ca.exp(x) + 1,
+        ca.log1p(x) - ca.log(1 + x),
+        ca.cosh(x) ** 2 - ca.sinh(x) ** 2 - 1,
+        ca.sinh(ca.asinh(y)) - y,
+        ca.cosh(ca.acosh(y)) - y,
+        ca.tanh(ca.atanh(x)) - x,
+        ca.hypot(x, y) ** 2 - x * x - y * y,
+        ca.sqrt(y) ** 2 - y,
+        y**1.5 - y * ca.sqrt(y),
+        ca.fmax(x, y) - y,
+        ca.fmin(x, y) - x,
+        ca.fabs(-x) - x,
+        ca.sign(-x) + 1,
+        ca.if_else(x < y, x, y) - x,
+    ]
+    f = ca.Function("f", [x, y], [ca.vertcat(*zero)])
+    with mpmath.workdps(60):
+        [found] = exactly(f, [0.37, 1.9])
+        assert max(abs(value) for value in found) < mpmath.mpf(10) ** -55

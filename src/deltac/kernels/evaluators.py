@@ -47,7 +47,7 @@ def evaluator_name() -> str:
         InputError: an unknown name, or llvm is asked for and llvmlite is not installed.
     """
     forced = os.environ.get("DELTAC_EVALUATOR", "").strip().lower()
-    if forced == "heyoka":  # which compiled kernels before 0.4
+    if forced == "heyoka":  # what compiled kernels before
         warn_renamed("DELTAC_EVALUATOR=heyoka", "DELTAC_EVALUATOR=llvm")
         forced = "llvm"
     if forced and forced not in EVALUATORS:

@@ -115,7 +115,7 @@ def by_newton(light: float, q: list[float], u: list[float]) -> list[mpmath.mpf]:
 
 @pytest.mark.parametrize("light", [1.0, 1e-12])
 def test_the_digits_are_those_of_newtons_laws(light: float) -> None:
-    """But for products of constants, which CasADi folds in double precision: a few units of its last place."""
+    """But for products of constants, folded by CasADi in double precision: a few units of its last place."""
     q, u = [0.3, 0.4], [1.0, 2.0]
     flow = build_flow(carried(light), ())
     f = ca.Function("f", [flow.t, flow.x, flow.inputs], [ca.densify(flow.xdot)])

@@ -23,7 +23,7 @@ def spline_integrals(t: Array, x: Array, degree: int) -> Array:
 
 @lru_cache(maxsize=16)
 def _quadrature(times: bytes, degree: int) -> Callable[[Array], Array]:
-    """The same for columns at given times: coefficients by a banded system, times the integrals of B-splines."""
+    """The same at given times: coefficients from a banded system, times the integrals of B-splines."""
     from scipy.interpolate import BSpline
     from scipy.linalg.lapack import dgbtrf, dgbtrs
 

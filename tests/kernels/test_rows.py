@@ -1,4 +1,4 @@
-"""Expressions at rows: interpreted or compiled, the same to rounding; which of the two is their own choice."""
+"""Expressions at rows: interpreted or compiled, the same to rounding; the choice is their own."""
 
 from __future__ import annotations
 

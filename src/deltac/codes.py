@@ -87,6 +87,7 @@ FINDINGS: dict[str, str] = {
     "angular-velocity-frame": "an angular velocity in the parent's components in place of the body's",
     "velocity-frame": "a velocity in body components in place of the world's",
     "gap": "rows are missing",
+    "frames": "velocities of a floating body were logged in other components, and were turned",
     "left-out": "rows in which a value is missing were left out",
     # what a study notices
     "coordinate-residual": "equations of motion do not close at the run's own states, at any step",

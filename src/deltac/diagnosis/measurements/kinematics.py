@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.measurements.digits import resolution, scatter
+from deltac.diagnosis.measurements.splines import spline_integrals
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -174,7 +175,7 @@ def _compared(
     for a, b in edges:
         s, x = t[a:b], rate[a:b]
         h = np.diff(s)[:, None]
-        fine, coarse = (_integrals(s, x, k) for k in (5, 3))
+        fine, coarse = (spline_integrals(s, x, k) for k in (5, 3))
         trapezoid = 0.5 * h * (x[1:] + x[:-1])
         second = np.diff(x, 2, axis=0)
         curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
@@ -236,13 +237,6 @@ def _compared(
             float(unsteady[k]),
         )
     return found
-
-
-def _integrals(t: Array, x: Array, degree: int) -> Array:
-    """∫x dt over the intervals (T − 1, n) of every column, by splines."""
-    from scipy.interpolate import make_interp_spline
-
-    return np.asarray(np.diff(make_interp_spline(t, x, k=degree).antiderivative()(t), axis=0))
 
 
 COLLINEAR = 1e-9

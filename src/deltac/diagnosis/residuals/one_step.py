@@ -20,11 +20,9 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -34,11 +32,11 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
+from deltac.diagnosis.measurements.splines import spline_integrals
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
-from deltac.kernels import Kernel
-from deltac.kernels.rows import at_rows
+from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -83,6 +81,9 @@ SECOND = ("mixed", "middle", "curve")
 UNEVEN = 1e-3
 """Relative differences of intervals from which on a log is not uniform."""
 
+VISIBLE = 1e3 * EPS
+"""Share of its size that a scheme column has in the mass metric at least: less is rounding."""
+
 BESIDES = 0.4
 """Share of the columns of second order that the next order is thought to be, beside what was fitted."""
 
@@ -126,48 +127,6 @@ TRIMMED = 0.05
 # --- the model along the rows ---------------------------------------------------------------------------
 
 
-class Expression:
-    """An expression of columns, evaluated at many rows: by CasADi, or compiled where that pays.
-
-    Compiled (`compiled`) it is a hundred times faster, after a second or so: for one log among thousands.
-    """
-
-    def __init__(self, name: str, inputs: Mapping[str, ca.SX], *outputs: ca.SX) -> None:
-        self.sizes = [out.numel() for out in outputs]
-        dense = [ca.densify(ca.vec(out)) for out in outputs]
-        self.function = ca.Function(name, [*inputs.values()], dense, {"cse": True})
-        self._given = (
-            {key: column for key, column in inputs.items() if column.shape[0]},
-            {f"{name} {k}": out for k, out in enumerate(dense)},
-        )
-
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The same, compiled."""
-        return Kernel(*self._given, name=self.function.name())
-
-    def __call__(self, *columns: Array) -> list[Array]:
-        """Its values at rows, (T, size) each."""
-        if COMPILED.get():
-            given = [np.atleast_2d(c.T) for c in columns]
-            found = self.kernel.flat(np.concatenate(given))
-            return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
-        return at_rows(self.function, columns)
-
-
-COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_residuals", default=False)
-
-
-@contextmanager
-def compiled() -> Iterator[None]:
-    """Compile the equations that logs are tested by: where many logs of one model follow."""
-    token = COMPILED.set(True)
-    try:
-        yield
-    finally:
-        COMPILED.reset(token)
-
-
 class Functions:
     """What the test evaluates of a mechanism with a log's forces: made once for logs of the same columns."""
 
@@ -195,7 +154,7 @@ class Functions:
         size = sum((ca.fabs(p.force[at]) for p in symbols.parts), start=ca.fabs(bias))
         place = {"t": s.t, "q": s.q}
         inputs = {**place, "u": s.u, "logged": symbols.logged}
-        self.acceleration = Expression("a", inputs, a)
+        self.acceleration = Expression("a", inputs, a, often=True)
         self.damping = Expression("d", inputs, damping)
         self.terms = Expression("s", inputs, size)
         self.matrices = Expression("m", place, crba(s)[at, at], G)
@@ -976,12 +935,9 @@ def _groups(model: Model) -> dict[str, list[int]]:
 
 def _mean(t: Array, a: Array, degree: int) -> Array:
     """(1/h)∫a dt over each interval (I, n), by splines of a degree."""
-    from scipy.interpolate import make_interp_spline
-
     degree = min(degree, len(t) - 1)
     degree -= 1 - degree % 2
-    whole = make_interp_spline(t, a, k=degree).antiderivative()(t)
-    return np.asarray(np.diff(whole, axis=0) / np.diff(t)[:, None])
+    return np.asarray(spline_integrals(t, a, degree) / np.diff(t)[:, None])
 
 
 def _plain(model: Model, rows: Rows, held: bool) -> tuple[Array, Array, Array]:
@@ -1092,34 +1048,45 @@ def ramped(forces: Array) -> Array:
 
 
 def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
-    """Coefficients of the scheme columns, in the mass metric, within their bounds; impacts left out."""
+    """Coefficients of the scheme columns, in the mass metric, within their bounds; impacts left out.
+
+    Columns that constraints take off altogether have none: what is left of them is rounding.
+    """
     from scipy.optimize import lsq_linear
 
-    names = [n for n in names if any(n in p.columns and p.columns[n].any() for p in parts)]
+    columns = [
+        np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2) for p in parts
+    ]
+    weighted = [p.N @ X for p, X in zip(parts, columns)]
+    energy = _sum(np.einsum("tij,tij->j", X, NX) for X, NX in zip(columns, weighted))
+    whole = _sum(
+        np.einsum("t,tij->j", np.linalg.norm(p.N, axis=(1, 2)), X**2)
+        for p, X in zip(parts, columns)
+    )
+    seen = energy > VISIBLE * whole
+    names = [n for n, visible in zip(names, seen) if visible]
     if not names:
         return {}
+    columns, weighted = ([x[:, :, seen] for x in those] for those in (columns, weighted))
+    limit = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names])
     c = np.zeros(len(names))
     for _ in range(3):
         A, b = np.zeros((len(names), len(names))), np.zeros(len(names))
-        for p in parts:
-            X = np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2)
-            left = p.w - X @ c
-            energy = _energy(p.N, left)
+        for p, X, NX in zip(parts, columns, weighted):
+            energy = _energy(p.N, p.w - X @ c)
             kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
-            X, NX = X[kept], p.N[kept] @ X[kept]
-            flat = NX.reshape(-1, len(names))
-            A += X.reshape(-1, len(names)).T @ flat
+            flat = NX[kept].reshape(-1, len(names))
+            A += X[kept].reshape(-1, len(names)).T @ flat
             b += p.w[kept].ravel() @ flat
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        S = A / np.outer(scale, scale)
-        values, vectors = np.linalg.eigh(S)
-        values = np.maximum(values, 1e-14 * values.max())
-        root = np.sqrt(values)[:, None] * vectors.T
-        limit = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names]) * scale
-        right = (vectors.T @ (b / scale)) / np.sqrt(values)
-        found = lsq_linear(root, right, (-limit - 1e-300, limit + 1e-300)).x
+        values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+        roots = np.sqrt(np.maximum(values, 1e-14 * values.max()))
+        right = (vectors.T @ (b / scale)) / roots
+        found, most = vectors @ (right / roots), limit * scale + 1e-300
+        if np.any(np.abs(found) > most):
+            found = lsq_linear(roots[:, None] * vectors.T, right, (-most, most)).x
         c = found / scale
-    return dict(zip(names, (float(x) for x in c)))
+    return dict(zip(names, c.tolist()))
 
 
 def _window(values: Array, weights: Array, width: int) -> Array:

@@ -70,6 +70,11 @@ class ColumnReading:
     law: Law | None = None
 
 
+_anything = np.errstate(over="ignore", invalid="ignore")
+"""A log may hold signalling NaN and numbers without bounds: checks find and name them, not warnings."""
+
+
+@_anything
 def interpret(
     raw: RawLog,
     mapping: LogMapping | None,
@@ -122,6 +127,7 @@ def interpret(
     ] + readings
 
 
+@_anything
 def to_trajectory(
     raw: RawLog,
     mapping: LogMapping | None = None,
@@ -531,6 +537,7 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 # --- a mapping to edit ---------------------------------------------------------------------------
 
 
+@_anything
 def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
 

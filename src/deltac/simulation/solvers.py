@@ -97,10 +97,12 @@ class Options:
     @property
     def solver(self) -> Solver:
         """The solver that these are the options of."""
+        # Each kind has a name: a field, a constant, or made of its own options.
         return find_solver(self.name)  # type: ignore[attr-defined]
 
     def with_tolerance(self, tolerance: float) -> Options:
         """The same solver with another tolerance, of those that have one."""
+        # The kinds that choose their steps declare it.
         return replace(self, tolerance=tolerance)  # type: ignore[call-arg]
 
 

@@ -537,7 +537,7 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
     """Columns with consecutive numbers, as many as the mechanism has entries, such as q1 and q2."""
     groups: dict[tuple[str, ...], dict[int, str]] = {}
     for column, (words, *_) in named.items():
-        places = [k for k, word in enumerate(words) if word.isdigit()]
+        places = [k for k, word in enumerate(words) if word.isdecimal()]
         if len(places) == 1 and len(words) > 1:
             k = places[0]
             groups.setdefault((*words[:k], "#", *words[k + 1 :]), {})[int(words[k])] = column

@@ -17,6 +17,7 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -198,6 +199,7 @@ def _common_path(columns: Sequence[str]) -> str:
     return common[: max(common.rfind("."), common.rfind("/")) + 1]
 
 
+@lru_cache(4096)
 def _words(name: str) -> tuple[str, ...]:
     """The words of a name, in small letters."""
     text = unicodedata.normalize("NFC", re.sub(r"['′]", " prime ", name.replace("(t)", "")))

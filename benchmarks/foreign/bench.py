@@ -40,14 +40,14 @@ NAMES = {
     "missing-spring": ("missing-spring", "stiffness"),
     "gear": ("actuator-gear", "mass-scale"),
     "dry-friction": ("missing-friction",),
-    "drag": (),
-    "wall": ("missing-contact",),
+    "drag": ("missing-drag",),
+    "wall": ("missing-contact", "missing-stop"),
     "armature": ("missing-rotor-inertia", "armature"),
     "constant-force": ("constant-force", "applied-force", "body-torque", "thrust"),
 }
 """What names each planted fault, also in other words that no log tells apart: motors too strong are masses
 
-too small, the inertia of a body that turns about one axis a rotor's. Quadratic drag is in no dictionary."""
+too small, the inertia of a body that turns about one axis a rotor's."""
 
 SLIP_NAMES = {
     "clock-1.01": ("clock-scale",),
@@ -146,7 +146,7 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
     row = {
         "number": number, "truth": truth, "name": made.name, "fault": made.fault,
         "element": made.element, "form": made.form, "scheme": made.scheme,
-        "every_step": made.every_step, "effect": made.effect, "rows": len(made.log),
+        "every_step": made.every_step, "effect": float(made.effect.max()), "rows": len(made.log),
     }  # fmt: skip
     try:
         found = dc.audit(made.model, made.log)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.diagnosis.audit.evidence import Evidence, beyond
+from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
@@ -154,6 +155,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             accounted = (
                 f"The residual of the equations accounts for {share:.3g} J of the energy error"
             )
+            findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations, accounted)
     if step is not None and beyond(step, measures.tolerance):
         far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
@@ -165,6 +167,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         # So little accuses only where a term of the model, or the samples, say so as well.
         explained = terms is not None or any(f.factor is not None for f in findings)
         if explained and step.spent >= HALF * measures.left:
+            findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations)
         if step.known_but_for_causes:
             return verdict(
@@ -227,6 +230,12 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         *equations,
         _smaller_step(measures),
     )
+
+
+def _accused(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """The findings with what explains the residual as causes: small, it was a note; the energy says more."""
+    causes = [replace(f, weight="cause") for f in findings if f.kind in PREFERENCE]
+    return (*causes, *(f for f in findings if f.kind not in PREFERENCE))
 
 
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:

@@ -71,6 +71,9 @@ WIDTHS = (1, 8, 32)
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
 
+NAMED = 3.0
+"""Error bars beyond which it is, where one cause explains it all along the log."""
+
 LOCAL = 30.0
 """Error bars beyond which a single window stands out: a few rows must not be accused for less."""
 
@@ -795,6 +798,7 @@ class OneStep:
         steps: some of the steps, and what every integrator makes of them.
         known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
             residual is then what it leaves without them.
+        clear: error bars beyond which the residual is significant.
     """
 
     scheme: Scheme | None
@@ -814,6 +818,7 @@ class OneStep:
     columns: Callable[[Array, Array, Array, Array], Array]
     steps: Steps | None
     known_but_for_causes: bool = False
+    clear: float = CLEAR
 
     @property
     def ratio(self) -> Array:
@@ -844,7 +849,7 @@ class OneStep:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
-        clear = (self.ratio > CLEAR) & (self.relative > LEAST)
+        clear = (self.ratio > self.clear) & (self.relative > LEAST)
         return clear & (not self.closes)
 
     def to_dict(self) -> dict[str, Any]:

@@ -35,6 +35,9 @@ FAR = 3.0
 LOWERING = ("constraint-violation",)
 """Notes that lower the confidence in a motion that is consistent otherwise."""
 
+FEW = 6
+"""Methods that are named at most where several close."""
+
 HALF = 0.5
 """Share of what is left that the residual must account for to be its cause."""
 
@@ -282,7 +285,8 @@ def _steps(step: OneStep | None) -> str:
     if step is None:
         return ""
     if step.closes and step.scheme is not None:
-        by = f"a step of {step.scheme.name}" if step.scheme.name else "one step of several methods"
+        several = f"one step of several methods ({', '.join(step.scheme.among[:FEW])})"
+        by = f"a step of {step.scheme.name}" if step.scheme.name else several
         return (
             f"Each of {step.rows} rows follows from the previous one by {by}, to "
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "

@@ -57,6 +57,10 @@ PREFERENCE = (
 """Of causes that explain the same by as many numbers, the one that comes first is named first."""
 
 
+FREE = "free"
+OF_JOINTS = ("missing-friction", "missing-rotor-inertia")
+"""What acts in joints, and not on bodies that are free."""
+
 _TELLS = {
     "mass-scale": "mJ",
     "body-inertia": "mJ",
@@ -80,7 +84,7 @@ class Candidate:
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
     sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10
-    origin          "logged" or "computed" for channels
+    origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
     """
 
@@ -102,9 +106,13 @@ class Candidate:
         return int(self.linear.shape[1])
 
     def rank(self, theta: Array) -> int:
-        """Order of preference of causes that explain the same; factors beyond two come late."""
+        """Order of preference of causes that explain the same; factors beyond two come late.
+
+        So do friction and rotors of free joints, which have nothing to rub or turn in.
+        """
         size = np.abs(self.base + theta)
         far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
+        far |= self.origin == FREE and self.kind in OF_JOINTS
         place: int = PREFERENCE.index(self.kind)
         return place + len(PREFERENCE) if far else place
 
@@ -374,7 +382,9 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     free = {int(place) for place in evaluator.symbols.system.free_u}
     for joint in mechanism.joints:
         span = mechanism.speeds.of(joint.name)
-        entries = [mechanism.speeds[place] for place in range(span.start, span.stop) if place in free]
+        entries = [
+            mechanism.speeds[place] for place in range(span.start, span.stop) if place in free
+        ]
         if len(entries) > 1:
             yield from _on_all_speeds(joint, entries, acting, places)
     for place in evaluator.symbols.system.free_u:
@@ -414,18 +424,25 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 "zero-offset", entry.name, (*first, *second), np.array([[1.0], [0.0]]), ("offset",),
                 np.zeros(1), (per,), "any", _SQUARE, limit=MOST_OFFSET[per],
             )  # fmt: skip
-        if _rubs(joint) and f"friction {joint.name}" not in acting:
+        if f"friction {joint.name}" not in acting:
             yield from one(
                 "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,
-                "positive",
+                "positive", joint.kind,
             )  # fmt: skip
         yield from one(
-            "missing-drag", entry.name, at("drag"), [1.0], "drag", 0.0, f"{force}·s²/{per}²", "positive"
+            "missing-drag",
+            entry.name,
+            at("drag"),
+            [1.0],
+            "drag",
+            0.0,
+            f"{force}·s²/{per}²",
+            "positive",
         )
         have = number(joint.armature[row]) if joint.armature else 0.0
         yield from one(
             "armature" if have else "missing-rotor-inertia", entry.name, at("armature"), [1.0],
-            "rotor inertia", have, "kg·m²" if per == "rad" else "kg", "positive",
+            "rotor inertia", have, "kg·m²" if per == "rad" else "kg", "positive", joint.kind,
         )  # fmt: skip
         yield from _stops(evaluator, places, entry, row)
         stiffness = getattr(spring[0], "stiffness", ()) if spring else ()
@@ -455,11 +472,6 @@ def _units(entry: Entry) -> tuple[str, str]:
     return ("N·m", "rad") if entry.unit == "rad/s" else ("N", "m")
 
 
-def _rubs(joint: Joint) -> bool:
-    """Whether a joint has something to rub on: a free one has not."""
-    return joint.kind != "free"
-
-
 def _on_all_speeds(
     joint: Joint, entries: Sequence[Entry], acting: set[str], places: Places
 ) -> Iterator[Candidate]:
@@ -474,16 +486,16 @@ def _on_all_speeds(
         if not joint.armature:
             inertia = "kg·m²" if per == "rad" else "kg"
             kinds.append(("missing-rotor-inertia", "armature", "rotor inertia", inertia))
-        if _rubs(joint) and f"friction {joint.name}" not in acting:
+        if f"friction {joint.name}" not in acting:
             kinds.append(("missing-friction", "friction", "friction", force))
         for kind, what, name, of in kinds if len(some) > 1 else ():
             columns = places(*(Column(what, e.name) for e in some))
             ones = [1.0] * len(some)
-            yield from one(kind, joint.name, columns, ones, name, 0.0, of, "positive")
+            yield from one(kind, joint.name, columns, ones, name, 0.0, of, "positive", joint.kind)
 
 
 def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
-    """A stop that pushes back beyond a place: from above, or from below, where −max(c − q, 0) = q − c − …"""
+    """A stop that pushes back above a place, or below it."""
     force, per = _units(entry)
     at = evaluator.mechanism.coordinates.of(entry.joint).start + row
     linear = places(Column("spring", entry.name), Column("constant", entry.name))

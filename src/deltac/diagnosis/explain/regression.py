@@ -499,7 +499,7 @@ def _centres(count: int) -> tuple[int, NDArray[np.intp]]:
 def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
     """∫ φ f − φ̇ m dt over windows; ∫φ dt = 1."""
     half, centres = _centres(len(t))
-    even = np.ptp(np.diff(t)) < UNEVEN * np.median(np.diff(t))
+    even = bool(np.ptp(np.diff(t)) < UNEVEN * np.median(np.diff(t)))
     made = np.empty((len(centres), *force.shape[1:]))
     for k, c in enumerate(centres):
         rows = slice(c - half, c + half + 1, stride)
@@ -515,7 +515,7 @@ def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
 
 
 def _weights(t: Array, even: bool) -> Array:
-    """Weights of samples in an integral: trapezoids, exact for smooth windows of an even clock; else splines'."""
+    """Weights of samples in an integral over a window: trapezoids on an even clock, else splines."""
     if even:
         weights = np.gradient(t)
         weights[[0, -1]] *= 0.5

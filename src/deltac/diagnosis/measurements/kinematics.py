@@ -5,10 +5,10 @@ rate by splines,
 
     x[n+1] − x[n] = r ∫x' dt + θ h (x'[n+1] − x'[n]) + defect.
 
-r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate is of, in rows late or
-early: a scheme that takes the rate at the start or the end of its step leaves −½ or ½, rows that were
-stored late leave 1. What is left beyond digits, noise and the error of the splines is a defect, row by
-row: copies, spikes, clipped and wrapped columns show there.
+h is the median interval. r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate
+is of, in rows late or early: a scheme that takes the rate at the start or the end of its step leaves −½ or
+½, rows that were stored late leave 1. What is left beyond digits, noise and the error of the splines is a
+defect, row by row: copies, spikes, clipped and wrapped columns show there.
 """
 
 from __future__ import annotations

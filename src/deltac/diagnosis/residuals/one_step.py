@@ -59,7 +59,7 @@ CLOSED = 1e-8
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
-ALIKE = 1e-12
+ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
 
 DISTINCT = 10.0
@@ -364,7 +364,7 @@ def _edges(run: Trajectory, cost: int, columns: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Scheme:
-    """An integrator that closes: its name ("" where several do), and order.
+    """An integrator that closes: its name ("" where several do, then `among` has theirs), and order.
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
@@ -377,6 +377,7 @@ class Scheme:
     precision: float
     forces: str
     typical: float
+    among: tuple[str, ...] = ()
 
     @property
     def late_forces(self) -> bool:
@@ -552,6 +553,10 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
                 name + "@smooth",
                 _runge_kutta(model, name, t0, q0, u0, smooth, h0),
             )
+            offer(  # or written one row late
+                name + "@end",
+                _runge_kutta(model, name, t0, q0, u0, lambda c: smooth(1.0 + c), h0),
+            )
     if model._quaternions:
         for name in ("rk4", "heun", "explicit-midpoint"):
             turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
@@ -655,7 +660,9 @@ def identify(
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     typical_left = float(np.median(steps.off(chosen))) / typical
-    return Scheme(name, order, best, digits, chosen.forces, typical_left), best, steps
+    near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
+    among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
+    return Scheme(name, order, best, digits, chosen.forces, typical_left, among), best, steps
 
 
 def _euler(late: float) -> str:
@@ -857,6 +864,7 @@ class OneStep:
         scheme = self.scheme
         return {
             "scheme": None if scheme is None else scheme.name or "several",
+            "among": [] if scheme is None else list(scheme.among),
             "closes": self.closes,
             "defect": self.off_scheme,
             "residual": dict(zip(self.speeds, self.size.tolist())),

@@ -230,7 +230,7 @@ def _schemes(right: list[dict[str, Any]]) -> list[str]:
     if not held:
         return []
     wrongly = len(held) - len(rightly) - len(several) - len(none)
-    return [f"- schemes: {len(held)} logs with every step, {len(rightly)} named rightly, {len(several)} among "
+    return [f"- schemes: {len(held)} logs of every step, {len(rightly)} named rightly, {len(several)} among "
             f"several that close alike, {len(none)} not told, {wrongly} named wrongly"]  # fmt: skip
 
 

@@ -57,6 +57,15 @@ def test_right_logs_of_unknown_substeps_are_borne(scheme: str, every: int) -> No
     assert float(step.ratio.max()) < 0.5 * CLEAR
 
 
+def test_columns_that_constraints_take_off_are_not_fitted() -> None:
+    """Of them rounding alone is left, which would be taken for all that there is."""
+    problem = dc.problems.load("spherical-pendulum")
+    run = dc.simulate(problem, duration=0.6, step=2e-3, solver="semi-implicit-euler")
+    bare = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=run.coordinates, speeds=run.speeds)
+    step = one_step(problem.mechanism, bare, 0.5)
+    assert step is not None and float(step.relative.max()) < 1e-9
+
+
 @pytest.mark.parametrize("form", ["float32", "decimals", "noise", "stale", "non-uniform"])
 def test_imperfect_right_logs_are_borne(form: str) -> None:
     run = log(RIGHT, "semi-implicit-euler", accelerations=False)

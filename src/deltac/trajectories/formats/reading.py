@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
+from deltac.mechanism.laws import Law, at_times
 from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
@@ -22,6 +23,9 @@ from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
 """The note of provenance that says which rows were left out."""
+
+BY_LAW = "by the laws of prescribed joints"
+"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
 _PURPOSES = {
     "time": "the times of the samples",
@@ -41,7 +45,7 @@ class ColumnReading:
     `column` is its name in the file (empty for a constant, and for times that are counted, where the number
     is the row's), `meaning` its name in the log schema
     (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
-    from, or why the column is not used.
+    from, or why the column is not used. Where no column holds it, `law` tells its values at the times.
     """
 
     column: str
@@ -50,8 +54,14 @@ class ColumnReading:
     factor: float = 1.0
     offset: float = 0.0
     note: str = ""
+    law: Law | None = None
 
 
+_anything = np.errstate(over="ignore", invalid="ignore")
+"""A log may hold signalling NaN and numbers without bounds: checks find and name them, not warnings."""
+
+
+@_anything
 def interpret(
     raw: RawLog,
     mapping: LogMapping | None,
@@ -85,6 +95,12 @@ def interpret(
             readings.append(ColumnReading(source.column or "", target, note=f"not usable: {error}"))
     if not lenient:
         _check_mixed(readings)
+    with_speeds = any(target.startswith("u.") for target in sources)
+    for name, law in known.laws.items() if known is not None else ():
+        if name not in sources and (with_speeds or name.startswith("q.")):
+            readings.append(
+                ColumnReading("", name, note="the law of its prescribed joint", law=law)
+            )
     used = {reading.column for reading in readings}
     strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
     for name in raw.columns:
@@ -98,6 +114,7 @@ def interpret(
     ] + readings
 
 
+@_anything
 def to_trajectory(
     raw: RawLog,
     mapping: LogMapping | None = None,
@@ -112,11 +129,13 @@ def to_trajectory(
             raise LogError(raw.skipped[name])
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
-    notes: dict[str, str] = {}
+    by_law = [reading.meaning for reading in readings if reading.law is not None]
+    notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
     ignored = [r.column for r in readings if not r.meaning]
     by_name = all(r.column == r.meaning for r in readings if r.meaning)
     if not by_name:  # who writes the names of the schema writes no gaps
-        columns, notes = _complete(columns)
+        columns, left_out = _complete(columns)
+        notes |= left_out
     if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
         like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
         columns = {name: columns.get(name, values) for name, values in like_ours.items()} | columns
@@ -164,6 +183,9 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
     rows = len(raw.columns[counted[0].column]) if counted else None
     for reading in readings:
         if not reading.meaning:
+            continue
+        if reading.law is not None:
+            columns[reading.meaning] = at_times(reading.law, columns["time"])
             continue
         if not reading.column:
             counted_rows = np.arange(rows or 0, dtype=np.float64)
@@ -221,7 +243,8 @@ def _sources(
     if names is None and _strict(raw, mapping):
         return sources, missing  # from_columns says what is missing
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
-        if target not in sources and target not in missing:
+        known = names is not None and target in names.laws
+        if target not in sources and target not in missing and not known:
             missing[target] = _missing(target, raw, sources, guesses.get(target))
     if not missing and not any(target.startswith("q.") for target in sources):
         missing["q"] = LogError(
@@ -415,6 +438,7 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 # --- a mapping to edit ---------------------------------------------------------------------------
 
 
+@_anything
 def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
 

@@ -27,6 +27,8 @@ FINDINGS: dict[str, str] = {
     "zero-offset": "a coordinate is logged with another zero than the model's",
     "missing-damper": "the run has viscous damping that the model does not have",
     "missing-friction": "the run has dry friction that the model does not have",
+    "missing-drag": "the run has a drag by the square of a speed that the model does not have",
+    "missing-stop": "the run has a stop of a joint that the model does not have",
     "missing-spring": "the run has a spring that the model does not have",
     "missing-rotor-inertia": "the run has a rotor inertia that the model does not have",
     "missing-contact": "forces act now and then that the model does not have, as in a contact",

@@ -90,7 +90,9 @@ def balance(
     _require_trajectory(run)
     method = _method(run, work)
     if keep is not None and keep < 1:
-        raise ArgumentsError(f"keep={keep}: expected how many rows the ledger is to keep, 1 or more")
+        raise ArgumentsError(
+            f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
+        )
     noted = run.provenance.coordinates
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)

@@ -117,7 +117,7 @@ def codes(found: dc.Audit) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("which", "scheme"),
+    "case",
     repeated(
         [(w, s) for w in ("backward", "forward", "central", "late", "filtered") for s in SCHEMES],
         # Every kind once, every scheme with differences.
@@ -125,7 +125,8 @@ def codes(found: dc.Audit) -> set[str]:
         *[("backward", s) for s in SCHEMES],
     ),
 )
-def test_accelerations_that_are_none_accuse_nobody(which: str, scheme: str) -> None:
+def test_accelerations_that_are_none_accuse_nobody(case: tuple[str, str]) -> None:
+    which, scheme = case
     run = log(RIGHT, scheme)
     assert run.udot is not None
     D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]

@@ -51,7 +51,7 @@ def bookkeeping(name: str, run: Trajectory) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("name", "integrator"),
+    "case",
     repeated(
         [
             (n, i)
@@ -62,7 +62,8 @@ def bookkeeping(name: str, run: Trajectory) -> tuple[float, float]:
         *[(n, "implicitfast") for n in ("TUMBLER", "CARTS", "SWINGER", "ARM", "WALKER")],
     ),
 )
-def test_the_bookkeeping_closes(name: str, integrator: str) -> None:
+def test_the_bookkeeping_closes(case: tuple[str, str]) -> None:
+    name, integrator = case
     run = recorded(name, integrator, 0.3, controller=models.sine)
     left, energy = bookkeeping(name, run)
     assert left <= ROUNDING * energy

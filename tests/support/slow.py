@@ -15,9 +15,4 @@ def repeated(values: Iterable[Any], *fast: Any) -> list[Any]:
     """The parameters of a test: those of `fast` as they are, the others marked slow."""
     values = list(values)
     assert set(fast) <= set(values), f"not among {values}"
-    return [v if v in fast else _slow(v) for v in values]
-
-
-def _slow(value: Any) -> Any:
-    """A case, of one parameter or of several in a tuple, marked slow."""
-    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.slow)
+    return [v if v in fast else pytest.param(v, marks=pytest.mark.slow) for v in values]

@@ -100,7 +100,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "list as a model": ("E-TYPE", lambda: dc.simulate([1, 2], S, 1, 0.01)),  # type: ignore
     "function as a model": ("E-TYPE", lambda: dc.simulate(bob, S, 1, 0.01)),  # type: ignore
     "missing model file": ("E-FILE", lambda: dc.audit("arm_that_is_not.xml", run())),
-    "file without function": ("E-VALUE", lambda: dc.load_model("model.py")),
+    "file without function": ("E-FILE", lambda: dc.load_model("model.py")),
     "xacro": ("E-MODEL", lambda: dc.load_model("arm.urdf.xacro")),
     "OpenSim's model": ("E-MODEL", lambda: dc.load_model("leg.osim")),
     # audits

@@ -54,6 +54,23 @@ def test_functions_of_a_file(file: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import deltac as dc\narm = dc.problems.load('simple-pendulum').mechanism\n",
+        "import deltac as dc\ndef arm(length=1.0):\n    return dc.problems.load('simple-pendulum')\n",
+    ],
+)
+def test_the_one_model_of_a_file(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "machine.py"
+    path.write_text(text)
+    expected = load_model("simple-pendulum").mechanism.hash
+    for source in (str(path), f"{path}:arm"):
+        assert load_model(source).mechanism.hash == expected
+    path.write_text(text + "leg = arm\n")
+    assert load_model(str(path)).mechanism.hash == expected  # another name of the same
+
+
 def test_objects() -> None:
     problem = dc.problems.load("simple-pendulum")
     assert load_model(problem).problem is problem
@@ -64,9 +81,9 @@ def test_objects() -> None:
     ("name", "said"),
     [
         (":pendulm", "did you mean 'pendulum'"),
-        (":nothing", "returned float: model: found float; expected a Mechanism, a Problem"),
-        (":broken", "ZeroDivisionError"),
-        ("", "say which function"),
+        (":nothing", "is float: model: found float; expected a Mechanism, a Problem"),
+        (":broken", "line 15: ZeroDivisionError"),
+        ("", "machine.py:pendulum"),
     ],
 )
 def test_functions_that_do_not_serve(file: Path, name: str, said: str) -> None:
@@ -80,7 +97,7 @@ def test_functions_that_do_not_serve(file: Path, name: str, said: str) -> None:
     [
         ("simple-pendulm", "did you mean 'simple-pendulum'"),
         ("no/such.xml", "no such file"),
-        ("no/such.py:f", "no file"),
+        ("no/such.py:f", "no such file"),
     ],
 )
 def test_names_of_nothing(name: str, said: str) -> None:
@@ -91,14 +108,14 @@ def test_names_of_nothing(name: str, said: str) -> None:
 def test_a_file_that_does_not_run(tmp_path: Path) -> None:
     path = tmp_path / "bad.py"
     path.write_text("import no_such_package_at_all\n")
-    with pytest.raises(dc.InputError, match="bad.py cannot be run: ModuleNotFoundError"):
+    with pytest.raises(dc.InputError, match="bad.py cannot be run, line 1: ModuleNotFoundError"):
         load_model(f"{path}:f")
 
 
 @pytest.mark.parametrize("text", ["import sys; sys.exit(3)", "def make(): raise SystemExit('no')"])
 def test_a_file_that_wants_to_exit(tmp_path: Path, text: str) -> None:
     (tmp_path / "quits.py").write_text(text)
-    with pytest.raises(dc.InputError, match="quits.py.*(cannot be run|failed): SystemExit"):
+    with pytest.raises(dc.InputError, match="quits.py.*line 1: SystemExit"):
         load_model(f"{tmp_path / 'quits.py'}:make")
 
 

@@ -18,7 +18,7 @@ class DeltacError(Exception):
 
 
 class InputError(DeltacError, ValueError):
-    """A value that cannot be used as it is: out of range, of the wrong shape, or against another one.
+    """A value that cannot be used as it is: out of range, of the wrong shape, or in conflict with another.
 
     Base of all errors of input: the message says what to change (exit code 2). `code` is stable, while
     messages may change; an error that only adds where another one happened has the other's code.
@@ -168,6 +168,10 @@ def listed(names: Iterable[str]) -> str:
     """
     first = list(islice(names, 13))
     return ", ".join(name[:_LONG] for name in first[:12]) + (", …" if len(first) > 12 else "")
+
+
+NO_NUMBER = (TypeError, ValueError, OverflowError)
+"""What `float` and NumPy raise for what is no number, or larger than any."""
 
 
 def shown(value: Any) -> str:

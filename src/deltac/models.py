@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 import sys
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
+from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from types import ModuleType
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 
 from deltac.arguments import checked
 from deltac.errors import (
@@ -54,7 +57,7 @@ WRITTEN_STATES: dict[str, Callable[[str], Any]] = {
 
 TAKEN = (
     "a Mechanism, a Problem, the name of a problem, an .xml, .urdf or .sdf file, a mujoco.MjModel or MjSpec, "
-    "'file.py:function', or a pair (Mechanism, State)"
+    "'file.py' or 'file.py:name', or a pair (Mechanism, State)"
 )
 """What the door takes, for messages."""
 
@@ -199,8 +202,8 @@ def load_model(source: ModelLike) -> Model:
     Args:
         source: a Mechanism; a Problem, or its name; the path of an ``.xml``, ``.urdf`` or ``.sdf`` file
             (``"robot.urdf:free"`` where its root link floats); a mujoco.MjModel or MjSpec; a pair
-            (Mechanism, State); or ``"file.py:function"``, a function without parameters that returns any of
-            these.
+            (Mechanism, State); or ``"file.py:name"``, such a model or a function without parameters that
+            returns any of these (``"file.py"`` where it holds one alone).
 
     Raises:
         InputError: there is no such model, or what the function returns is none.
@@ -253,7 +256,10 @@ def load_callable(text: str) -> Callable[..., Any]:
     file, colon, name = text.rpartition(":")
     if not (colon and file.endswith(".py") and name):
         raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
-    return _callable(Path(file), name)
+    made = from_file(Path(file), name, "function")
+    if not callable(made):
+        raise WrongType(f"{text!r} is {type(made).__name__}; expected a function")
+    return cast(Callable[..., Any], made)
 
 
 def _described(source: object) -> str:
@@ -292,7 +298,7 @@ def _named(text: str) -> Model:
     problems = import_module("deltac.problems")
     file, colon, name = text.rpartition(":")
     if colon and file.endswith(".py"):
-        return _made(_callable(Path(file), name), text)
+        return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
     path, base = with_base(text)
@@ -306,7 +312,7 @@ def _named(text: str) -> Model:
             f"model {text}: {NOT_IMPORTED[path.suffix.lower()].format(path=path, stem=stem)}"
         )
     if path.suffix == ".py":
-        raise InputError(f"model {text}: say which function returns it: {text}:FUNCTION")
+        return _only_model(path)
     if path.suffix.lower() in import_module("deltac.trajectories.formats.files").FORMATS:
         raise ArgumentsError(
             f"model {text}: this is a log of a motion; the model comes first, then the log"
@@ -383,51 +389,77 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
 
     Raises InputError for a file that is missing or cannot be run, and an unknown name.
     """
-    if not path.is_file():
-        raise FileError(f"{what} {path}:{name}: no file {path}")
-    spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = module_from_spec(spec)
-    sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
-    try:
-        spec.loader.exec_module(module)
-    except KeyboardInterrupt:
-        raise
-    except InputError as error:
-        raise InputError(f"{what} {path} cannot be run: {error}") from error
-    except BaseException as error:  # a script may call sys.exit()
-        raise SourceError(
-            f"{what} {path} cannot be run: {type(error).__name__}: {error}"
-        ) from error
-    finally:
-        sys.path.pop(0)
+    module = _run(path, what)
     if not hasattr(module, name):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
         raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
     return getattr(module, name)
 
 
-def _callable(path: Path, name: str) -> Callable[..., Any]:
-    made = from_file(path, name)
-    if not callable(made):
-        raise WrongType(f"model {path}: {name!r} is {type(made).__name__}, expected a function")
-    function: Callable[..., Any] = made
-    return function
-
-
-def _made(function: Callable[[], Any], text: str) -> Model:
-    """What a function of a file returns, as a model."""
+def _run(path: Path, what: str) -> ModuleType:
+    if not path.is_file():
+        raise FileError(f"{what} {path}: no such file")
+    spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module, load = module_from_spec(spec), spec.loader.exec_module
+    sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
     try:
-        made = function()
-    except InputError as error:
-        raise InputError(f"model {text}: {error}") from error
+        _users(lambda: load(module), path, f"{what} {path} cannot be run")
+    finally:
+        sys.path.pop(0)
+    return module
+
+
+def _users(code: Callable[[], Any], path: Path, said: str) -> Any:
+    """What code of a user's file returns; an error of it comes with the line of the file."""
+    try:
+        return code()
     except KeyboardInterrupt:
         raise
-    except BaseException as error:
-        raise SourceError(f"model {text} failed: {type(error).__name__}: {error}") from error
+    except BaseException as error:  # a script may call sys.exit()
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [f.lineno for f in frames if Path(f.filename).resolve() == path.resolve()]
+        told = f"{said}, line {lines[-1]}" if lines else said
+        if isinstance(error, InputError):
+            raise InputError(f"{told}: {error}") from error
+        raise SourceError(f"{told}: {type(error).__name__}: {error}") from error
+
+
+def _only_model(path: Path) -> Model:
+    """The model of a file of which no name is told: the one it holds, or what its one function makes."""
+    module = _run(path, "model")
+    public = {name: value for name, value in vars(module).items() if name[0] != "_"}
+    held = {name: value for name, value in public.items() if isinstance(value, Mechanism | Model)}
+    made = {
+        name: value
+        for name, value in public.items()
+        if isfunction(value) and value.__module__ == module.__name__ and _needs_nothing(value)
+    }
+    found = held or made
+    if len({id(value) for value in found.values()}) == 1:
+        name, value = next(iter(found.items()))
+        return _made(value, path, name)
+    names = ", ".join(f"{path}:{name}" for name in found)
+    raise InputError(
+        f"model {path}: say which of its models is meant: {names}"
+        if names
+        else f"model {path}: it holds no Mechanism, and no function without arguments that could return one"
+    )
+
+
+def _needs_nothing(function: Callable[..., Any]) -> bool:
+    variadic = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+    arguments = signature(function).parameters.values()
+    return all(a.default is not Parameter.empty or a.kind in variadic for a in arguments)
+
+
+def _made(source: Any, path: Path, name: str) -> Model:
+    """The model that a file calls `name`, or that its function of this name returns."""
+    text = f"{path}:{name}"
+    made = _users(source, path, f"model {text}") if callable(source) else source
     if isinstance(made, str) and ".py:" in made:
         raise WrongType(f"model {text} returned {made!r}; name that function itself")
     try:
         return load_model(made)
     except InputError as error:
-        raise InputError(f"model {text} returned {_described(made)}: {error}") from None
+        raise InputError(f"model {text} is {_described(made)}: {error}") from None

@@ -54,7 +54,7 @@ Model = Annotated[
     typer.Argument(
         metavar="MODEL",
         help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: its base floats), "
-        "or FILE.py:FUNCTION.",
+        "or FILE.py:NAME (FILE.py, where it holds one model).",
     ),
 ]
 

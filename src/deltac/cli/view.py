@@ -16,7 +16,7 @@ def command(
         str,
         typer.Argument(
             metavar="MODEL|LOG",
-            help="A problem's name, an .xml or .urdf file, FILE.py:FUNCTION; or a log alone.",
+            help="A problem's name, an .xml or .urdf file, FILE.py:NAME; or a log alone.",
         ),
     ],
     log: Annotated[

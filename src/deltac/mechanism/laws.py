@@ -22,6 +22,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
+
+from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, WrongType
 
 Expr: TypeAlias = Any
@@ -217,6 +220,27 @@ def evaluate(law: Law, values: Mapping[str, float]) -> float:
         at = ", ".join(f"{symbol} = {float(x):g}" for symbol, x in point.items())
         raise ModelError(f"the law {law} has no finite real value at {at}")
     return value
+
+
+def with_values(law: Law, values: Mapping[str, float]) -> Law:
+    """The law with numbers in place of the symbols that have the given names."""
+    if isinstance(law, float):
+        return law
+    import sympy
+
+    known = {s: sympy.Float(values[s.name]) for s in law.free_symbols if s.name in values}
+    return _checked(law.xreplace(known), str(law))
+
+
+def at_times(law: Law, t: Array) -> Array:
+    """The values (T,) of a law of t alone at the times `t` (T,)."""
+    if isinstance(law, float):
+        return np.full(len(t), law)
+    import sympy
+
+    return np.broadcast_to(
+        np.asarray(sympy.lambdify(time(), law, "numpy")(t), dtype=float), t.shape
+    )
 
 
 def rate(law: Law) -> Law:

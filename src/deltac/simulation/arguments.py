@@ -16,6 +16,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
+    NO_NUMBER,
     ArgumentsError,
     InputError,
     LimitError,
@@ -131,7 +132,7 @@ def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None)
 
 
 class IllConditionedWarning(UserWarning):
-    """Accelerations that double precision makes of a mechanism have few digits."""
+    """Accelerations of a mechanism have few correct digits in double precision."""
 
 
 INACCURATE, LOST = 1e-6, 0.1
@@ -233,7 +234,7 @@ def positive(value: float, what: str) -> float:
     """The value as a float; InputError unless it is positive and finite."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(f"{what} is {value!r}; expected a positive, finite number")

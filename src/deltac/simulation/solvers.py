@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from deltac.arguments import checked
-from deltac.errors import InputError, SolverError, UnknownName, WrongType
+from deltac.errors import NO_NUMBER, InputError, SolverError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -97,10 +97,12 @@ class Options:
     @property
     def solver(self) -> Solver:
         """The solver that these are the options of."""
+        # Each kind has a name: a field, a constant, or made of its own options.
         return find_solver(self.name)  # type: ignore[attr-defined]
 
     def with_tolerance(self, tolerance: float) -> Options:
         """The same solver with another tolerance, of those that have one."""
+        # The kinds that choose their steps declare it.
         return replace(self, tolerance=tolerance)  # type: ignore[call-arg]
 
 
@@ -271,7 +273,7 @@ def _check_tolerance(value: float) -> None:
 def _number(value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         return math.nan
 
 

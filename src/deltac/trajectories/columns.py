@@ -7,9 +7,11 @@ of a coordinate's own name is its rate; ``<joint>.vx`` is the rate of ``<joint>.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from deltac.mechanism.laws import Law, rate, with_values
 
 if TYPE_CHECKING:
     from deltac.mechanism.mechanism import Mechanism
@@ -25,13 +27,15 @@ class MechanismNames:
     """What a log of a mechanism holds: names of `coordinates` and `speeds` in order, with units.
 
     `motors`: the channel of the motor that acts on a speed, by the speed's name. `bodies`: the body that a
-    joint of one coordinate carries, by the coordinate's name.
+    joint of one coordinate carries, by the coordinate's name. `laws`: those of t of prescribed joints, by the
+    columns ``q.<coordinate>`` and ``u.<speed>``.
     """
 
     coordinates: Mapping[str, str]
     speeds: Mapping[str, str]
     motors: Mapping[str, str] = field(default_factory=dict)
     bodies: Mapping[str, str] = field(default_factory=dict)
+    laws: Mapping[str, Law] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mechanism: Mechanism | MechanismNames) -> MechanismNames:
@@ -54,7 +58,18 @@ class MechanismNames:
                 for joint in mechanism.joints
                 if joint.name in mechanism.coordinates.names
             },
+            dict(_laws(mechanism)),
         )
+
+
+def _laws(mechanism: Mechanism) -> Iterator[tuple[str, Law]]:
+    for joint in mechanism.joints:
+        q = mechanism.coordinates.of(joint.name).start
+        u = mechanism.speeds.of(joint.name).start
+        for k, law in enumerate(joint.motion):
+            known = with_values(law, mechanism.parameters)
+            yield f"q.{mechanism.coordinates[q + k].name}", known
+            yield f"u.{mechanism.speeds[u + k].name}", rate(known)
 
 
 @dataclass(frozen=True)

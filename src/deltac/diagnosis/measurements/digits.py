@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 
@@ -17,15 +18,26 @@ def resolution(values: Array) -> Array:
     Columns of half and single precision, of a fixed number of decimals or of significant digits, and counts
     of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error.
     """
-    half = np.empty_like(values)
-    for k, column in enumerate(values.T):
-        half[:, k] = _of_column(column)
+    half = EPS * np.abs(values)
+    if not values.size:
+        return half
+    rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
+    ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
+    different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
+    for k, probe in enumerate(values[rows[PROBES // 2]].tolist()):
+        if different[k] <= REPEATS * len(values) or not _of_many_digits(probe):
+            half[:, k] = _of_column(values[:, k], rows)
     return half
 
 
-def _of_column(column: Array) -> Array:
+def _of_many_digits(x: float) -> bool:
+    """Whether a number proves that those of its column are not written by few digits or in few bits."""
+    return float(f"{x:.11e}") != x and round(x, 12) != x and float(np.float32(x)) != x
+
+
+def _of_column(column: Array, rows: NDArray[np.intp]) -> Array:
     size = np.abs(column)
-    probes = np.unique(column[np.linspace(0, len(column) - 1, PROBES).astype(np.intp)])
+    probes = np.unique(column[rows])
     values = len(probes)
     probes = probes[probes != 0.0]
     if values < 3 or not len(probes):  # a constant says nothing about its digits
@@ -83,6 +95,16 @@ def _decimals(size: Array, probes: Array) -> Array | None:
     return None
 
 
+def medians(values: Array) -> Array:
+    """Medians along the last axis, many times as fast as by `np.median`, which looks for NaN by sorting."""
+    middle = values.shape[-1] // 2
+    ordered = np.partition(values, middle, axis=-1)
+    found = ordered[..., middle]
+    if values.shape[-1] % 2 == 0:
+        found = 0.5 * (ordered[..., :middle].max(axis=-1) + found)
+    return np.where(np.isnan(values).any(axis=-1), np.nan, found)
+
+
 WHITE = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
@@ -96,8 +118,8 @@ def white_noise(x: Array) -> Array:
     if len(x) < 16:
         return np.zeros(x.shape[1])
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
-    sixth = 1.4826 * np.median(np.abs(high), axis=1) / np.sqrt(924.0)
-    eighth = 1.4826 * np.median(np.abs(np.diff(high, 2)), axis=1) / np.sqrt(12870.0)
+    sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
+    eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
     white = (WHITE[0] * sixth < eighth) & (eighth < WHITE[1] * sixth)
     return np.where(white, eighth, 0.0)
 

@@ -5,10 +5,10 @@ rate by splines,
 
     x[n+1] − x[n] = r ∫x' dt + θ h (x'[n+1] − x'[n]) + defect.
 
-r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate is of, in rows late or
-early: a scheme that takes the rate at the start or the end of its step leaves −½ or ½, rows that were
-stored late leave 1. What is left beyond digits, noise and the error of the splines is a defect, row by
-row: copies, spikes, clipped and wrapped columns show there.
+h is the median interval. r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate
+is of, in rows late or early: a scheme that takes the rate at the start or the end of its step leaves −½ or
+½, rows that were stored late leave 1. What is left beyond digits, noise and the error of the splines is a
+defect, row by row: copies, spikes, clipped and wrapped columns show there.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import resolution, scatter
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter
 from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -86,7 +87,7 @@ class Comparison:
 
     Attributes:
         ratio, ratio_error: r and its error bar, systematic part included.
-        late: θ in rows; positive where the rate is older than the column beside it.
+        late: θ in rows, of the median length; positive where the rate is older than the column beside it.
         defect: what is left of each interval (I,), in units of x.
         bar: error bar of each, from digits, noise and quadrature (I,).
         moved: the change of each interval (I,).
@@ -171,16 +172,18 @@ def _compared(
     projected: bool,
 ) -> list[Comparison | None]:
     parts = []
+    # A scheme, or a delay, is late by a time that is the same where rows are lost.
+    typical = float(np.median(np.diff(t)))
     for a, b in edges:
         s, x = t[a:b], rate[a:b]
         h = np.diff(s)[:, None]
-        fine, coarse = (_integrals(s, x, k) for k in (5, 3))
+        fine, coarse = (spline_integrals(s, x, k) for k in (5, 3))
         trapezoid = 0.5 * h * (x[1:] + x[:-1])
         second = np.diff(x, 2, axis=0)
         curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
         spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
         bias = fine - coarse
-        parts.append((fine, trapezoid, h * np.diff(x, axis=0), curved, spread, bias))
+        parts.append((fine, trapezoid, typical * np.diff(x, axis=0), curved, spread, bias))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     # From here on a row of every array is a column of the log.
     fine, trapezoid, L, C, S, B = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))
@@ -195,7 +198,7 @@ def _compared(
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     told = np.stack([fine, trapezoid])
     r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * _sizes(D)[:, None] + S), noise)
-    best = np.argmin(np.median(np.abs(left), axis=-1), axis=0)
+    best = np.argmin(medians(np.abs(left)), axis=0)
     I, r, late, left, keep = (x[best, np.arange(len(D))] for x in (told, r, late, left, keep))
     kept = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * left**2, axis=-1) / kept)
@@ -238,13 +241,6 @@ def _compared(
     return found
 
 
-def _integrals(t: Array, x: Array, degree: int) -> Array:
-    """∫x dt over the intervals (T − 1, n) of every column, by splines."""
-    from scipy.interpolate import make_interp_spline
-
-    return np.asarray(np.diff(make_interp_spline(t, x, k=degree).antiderivative()(t), axis=0))
-
-
 COLLINEAR = 1e-9
 """Smallest ratio of the singular values of two columns that are told apart."""
 
@@ -258,13 +254,13 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     def over(x: Array, by: Array) -> Array:
         return np.divide(x, by, out=np.zeros_like(by), where=by > 0.0)
 
-    aa = np.sum(a * a, axis=-1)
-    k = over(np.sum(a * b, axis=-1), aa)
+    aa = np.vecdot(a, a)
+    k = over(np.vecdot(a, b), aa)
     c = b - k[..., None] * a
-    cc = np.sum(c * c, axis=-1)
+    cc = np.vecdot(c, c)
     apart = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
-    first = over(np.sum(a * y, axis=-1), aa)
-    z = np.where(apart, over(np.sum(c * y, axis=-1), cc), k * first / (1.0 + k**2))
+    first = over(np.vecdot(a, y), aa)
+    z = np.where(apart, over(np.vecdot(c, y), cc), k * first / (1.0 + k**2))
     one = np.ones_like(aa)
     variance = np.where(apart, over(one, aa) + over(k**2, cc), over(one, aa) / (1.0 + k**2) ** 2)
     return first - k * z, z, variance
@@ -282,7 +278,7 @@ def _robust(
         r, late, _ = _least_squares(told * weight, linear * weight, moved * weight)
         left = moved - r[..., None] * told - late[..., None] * linear
         size = np.abs(left)
-        typical = np.median(size, axis=-1, keepdims=True)
+        typical = medians(size)[..., None]
         # Absolute values count, not squares: a few impacts must not bend the line.
         weight = 1.0 / np.sqrt(spread * np.maximum(size, 1e-3 * spread + typical))
     return r, late, left, size <= 7.0 * typical + 3.0 * noise
@@ -389,14 +385,12 @@ class Accelerations:
 
 def accelerations(run: Trajectory) -> Accelerations:
     """Compare the accelerations of a run with its speeds."""
-    from scipy.interpolate import make_interp_spline
-
     assert run.udot is not None
     told = np.full_like(run.u, np.nan)
     edges = stretches(run)
     fine = scatter(run.u)
     for a, b in edges:
-        told[a:b] = make_interp_spline(run.t[a:b], run.u[a:b], k=5).derivative()(run.t[a:b])
+        told[a:b] = spline_rates(run.t[a:b], run.u[a:b], 5)
     bar = fine[1:] + fine[:-1]
     made = compare(run.t, np.diff(run.u, axis=0), run.udot, bar, edges) if edges else []
     lates = [one.late for one in made if one is not None and one.off < 0.5]

@@ -20,9 +20,7 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -36,9 +34,9 @@ from deltac.diagnosis.measurements.digits import resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
+from deltac.energy.sampling.splines import spline_integrals
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
-from deltac.kernels import Kernel
-from deltac.kernels.rows import at_rows
+from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -59,7 +57,7 @@ CLOSED = 1e-8
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
-ALIKE = 1e-12
+ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
 
 DISTINCT = 10.0
@@ -70,6 +68,9 @@ WIDTHS = (1, 8, 32)
 
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
+
+NAMED = 3.0
+"""Error bars beyond which it is, where one cause explains it all along the log."""
 
 LOCAL = 30.0
 """Error bars beyond which a single window stands out: a few rows must not be accused for less."""
@@ -82,6 +83,9 @@ SECOND = ("mixed", "middle", "curve")
 
 UNEVEN = 1e-3
 """Relative differences of intervals from which on a log is not uniform."""
+
+VISIBLE = 1e3 * EPS
+"""Share of its size that a scheme column has in the mass metric at least: less is rounding."""
 
 BESIDES = 0.4
 """Share of the columns of second order that the next order is thought to be, beside what was fitted."""
@@ -126,48 +130,6 @@ TRIMMED = 0.05
 # --- the model along the rows ---------------------------------------------------------------------------
 
 
-class Expression:
-    """An expression of columns, evaluated at many rows: by CasADi, or compiled where that pays.
-
-    Compiled (`compiled`) it is a hundred times faster, after a second or so: for one log among thousands.
-    """
-
-    def __init__(self, name: str, inputs: Mapping[str, ca.SX], *outputs: ca.SX) -> None:
-        self.sizes = [out.numel() for out in outputs]
-        dense = [ca.densify(ca.vec(out)) for out in outputs]
-        self.function = ca.Function(name, [*inputs.values()], dense, {"cse": True})
-        self._given = (
-            {key: column for key, column in inputs.items() if column.shape[0]},
-            {f"{name} {k}": out for k, out in enumerate(dense)},
-        )
-
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The same, compiled."""
-        return Kernel(*self._given, name=self.function.name())
-
-    def __call__(self, *columns: Array) -> list[Array]:
-        """Its values at rows, (T, size) each."""
-        if COMPILED.get():
-            given = [np.atleast_2d(c.T) for c in columns]
-            found = self.kernel.flat(np.concatenate(given))
-            return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
-        return at_rows(self.function, columns)
-
-
-COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_residuals", default=False)
-
-
-@contextmanager
-def compiled() -> Iterator[None]:
-    """Compile the equations that logs are tested by: where many logs of one model follow."""
-    token = COMPILED.set(True)
-    try:
-        yield
-    finally:
-        COMPILED.reset(token)
-
-
 class Functions:
     """What the test evaluates of a mechanism with a log's forces: made once for logs of the same columns."""
 
@@ -195,7 +157,7 @@ class Functions:
         size = sum((ca.fabs(p.force[at]) for p in symbols.parts), start=ca.fabs(bias))
         place = {"t": s.t, "q": s.q}
         inputs = {**place, "u": s.u, "logged": symbols.logged}
-        self.acceleration = Expression("a", inputs, a)
+        self.acceleration = Expression("a", inputs, a, often=True)
         self.damping = Expression("d", inputs, damping)
         self.terms = Expression("s", inputs, size)
         self.matrices = Expression("m", place, crba(s)[at, at], G)
@@ -253,9 +215,12 @@ class Model:
         M, G = self._matrices(t, q)
         return M @ self._compliance(M, G) @ M if self.rows_of_G else M
 
-    def compliance(self, t: Array, q: Array) -> Array:
-        """Compliance C (T, n, n): M⁻¹, or with constraints M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
-        return self._compliance(*self._matrices(t, q))
+    def response(self, t: Array, q: Array, force: Array) -> Array:
+        """What forces (T, n) add to the accelerations (T, n)."""
+        M, G = self._matrices(t, q)
+        if self.rows_of_G:
+            return _times(self._compliance(M, G), force)
+        return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
     def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         flat, g = self._functions.matrices(t, q)
@@ -263,9 +228,8 @@ class Model:
         return flat.reshape(len(t), self.n, self.n), G
 
     def _compliance(self, M: Array, G: Array) -> Array:
+        """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        if not self.rows_of_G:
-            return inverse
         response = inverse @ G.transpose(0, 2, 1)
         left = np.linalg.pinv(G @ response, rcond=1e-10)
         return np.asarray(inverse - response @ left @ response.transpose(0, 2, 1))
@@ -361,7 +325,7 @@ def _edges(run: Trajectory, cost: int, columns: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Scheme:
-    """An integrator that closes: its name ("" where several do), and order.
+    """An integrator that closes: its name ("" where several do, then `among` has theirs), and order.
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
@@ -374,6 +338,7 @@ class Scheme:
     precision: float
     forces: str
     typical: float
+    among: tuple[str, ...] = ()
 
     @property
     def late_forces(self) -> bool:
@@ -465,6 +430,13 @@ class Steps:
         """What a relation leaves of each step (I,), in the mass metric."""
         return _norm(self.N, self.D - relation.a)
 
+    @cached_property
+    def offs(self) -> Array:
+        """The same of all relations (I, number of them)."""
+        left = self.D[..., None] - np.stack([r.a for r in self.relations], axis=2)
+        energy: Array = np.sum(left * (self.N @ left), axis=1)
+        return np.sqrt(np.maximum(energy, 0.0))
+
 
 _INSTANTS = {
     "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
@@ -490,13 +462,14 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
     h0 = whole.h[k]
     a00 = model.acceleration(t0, q0, u0, F0)
     a11 = model.acceleration(t1, q1, u1, F1)
+    rate = model.rate(t0, q0, u0)
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
     mean = 0.5 * (F0 + F1)
-    between = make_interp_spline(whole.t, whole.F, k=5)
+    between = make_interp_spline(whole.t, whole.F, k=5) if held else None
 
     def smooth(c: float) -> Array:
-        return np.asarray(between(t0 + c * h0[:, 0]))
+        return F0 if between is None else np.asarray(between(t0 + c * h0[:, 0]))
 
     accurate = _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
     found: list[Relation] = []
@@ -510,13 +483,12 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
         found.append(Relation(name, forces or "start", value, at))
 
-    C = model.compliance(t0, q0) if model.damped else np.zeros(0)
     for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
         a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
         offer("euler" + mark, a)
         if model.damped:
             change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
-            offer("implicit-damping-euler" + mark, a + np.einsum("tij,tj->ti", C, change))
+            offer("implicit-damping-euler" + mark, a + model.response(t0, q0, change))
         step, along = 1e-4, u1 - u0
         ahead, back = (model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0))
         offer("linearly-implicit-euler" + mark, a + (ahead - back) / (2.0 * step))
@@ -532,7 +504,8 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
         for name in TABLEAUS:
-            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
+            made = _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0, first=(rate, a))
+            offer(name + mark, made)
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
         for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
@@ -548,6 +521,10 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             offer(
                 name + "@smooth",
                 _runge_kutta(model, name, t0, q0, u0, smooth, h0),
+            )
+            offer(  # or written one row late
+                name + "@end",
+                _runge_kutta(model, name, t0, q0, u0, lambda c: smooth(1.0 + c), h0),
             )
     if model._quaternions:
         for name in ("rk4", "heun", "explicit-midpoint"):
@@ -621,9 +598,9 @@ def identify(
     steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
     ranked = sorted(
         (
-            (_nearly_all(steps.off(r)) / typical, k)
-            for k, r in enumerate(relations)
-            if r.name != ACCURATE
+            (float(left) / typical, k)
+            for k, left in enumerate(_nearly_all(steps.offs))
+            if relations[k].name != ACCURATE
         )
     )
     limit = 3.0 * digits + CLOSED
@@ -634,8 +611,9 @@ def identify(
         found = Scheme(relation.name, 2, relation.left, digits, "smooth", relation.left)
         return found, relation.left, steps
     if best > limit:
-        half = min(steps.relations, key=lambda r: float(np.median(steps.off(r))))
-        typical_left = float(np.median(steps.off(half))) / typical
+        medians = np.median(steps.offs, axis=0)
+        half = relations[int(np.argmin(medians))]
+        typical_left = float(medians.min()) / typical
         if typical_left > CLOSED or half.name == ACCURATE:
             return None, min(best, relation.left), steps
         name = steps.named(half)  # it closes but for what happens now and then
@@ -652,16 +630,18 @@ def identify(
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     typical_left = float(np.median(steps.off(chosen))) / typical
-    return Scheme(name, order, best, digits, chosen.forces, typical_left), best, steps
+    near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
+    among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
+    return Scheme(name, order, best, digits, chosen.forces, typical_left, among), best, steps
 
 
 def _euler(late: float) -> str:
     return "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
 
 
-def _nearly_all(values: Array) -> float:
+def _nearly_all(values: Array) -> Array:
     """What nine tenths of the steps stay within: a force that is missing now and then must not pass."""
-    return float(np.quantile(values, 0.9))
+    return np.asarray(np.quantile(values, 0.9, axis=0))
 
 
 def _norm(N: Array, w: Array) -> Array:
@@ -671,7 +651,17 @@ def _norm(N: Array, w: Array) -> Array:
 
 def _energy(N: Array, w: Array) -> Array:
     """wᵀ N w (T,)."""
-    return np.asarray(np.sum(w * (N @ w[:, :, None])[:, :, 0], axis=1))
+    return np.asarray(np.vecdot(w, _times(N, w)))
+
+
+def _times(N: Array, w: Array) -> Array:
+    """N w (T, n)."""
+    return np.asarray((N @ w[..., None])[..., 0])
+
+
+def _product(v: Array, N: Array, w: Array) -> float:
+    """The sum of vᵀ N w."""
+    return float(np.vecdot(v, _times(N, w)).sum())
 
 
 def _held(F: Array, c: float) -> Array:
@@ -688,9 +678,13 @@ def _runge_kutta(
     force: Callable[[float], Array],
     h: Array,
     *,
+    first: tuple[Array, Array] | None = None,
     on_group: bool = False,
 ) -> Array:
-    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step."""
+    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step.
+
+    `first`: q̇ and u̇ of the first stage, where they are known.
+    """
     rows, b = TABLEAUS[name]
     slopes_u: list[Array] = []
     slopes_q: list[Array] = []
@@ -706,9 +700,11 @@ def _runge_kutta(
             else:
                 x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
         now = t + c * h[:, 0]
-        slopes_q.append(model.rate(now, x, v))
+        known = first if s == 0 else None
+        rate, slope = known or (model.rate(now, x, v), model.acceleration(now, x, v, force(c)))
+        slopes_q.append(rate)
         velocities.append(v)
-        slopes_u.append(model.acceleration(now, x, v, force(c)))
+        slopes_u.append(slope)
     return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
 
 
@@ -741,8 +737,9 @@ def _two_step(
     # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
     right = D[k + 1] - a[1]
     columns = [a[1] - D[k], a[0] - a[1], a[2] - a[1]]
-    A = np.array([[np.einsum("ti,tij,tj->", x, W, y) for y in columns] for x in columns])
-    b = np.array([np.einsum("ti,tij,tj->", x, W, right) for x in columns])
+    forces = np.array([_times(W, x).ravel() for x in columns])
+    A = np.array([x.ravel() for x in columns]) @ forces.T
+    b = forces @ right.ravel()
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
     left = (
         float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
@@ -795,6 +792,7 @@ class OneStep:
         steps: some of the steps, and what every integrator makes of them.
         known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
             residual is then what it leaves without them.
+        clear: error bars beyond which the residual is significant.
     """
 
     scheme: Scheme | None
@@ -814,6 +812,7 @@ class OneStep:
     columns: Callable[[Array, Array, Array, Array], Array]
     steps: Steps | None
     known_but_for_causes: bool = False
+    clear: float = CLEAR
 
     @property
     def ratio(self) -> Array:
@@ -844,7 +843,7 @@ class OneStep:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
-        clear = (self.ratio > CLEAR) & (self.relative > LEAST)
+        clear = (self.ratio > self.clear) & (self.relative > LEAST)
         return clear & (not self.closes)
 
     def to_dict(self) -> dict[str, Any]:
@@ -852,6 +851,7 @@ class OneStep:
         scheme = self.scheme
         return {
             "scheme": None if scheme is None else scheme.name or "several",
+            "among": [] if scheme is None else list(scheme.among),
             "closes": self.closes,
             "defect": self.off_scheme,
             "residual": dict(zip(self.speeds, self.size.tolist())),
@@ -943,6 +943,12 @@ class _Defects:
     def names(self) -> list[str]:
         return list(self.columns)
 
+    @cached_property
+    def column_forces(self) -> Mapping[str, Array]:
+        """The scheme columns as forces, N times each (I, n)."""
+        made = self.N @ np.stack([*self.columns.values()], axis=2)
+        return {name: made[:, :, k] for k, name in enumerate(self.columns)}
+
 
 @dataclass(frozen=True)
 class Stairs:
@@ -976,12 +982,9 @@ def _groups(model: Model) -> dict[str, list[int]]:
 
 def _mean(t: Array, a: Array, degree: int) -> Array:
     """(1/h)∫a dt over each interval (I, n), by splines of a degree."""
-    from scipy.interpolate import make_interp_spline
-
     degree = min(degree, len(t) - 1)
     degree -= 1 - degree % 2
-    whole = make_interp_spline(t, a, k=degree).antiderivative()(t)
-    return np.asarray(np.diff(whole, axis=0) / np.diff(t)[:, None])
+    return np.asarray(spline_integrals(t, a, degree) / np.diff(t)[:, None])
 
 
 def _plain(model: Model, rows: Rows, held: bool) -> tuple[Array, Array, Array]:
@@ -1012,7 +1015,7 @@ def _defects(
     bounds = {"q": 0.75, "u": 0.75}
     if model.damped:
         change = model.damping(t0, q0, u1, F0) - model.damping(t0, q0, u0, F0)
-        columns["damping"] = np.einsum("tij,tj->ti", model.compliance(t0, q0), change)
+        columns["damping"] = model.response(t0, q0, change)
         bounds["damping"] = 1.0
     if model.of_time:
         columns["t"] = model.acceleration(t1, q0, u0, F0) - a0
@@ -1092,34 +1095,47 @@ def ramped(forces: Array) -> Array:
 
 
 def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
-    """Coefficients of the scheme columns, in the mass metric, within their bounds; impacts left out."""
+    """Coefficients of the scheme columns, in the mass metric, within their bounds; impacts left out.
+
+    Columns that constraints take off altogether have none: what is left of them is rounding.
+    """
     from scipy.optimize import lsq_linear
 
-    names = [n for n in names if any(n in p.columns and p.columns[n].any() for p in parts)]
+    def stacked(p: _Defects, those: Mapping[str, Array]) -> Array:
+        return np.stack([those.get(n, np.zeros_like(p.w)) for n in names], axis=2)
+
+    columns = [stacked(p, p.columns) for p in parts]
+    weighted = [stacked(p, p.column_forces) for p in parts]
+    energy = _sum(np.einsum("tij,tij->j", X, NX) for X, NX in zip(columns, weighted))
+    whole = _sum(
+        np.tensordot(np.linalg.norm(p.N, axis=(1, 2)), X * X, 1).sum(axis=0)
+        for p, X in zip(parts, columns)
+    )
+    seen = energy > VISIBLE * whole
+    names = [n for n, visible in zip(names, seen) if visible]
     if not names:
         return {}
+    columns, weighted = ([x[:, :, seen] for x in those] for those in (columns, weighted))
+    limit = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names])
     c = np.zeros(len(names))
     for _ in range(3):
         A, b = np.zeros((len(names), len(names))), np.zeros(len(names))
-        for p in parts:
-            X = np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2)
-            left = p.w - X @ c
-            energy = _energy(p.N, left)
-            kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
-            X, NX = X[kept], p.N[kept] @ X[kept]
-            flat = NX.reshape(-1, len(names))
-            A += X.reshape(-1, len(names)).T @ flat
+        for p, X, NX in zip(parts, columns, weighted):
+            energy = _energy(p.N, p.w - X @ c)
+            last = int((1.0 - TRIMMED) * (len(energy) - 1))
+            kept = energy <= np.partition(energy, last)[last]
+            flat = NX[kept].reshape(-1, len(names))
+            A += X[kept].reshape(-1, len(names)).T @ flat
             b += p.w[kept].ravel() @ flat
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        S = A / np.outer(scale, scale)
-        values, vectors = np.linalg.eigh(S)
-        values = np.maximum(values, 1e-14 * values.max())
-        root = np.sqrt(values)[:, None] * vectors.T
-        limit = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names]) * scale
-        right = (vectors.T @ (b / scale)) / np.sqrt(values)
-        found = lsq_linear(root, right, (-limit - 1e-300, limit + 1e-300)).x
+        values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+        roots = np.sqrt(np.maximum(values, 1e-14 * values.max()))
+        right = (vectors.T @ (b / scale)) / roots
+        found, most = vectors @ (right / roots), limit * scale + 1e-300
+        if np.any(np.abs(found) > most):
+            found = lsq_linear(roots[:, None] * vectors.T, right, (-most, most)).x
         c = found / scale
-    return dict(zip(names, (float(x) for x in c)))
+    return dict(zip(names, c.tolist()))
 
 
 def _window(values: Array, weights: Array, width: int) -> Array:
@@ -1154,7 +1170,7 @@ def _judged(
     held: bool,
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
-        return np.asarray(np.einsum("tij,tj->ti", p.N, w))
+        return _times(p.N, w)
 
     rest = [
         p.w - sum((c[n] * p.columns[n] for n in c if n in p.columns), start=np.zeros_like(p.w))
@@ -1169,7 +1185,7 @@ def _judged(
     growth = rate * (1.0 + 2.0 * first)
     # As much of them as was fitted is believed to be there, and some besides.
     fitted = {n: abs(c.get(n, 0.0)) + BESIDES for n in SECOND}
-    seconds = [_sum(fitted[n] * np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
+    seconds = [_sum(fitted[n] * np.abs(p.column_forces[n]) for n in SECOND) for p in parts]
     each: dict[str, list[Array]] = {
         "next order": [growth * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
@@ -1254,7 +1270,7 @@ def _judged(
 
     # Columns of second order take off a mistake as well; the next order is as large as they are.
     absorbed = sum(
-        growth * fitted[n] * work(np.concatenate([forces(p, p.columns[n]) for p in parts]))
+        growth * fitted[n] * work(np.concatenate([p.column_forces[n] for p in parts]))
         for n in SECOND
     )
     hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
@@ -1286,10 +1302,10 @@ def _share_of_noise(
     for (rows, size), p, w in zip(pieces, parts, rest):
         still = Rows(rows.t, np.zeros_like(size.q), size.u, np.zeros_like(size.F))
         shaken = _plain(model, rows.shaken(still, rng), held)[1][p.at] - p.w
-        apparent += float(np.einsum("ti,tij,tj->", shaken, p.N, shaken))
-        total += float(np.einsum("ti,tij,tj->", w, p.N, w))
+        apparent += _product(shaken, p.N, shaken)
+        total += _product(w, p.N, w)
         k = np.flatnonzero(np.diff(p.at) == 1)
-        between += float(np.einsum("ti,tij,tj->", w[k], p.N[k], w[k + 1]))
+        between += _product(w[k], p.N[k], w[k + 1])
         count += w.size
         pairs += len(k)
         intervals += len(w)
@@ -1322,7 +1338,7 @@ def _as_forces(
     # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
     there = model.inertia(t[1:], q[1:])
     told = model.inertia(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
-    momentum = np.einsum("tij,tj->ti", there - told, u[:-1]) / rows.h
+    momentum = _times(there - told, u[:-1]) / rows.h
     forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
     return np.concatenate([forces, forces[-1:]])
 
@@ -1337,7 +1353,11 @@ def trimmed(values: Array) -> Array:
 
 def _changes(p: _Defects) -> Array:
     """How much accelerations change over each interval (I,), by all causes, in the mass metric."""
-    return _sum(_norm(p.N, x) for n, x in p.columns.items() if n not in SECOND)
+    return _sum(
+        np.sqrt(np.maximum(np.vecdot(x, p.column_forces[n]), 0.0))
+        for n, x in p.columns.items()
+        if n not in SECOND
+    )
 
 
 def _sum(arrays: Iterable[Array]) -> Array:

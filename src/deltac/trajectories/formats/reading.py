@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -11,17 +11,31 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
-from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
+from deltac.mechanism.laws import Law, at_times
+from deltac.trajectories.columns import (
+    QUATERNION,
+    Kinematics,
+    MechanismNames,
+    si_unit,
+    speed_of_force,
+    speeds_of,
+)
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.recognition import Recognised, is_time, recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
-from deltac.trajectories.rates import derived_speeds
+from deltac.trajectories.rates import derived_speeds, rotation_matrices
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
 """The note of provenance that says which rows were left out."""
+
+FRAMES = "frames"
+"""The note of provenance that says in which components velocities are that were turned."""
+
+BY_LAW = "by the laws of prescribed joints"
+"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
 _PURPOSES = {
     "time": "the times of the samples",
@@ -41,7 +55,9 @@ class ColumnReading:
     `column` is its name in the file (empty for a constant, and for times that are counted, where the number
     is the row's), `meaning` its name in the log schema
     (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
-    from, or why the column is not used.
+    from, or why the column is not used. `frame`: the components that a floating body's velocity has, "body"
+    or "world", where they are not the schema's. Where no column holds it, `law` tells its values at the
+    times.
     """
 
     column: str
@@ -50,8 +66,15 @@ class ColumnReading:
     factor: float = 1.0
     offset: float = 0.0
     note: str = ""
+    frame: str = ""
+    law: Law | None = None
 
 
+_anything = np.errstate(over="ignore", invalid="ignore")
+"""A log may hold signalling NaN and numbers without bounds: checks find and name them, not warnings."""
+
+
+@_anything
 def interpret(
     raw: RawLog,
     mapping: LogMapping | None,
@@ -85,6 +108,12 @@ def interpret(
             readings.append(ColumnReading(source.column or "", target, note=f"not usable: {error}"))
     if not lenient:
         _check_mixed(readings)
+    with_speeds = any(target.startswith("u.") for target in sources)
+    for name, law in known.laws.items() if known is not None else ():
+        if name not in sources and (with_speeds or name.startswith("q.")):
+            readings.append(
+                ColumnReading("", name, note="the law of its prescribed joint", law=law)
+            )
     used = {reading.column for reading in readings}
     strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
     for name in raw.columns:
@@ -98,6 +127,7 @@ def interpret(
     ] + readings
 
 
+@_anything
 def to_trajectory(
     raw: RawLog,
     mapping: LogMapping | None = None,
@@ -112,27 +142,42 @@ def to_trajectory(
             raise LogError(raw.skipped[name])
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
-    notes: dict[str, str] = {}
+    by_law = [reading.meaning for reading in readings if reading.law is not None]
+    notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
     ignored = [r.column for r in readings if not r.meaning]
     by_name = all(r.column == r.meaning for r in readings if r.meaning)
     if not by_name:  # who writes the names of the schema writes no gaps
-        columns, notes = _complete(columns)
+        columns, left_out = _complete(columns)
+        notes |= left_out
     if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
         like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
         columns = {name: columns.get(name, values) for name, values in like_ours.items()} | columns
         ignored = [name for name in ignored if name not in columns]
     derived: dict[str, dict[str, float]] = {}
     units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
-    missing = not any(name.startswith("u.") for name in columns)
-    if derive and missing and "time" in columns and any(n.startswith("q.") for n in columns):
-        speeds, derived["u"] = derived_speeds(columns, names)
-        columns |= speeds
+    columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
+    told = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}
+    if told:
+        notes[FRAMES] = "; ".join(f"{name} in {frame} components" for name, frame in told.items())
+    resampled = {
+        raw.resampled[r.column] for r in readings if r.meaning and r.column in raw.resampled
+    }
+    if derive and "time" in columns and any(n.startswith("q.") for n in columns):
+        wanted = set(_derivable(columns, names))
+        if wanted:
+            speeds, errors = derived_speeds(columns, names)
+            columns |= {name: values for name, values in speeds.items() if name in wanted}
+            derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in wanted}
     if names is not None:
         columns = _ordered(columns, names)
     run = from_columns(columns)
     simulator = mapping.simulator if mapping is not None else run.provenance.simulator
     source = Provenance(
-        simulator, derived=derived, converted=tuple(units), ignored=tuple(ignored), notes=notes
+        simulator,
+        derived=derived,
+        converted=(*units, *sorted(resampled)),
+        ignored=tuple(ignored),
+        notes=notes,
     )
     return replace(run, provenance=source)
 
@@ -165,6 +210,9 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
     for reading in readings:
         if not reading.meaning:
             continue
+        if reading.law is not None:
+            columns[reading.meaning] = at_times(reading.law, columns["time"])
+            continue
         if not reading.column:
             counted_rows = np.arange(rows or 0, dtype=np.float64)
             columns[reading.meaning] = reading.factor * counted_rows + reading.offset
@@ -178,6 +226,71 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
         same = reading.factor == 1.0 and reading.offset == 0.0
         columns[reading.meaning] = values if same else reading.factor * values + reading.offset
     return columns
+
+
+def _derivable(columns: Collection[str], names: MechanismNames | None) -> list[str]:
+    """Columns of speeds that are derived: all where there are none, those of a pose without velocities."""
+    coordinates = [name.removeprefix("q.") for name in columns if name.startswith("q.")]
+    speeds = names.speeds if names is not None else speeds_of(coordinates)
+    if not any(name.startswith("u.") for name in columns):
+        return [f"u.{name}" for name in speeds]
+    return _of_poses(columns, names) if names is not None else []
+
+
+def _of_poses(columns: Collection[str], names: MechanismNames) -> list[str]:
+    """Speeds of joints with a quaternion that is known, none of which is."""
+    found = []
+    for name in names.coordinates:
+        joint, _, part = name.rpartition(".")
+        own = [f"u.{speed}" for speed in names.speeds if speed.rpartition(".")[0] == joint]
+        known = all(f"q.{joint}.{p}" in columns for p in QUATERNION)
+        if part == "qw" and known and not any(speed in columns for speed in own):
+            found += own
+    return found
+
+
+def in_schema_frames(
+    columns: dict[str, FloatArray], frames: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Velocities, accelerations and forces of floating bodies, from the frames in which a log has them.
+
+    `frames`: column of the schema -> "body" or "world". Linear ones go to world components, angular ones to
+    those of the body; accelerations are the rates of the components that are logged.
+
+    Raises LogError where components of one vector are of different frames, or no quaternion is known.
+    """
+    result = dict(columns)
+    usual = {"v": "world", "w": "body"}
+    vectors = dict.fromkeys((name[:-2], name[-2]) for name in frames)
+    for stem, letter in vectors:  # "u.base.", "v"
+        parts = [f"{stem}{letter}{axis}" for axis in "xyz"]
+        told = {frames.get(part, usual.get(letter, "")) for part in parts}
+        joint = stem.rstrip(".").rpartition(".")[2]
+        quaternion = [f"q.{joint}.{part}" for part in QUATERNION]
+        if (
+            len(told) > 1
+            or not all(n in columns for n in (*parts, *quaternion))
+            or letter not in usual
+        ):
+            raise LogError(
+                f"a frame is said of {parts[0]!r} and its like; expected one frame for the three components "
+                "of a floating body's velocity, vx, vy, vz or wx, wy, wz, and the columns of its quaternion"
+            )
+        if told == {usual[letter]}:
+            continue
+        R = rotation_matrices(np.column_stack([columns[name] for name in quaternion]))
+        vector = np.column_stack([columns[part] for part in parts])
+        if letter == "v" and stem.startswith("udot."):
+            speeds = stem.replace("udot.", "u.", 1)
+            v, w = (
+                np.column_stack([columns[f"{speeds}{c}{axis}"] for axis in "xyz"]) for c in "vw"
+            )
+            if frames.get(f"{speeds}wx") == "world":
+                w = np.einsum("tji,tj->ti", R, w)
+            vector = vector + np.cross(w, v)
+        turned = np.einsum("tij,tj->ti" if letter == "v" else "tji,tj->ti", R, vector)
+        result |= dict(zip(parts, turned.T, strict=True))
+    return result
 
 
 def _strict(raw: RawLog, mapping: LogMapping | None) -> bool:
@@ -215,12 +328,18 @@ def _sources(
             if found.target in sources or found.column in taken:
                 continue
             if found.certain:
-                sources[found.target] = Source(found.column or None, step=found.step)
+                sources[found.target] = Source(
+                    found.column or None, step=found.step, frame=found.frame
+                )
             else:
                 guesses[found.target] = found
     if names is None and _strict(raw, mapping):
         return sources, missing  # from_columns says what is missing
+    derivable = _of_poses(sources, names) if names is not None and mapping is None else ()
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
+        known = names is not None and target in names.laws
+        if target in derivable or known:
+            continue
         if target not in sources and target not in missing:
             missing[target] = _missing(target, raw, sources, guesses.get(target))
     if not missing and not any(target.startswith("q.") for target in sources):
@@ -349,7 +468,10 @@ def _reading(
         value = factor * (source.sign * source.constant + source.offset)
         return ColumnReading("", target, written or "", 0.0, value, "constant")
     offset = factor * source.offset
-    return ColumnReading(column, target, written or "", factor * source.sign, offset, note)
+    if source.frame:
+        note = f"{note}; in {source.frame} components"
+    factor *= source.sign
+    return ColumnReading(column, target, written or "", factor, offset, note, source.frame)
 
 
 def _factor(target: str, written: str, si: str | None, source: Source, column: str) -> float:
@@ -415,6 +537,7 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 # --- a mapping to edit ---------------------------------------------------------------------------
 
 
+@_anything
 def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
 
@@ -447,6 +570,8 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
             entry = f"column = {_quoted(column)}" + (
                 f", unit = {_quoted(unit_text)}" if unit_text else ""
             )
+            if one is not None and one.column == column and one.frame:
+                entry += f", frame = {_quoted(one.frame)}"
             why = one.why if one is not None else "a name of its format"
             sure = source is not None or (one is not None and one.certain)
             told = why if sure else f"guessed: {why}"

@@ -48,8 +48,8 @@ class MechanismNames:
         if not isinstance(mechanism, Mechanism):
             raise WrongType(
                 f"mechanism_names: found {type(mechanism).__name__}, expected a Mechanism; "
-                "deltac.load_model(…).mechanism is that of a file. The order is read_trajectory(log, mapping, "
-                "mechanism)"
+                "deltac.load_model(…).mechanism is that of a file. The order of arguments is "
+                "read_trajectory(log, mapping, mechanism)"
             )
         from deltac.mechanism.forces import JointTorque
 

@@ -10,6 +10,7 @@ Other types are skipped by name. Nothing of a bag is run: definitions of message
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
@@ -39,7 +40,7 @@ class _Series:
 
 def is_bag_folder(path: Path) -> bool:
     """Whether a folder is a bag of ROS 2."""
-    return path.is_dir() and (path / "metadata.yaml").is_file()
+    return os.path.isfile(path / "metadata.yaml")
 
 
 @apart

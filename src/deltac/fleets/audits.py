@@ -123,29 +123,19 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     for one in map(str, many):
         if "://" in one:
             found += _remote(one)
-<<<<<<< HEAD
         elif os.path.isdir(one) and not is_log_folder(Path(one)):
-            found += sorted(str(p) for p in Path(one).iterdir() if p.suffix.lower() in FORMATS)
-        elif globbing.has_magic(one) and not os.path.exists(one):
-=======
-        elif Path(one).is_dir() and not is_log_folder(Path(one)):
             for path in sorted(p for p in Path(one).iterdir() if p.name[0] != "."):
                 if _is_log(path):
                     found.append(str(path))
                 else:
                     skipped.append(f"{path}/" if path.is_dir() else str(path))
-        elif globbing.has_magic(one) and not Path(one).exists():
->>>>>>> main
+        elif globbing.has_magic(one) and not os.path.exists(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
                 raise FileError(
                     f"{one}: no file matches; quote the pattern, and look at its folder"
                 )
-<<<<<<< HEAD
-            found += [name for name in matches if os.path.isfile(name)]
-=======
-            found += [n for n in matches if Path(n).is_file() or is_log_folder(Path(n))]
->>>>>>> main
+            found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
         else:
             found.append(one)
     if not found:

@@ -11,11 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-<<<<<<< HEAD
-from deltac.errors import WrongType, shown
-=======
 from deltac.errors import WrongType
->>>>>>> main
 from deltac.mechanism.laws import Law, rate, with_values
 
 if TYPE_CHECKING:
@@ -56,12 +52,7 @@ class MechanismNames:
                 "read_trajectory(log, mapping, mechanism)"
             )
         from deltac.mechanism.forces import JointTorque
-        from deltac.mechanism.mechanism import Mechanism
 
-        if not isinstance(mechanism, Mechanism):
-            raise WrongType(
-                f"mechanism_names: expected a Mechanism or its names, found {shown(mechanism)}"
-            )
         return cls(
             {entry.name: entry.unit for entry in mechanism.coordinates},
             {entry.name: entry.unit for entry in mechanism.speeds},

@@ -18,6 +18,7 @@ import posixpath
 import re
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -178,9 +179,16 @@ def _modules() -> list[tuple[str, str, list[tuple[str, str]]]]:
     pages = [(TITLES.get(p, p.capitalize()), f"api/{p}.md", grouped[p]) for p in ordered]
     for space in NAMESPACES:
         found = _public(ROOT / "src" / "deltac" / f"{space}.py")
-        names = [(f"dc.{space}.{name}", home) for name, home in found]
+        names = [(f"dc.{space}.{name}", _defined(home)) for name, home in found]
         pages.append((f"dc.{space}", f"api/{space}.md", names))
     return pages
+
+
+def _defined(home: str) -> str:
+    """Where a name is defined: that of a class, for the classes of parts that are called like functions."""
+    module, _, name = home.rpartition(".")
+    made = getattr(import_module(module), name, None)
+    return f"{made.__module__}.{made.__qualname__}" if isinstance(made, type) else home
 
 
 def _api(title: str, names: list[tuple[str, str]]) -> str:

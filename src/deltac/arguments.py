@@ -12,11 +12,14 @@ from deltac.errors import UnknownName, WrongType, closest
 Target = TypeVar("Target", bound=Callable[..., Any])
 
 
-def checked(made: Target, options: Callable[..., Any] | None = None) -> Target:
+def checked(
+    made: Target, options: Callable[..., Any] | None = None, name: str | None = None
+) -> Target:
     """A public function or class, called with wrong arguments: an InputError names the closest ones.
 
     The keyword arguments of `options` take the place of ``**options`` in its signature, which `help`,
-    `inspect` and editors show. A call that is right costs nothing.
+    `inspect` and editors show; `name` is what users call it by, if not its own name. A call that is right
+    costs nothing.
     """
     signature = inspect.signature(made)
     if options is not None:
@@ -25,9 +28,9 @@ def checked(made: Target, options: Callable[..., Any] | None = None) -> Target:
         more = [p for p in offered if p.kind is p.KEYWORD_ONLY]
         signature = signature.replace(parameters=[*own, *more])
     if isinstance(made, type):
-        made.__init__ = _refusing(made.__init__, made.__name__, signature, skip=1)  # type: ignore[misc]
+        made.__init__ = _refusing(made.__init__, name or made.__name__, signature, skip=1)  # type: ignore[misc]
         return made
-    refusing = _refusing(made, made.__name__, signature)
+    refusing = _refusing(made, name or made.__name__, signature)
     refusing.__signature__ = signature  # type: ignore[attr-defined]
     return refusing
 

@@ -26,6 +26,10 @@ def mechanism(*constraints: Any) -> dc.Mechanism:
 
 
 MADE_WRONG: dict[str, tuple[Callable[[], Any], str]] = {
+    "ground with itself": (
+        lambda: dc.constraints.point_in_plane("plane", "ground"),
+        "'plane' connects body 'ground' with itself",
+    ),
     "itself": (
         lambda: dc.constraints.loop_spherical("tie", "upper", "upper"),
         "loop constraint 'tie' connects body 'upper' with itself",
@@ -57,7 +61,7 @@ MADE_WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "rolls on itself": (
         lambda: dc.constraints.rolling("wheel", "ball", 0.1, on="ball"),
-        "body 'ball' cannot roll on itself",
+        "rolling constraint 'wheel' connects body 'ball' with itself",
     ),
     "zero axis": (
         lambda: dc.constraints.loop_revolute("pin", "upper", "ball", axis1=[0, 0, 0]),
@@ -99,10 +103,6 @@ FITS_NOWHERE: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: dc.constraints.rolling("wheel", "ball", 0.1, on="tabel"),
         "rolling constraint 'wheel': unknown body 'tabel'",
     ),
-    "ground with itself": (
-        lambda: dc.constraints.point_in_plane("plane", "ground"),
-        "'plane' connects the ground with itself",
-    ),
     "unknown coordinate": (
         lambda: dc.constraints.gear("mesh", "elbow", "sholder", 2.0),
         "law of holonomic constraint 'mesh': unknown symbol 'q.sholder'; did you mean 'q.shoulder'",
@@ -141,7 +141,7 @@ FITS_NOWHERE: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "surface of q": (
         lambda: dc.constraints.point_on("pin", "ball", "z - q.elbow"),
-        "equation of .*'pin': unknown symbol 'q.elbow'",
+        "equations of .*'pin': unknown symbol 'q.elbow'",
     ),
     "radius of time": (
         lambda: dc.constraints.rolling("wheel", "ball", "0.1 + t"),

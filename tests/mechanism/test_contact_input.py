@@ -34,7 +34,10 @@ def machine(*forces: Any, **parameters: float) -> Mechanism:
     ("make", "message"),
     [
         (lambda: contact("c", BALL, FLOOR, -1.0), r"stiffness of contact 'c': found -1, expected"),
-        (lambda: contact("c", BALL, FLOOR, 1.0, model="magic"), r"unknown model 'magic'; known"),
+        (
+            lambda: contact("c", BALL, FLOOR, 1.0, model="magic"),
+            r"model of contact 'c': found 'magic'",
+        ),
         (lambda: contact("c", BALL, "floor", 1.0), r"contact 'c': expected a shape such as"),
         (lambda: contact("c", BALL, shapes.point("ball"), 1.0), r"both shapes belong to 'ball'"),
         (lambda: contact(" c", BALL, FLOOR, 1.0), r"needs a name without surrounding blanks"),
@@ -43,7 +46,10 @@ def machine(*forces: Any, **parameters: float) -> Mechanism:
         (lambda: friction_law(0.2, width=0.0), r"width of friction law: found 0, expected a pos"),
         (lambda: friction_law(0.2, static=1, stribeck=-1), r"stribeck of friction law: found -1"),
         (lambda: joint_friction("f", "j", [1, 2], viscous=[1, 2, 3]), r"expected 3 values, found"),
-        (lambda: point_friction("f", "ball", 1, 0.2, on="ball"), r"does not slide on itself"),
+        (
+            lambda: point_friction("f", "ball", 1, 0.2, on="ball"),
+            r"connects body 'ball' with itself",
+        ),
         (lambda: point_friction("f", "ball", 1, 0.2, normal=(0, 0, 0)), r"no direction"),
     ],
 )

@@ -36,7 +36,7 @@ def verdicts(
     if list(episodes) == [None]:
         yield from (_of(task, run) for run in runs)
         return
-    from deltac.diagnosis.residuals.one_step import compiled
+    from deltac.kernels.rows import compiled
 
     with compiled():  # the same for all episodes, so that they all pay for it
         found = [_of(task, run) for run in runs]

@@ -26,6 +26,9 @@ Node: TypeAlias = tuple[str, tuple[Any, ...]]
 PIECE = 2000
 """Instructions in a piece."""
 
+COPIED = 250
+"""Outputs that are constants or inputs in a piece: LLVM's time grows with the square of their number."""
+
 CACHED = 10_000
 """Instructions that a processor keeps beside it (some 100 kB). Of longer code each piece goes through `BLOCK`
 vectors before the next one begins: chains of 30 and 100 joints take four fifths of the time.
@@ -232,12 +235,15 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
     written: dict[int, list[int]] = {}
     for row, place in enumerate(places):
         written.setdefault(place, []).append(row)
-    pieces = [_Piece(tape.nodes, width, strided, cut, home, carried) for cut in cuts]
-    for place, rows in written.items():
-        pieces[home.get(place, -1)].store(place, rows)
+    pieces = [_Piece(tape.nodes, width, strided, cut, home, carried, written) for cut in cuts]
+    copied = [(place, row) for place, rows in written.items() if place not in home for row in rows]
+    for k in range(0, len(copied), COPIED):
+        pieces.append(_Piece(tape.nodes, width, strided, [], home, carried, {}))
+        for place, row in copied[k : k + COPIED]:
+            pieces[-1].store(place, row)
     text = [
         *(piece.text(k) for k, piece in enumerate(pieces)),
-        _evaluate(width, len(pieces), len(carried)),
+        _evaluate(width, len(pieces), len(carried), BLOCK if len(needed) > CACHED else 1),
     ]
     text.append(_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)))
     called = {tape.nodes[place][0] for place in needed} & LIBRARY.keys()
@@ -284,6 +290,7 @@ class _Piece:
         cut: Sequence[int],
         home: dict[int, int],
         carried: dict[int, int],
+        written: dict[int, list[int]],
     ) -> None:
         self._nodes, self._width = nodes, width
         self._home, self._carried = home, carried
@@ -294,6 +301,8 @@ class _Piece:
         self._lines: list[str] = []
         for place in cut:
             self._instruction(place)
+            for row in written.get(place, ()):  # at once: a processor has 32 registers
+                self.store(place, row)
 
     def _instruction(self, place: int) -> None:
         code, operands = self._nodes[place]
@@ -339,12 +348,11 @@ class _Piece:
         self._lines.append(f"{name}o = mul i64 {self._stride}, {row}")
         self._lines.append(f"{name} = getelementptr double, ptr %{array}, i64 {name}o")
 
-    def store(self, place: int, rows: Sequence[int]) -> None:
-        """Write a value to rows of y."""
+    def store(self, place: int, row: int) -> None:
+        """Write a value to a row of y."""
         value = self._operand(place)
-        for row in rows:
-            self._address(f"%y{row}", "y", row)
-            self._lines.append(f"store {self._type} {value}, ptr %y{row}, align 8")
+        self._address(f"%y{row}", "y", row)
+        self._lines.append(f"store {self._type} {value}, ptr %y{row}, align 8")
 
     def text(self, index: int) -> str:
         """The whole function, of this number."""
@@ -370,9 +378,8 @@ def _calls(pieces: int) -> str:
     return "\n".join(f"call void @piece{k}({arrays})" for k in range(pieces))
 
 
-def _evaluate(width: int, pieces: int, carried: int) -> str:
+def _evaluate(width: int, pieces: int, carried: int, block: int) -> str:
     """Piece by piece, each through a block of vectors."""
-    block = BLOCK if pieces * PIECE > CACHED else 1
     make, give_back = _memory(width, carried * block)
     loops = "".join(_through_block(k, width, carried) for k in range(pieces))
     return f"""define void @evaluate(ptr %x, ptr %y, ptr %p, i64 %s, i64 %n) {{

@@ -1,13 +1,75 @@
-"""CasADi functions at the rows of columns, without compiling anything."""
+"""Expressions at the rows of columns: by CasADi's machine where little is to be done, else compiled."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.kernels.evaluators import evaluator_name
+from deltac.kernels.kernel import SX, Kernel
+
+LONG = 2000
+"""Instructions from which on it pays to compile for a single log what is evaluated often: that takes as long
+as to interpret it at some 20 000 rows; what is shorter takes milliseconds either way.
+"""
+
+
+class Expression:
+    """An expression of columns, evaluated at many rows.
+
+    It is interpreted by CasADi's machine, or compiled: where it is wanted `often` for a single log and is
+    `LONG`, and inside `compiled`. What was evaluated before decides nothing, so that the results of a log
+    are the same to the last bit.
+    """
+
+    def __init__(
+        self, name: str, inputs: Mapping[str, SX], *outputs: SX, often: bool = False
+    ) -> None:
+        self.sizes = [out.numel() for out in outputs]
+        dense = [ca.densify(ca.vec(out)) for out in outputs]
+        self.function = ca.Function(name, [*inputs.values()], dense, {"cse": True})
+        self._given = (
+            {key: column for key, column in inputs.items() if column.shape[0]},
+            {f"{name} {k}": out for k, out in enumerate(dense)},
+        )
+        self._often = often
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The same, compiled."""
+        return Kernel(*self._given, name=self.function.name())
+
+    @cached_property
+    def _worth_it(self) -> bool:
+        long = self.function.n_instructions() >= LONG
+        return self._often and long and evaluator_name() == "llvm"
+
+    def __call__(self, *columns: Array) -> list[Array]:
+        """Its values at rows, (T, size) each."""
+        if not (self._worth_it or _COMPILED.get()):
+            return at_rows(self.function, columns)
+        given = [np.atleast_2d(c.T) for c in columns]
+        found = self.kernel.flat(np.concatenate(given))
+        return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
+
+
+_COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_expressions", default=False)
+
+
+@contextmanager
+def compiled() -> Iterator[None]:
+    """Compile expressions of any length: where many logs of one model follow."""
+    token = _COMPILED.set(True)
+    try:
+        yield
+    finally:
+        _COMPILED.reset(token)
 
 
 def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:

@@ -21,8 +21,8 @@ GROUPS = {"bodies": "body", "joints": "joint", "forces": "force", "constraints":
 ADDRESSED = (*GROUPS.values(), "gravity")
 """What the names begin with."""
 
-_FIXED = ("axes", "rotation", "child_rotation")
-"""Directions, which are no free numbers."""
+_DIRECTIONS = ("axis", "axes", "normal", "lateral", "rotation")
+"""How the names of fields end that hold directions, which are no free numbers."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,9 @@ def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
         for k, part in enumerate(getattr(mechanism, group)):
             joint = getattr(part, "joint", None) if group == "forces" else None
             for field in fields(part):
-                if field.name in _FIXED or (field.name == "pitch" and part.kind != "screw"):
+                if field.name.rstrip("12").endswith(_DIRECTIONS) or (
+                    field.name == "pitch" and part.kind != "screw"
+                ):
                     continue
                 for after, path, value in _numbers(getattr(part, field.name)):
                     name = f"{prefix}.{part.name}.{field.name}{after}"
@@ -102,6 +104,12 @@ def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
                     if owners.setdefault(name, (group, k)) == (group, k):
                         found.setdefault(name, []).append(place)
     return found
+
+
+def _free(part: Any, field: str) -> bool:
+    """Whether a field's numbers may be chosen: no directions, and no pitch but that of a screw."""
+    pitch = field == "pitch" and part.kind != "screw"
+    return not pitch and not field.rstrip("12").endswith(_DIRECTIONS)
 
 
 def _numbers(value: Any) -> Iterator[tuple[str, tuple[int, ...], float]]:

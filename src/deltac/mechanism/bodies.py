@@ -12,16 +12,16 @@ from typing import Any
 
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
+from deltac.mechanism.parts import NonNegative, Part, Point, constructor
 from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
     Quantity,
-    Vector,
     positive,
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.scope import GROUND, Scope
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Body(Part):
     """
 
     name: str
-    mass: Quantity
-    mass_centre: Vector = ZERO
+    mass: NonNegative
+    mass_centre: Point = ZERO
     inertia: Matrix = (ZERO, ZERO, ZERO)
     massless: bool = False
 
@@ -42,9 +42,9 @@ class Body(Part):
 
     def check(self, scope: Scope) -> None:
         """InputError if mass or inertia cannot belong to a rigid body, by the parameters' values."""
+        super().check(scope)
         entries = [entry for row in self.inertia for entry in row]
-        quantities = (self.mass, *self.mass_centre, *entries)
-        scope.laws(quantities, scope.constants, f"a quantity of {self.where}")
+        scope.laws(entries, scope.constants, f"inertia of {self.where}")
         if not self.massless:
             scope.positive(self.mass, f"mass of {self.where}")
             _check_inertia([[scope.number(e) for e in row] for row in self.inertia], self.name)
@@ -76,12 +76,7 @@ def body(
         raise ModelError(
             f"{where}: expected three principal moments or a 3 by 3 matrix, found {inertia!r}"
         )
-    made = Body(
-        _name(name),
-        positive(mass, f"mass of body {name!r}"),
-        vector(mass_centre, f"mass centre of body {name!r}"),
-        tensor,
-    )
+    made = Body(_name(name), positive(mass, f"mass of body {name!r}"), mass_centre, tensor)
     entries = [entry for row in tensor for entry in row]
     if all(isinstance(entry, float) for entry in entries):
         _check_inertia([list(row) for row in tensor], name)

@@ -8,27 +8,31 @@ work. Points and axes are components in the body frame, or world components for 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field
+from typing import Annotated, Any, TypeAlias
 
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law, symbol_names, symbol_of
-from deltac.mechanism.quantities import (
-    IDENTITY,
-    ZERO,
-    Matrix,
-    Vector,
-    as_rotation,
-    is_zero,
-    positive,
-    unit_vector,
-    vector,
+from deltac.mechanism.parts import (
+    AnyBody,
+    Axis,
+    Kind,
+    LawOfMotion,
+    LawOfPlace,
+    LawOfTime,
+    NonNegative,
+    Point,
+    PointOfTime,
+    PositiveOfTime,
+    Rotation,
+    constructor,
+    each,
 )
+from deltac.mechanism.quantities import IDENTITY, ZERO, is_zero, unit_vector, vector
 from deltac.mechanism.scene import Constraint, Expr, Scene
-from deltac.mechanism.scope import GROUND, Scope, constructor
+from deltac.mechanism.scope import GROUND, Scope
 
-Axis: TypeAlias = tuple[float, float, float]
+Direction: TypeAlias = tuple[float, float, float]
 
 NO_SINE = 1e-280
 """Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
@@ -45,20 +49,16 @@ class Loop(Constraint):
 
     name: str
     kind: str
-    body1: str
-    body2: str
-    point1: Vector
-    point2: Vector
-    axis1: Axis
-    axis2: Axis
-    rotation: Matrix
+    body1: AnyBody
+    body2: AnyBody
+    point1: PointOfTime
+    point2: PointOfTime
+    axis1: Axis = "z"
+    axis2: Axis = "z"
+    rotation: Rotation = IDENTITY
 
     noun = "loop constraint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        _bodies(scope, self.where, self.body1, self.body2)
-        scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
+    bodies = ("body1", "body2")
 
     def positions(self, scene: Scene) -> list[Expr]:
         """Gap and turn of the two bodies' frames, as far as the kind keeps them."""
@@ -86,44 +86,12 @@ class Loop(Constraint):
         return [0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])]
 
 
-def _loop(
-    kind: str,
-    name: str,
-    body1: str,
-    body2: str,
-    point1: Sequence[Any],
-    point2: Sequence[Any],
-    axis1: str | Sequence[float] = "z",
-    axis2: str | Sequence[float] | None = None,
-    rotation: Any = None,
-) -> Loop:
-    where = Loop.called(name)
-    if body1 == body2:
-        raise ModelError(f"{where} connects body {body1!r} with itself")
-    return Loop(
-        name,
-        kind,
-        body1,
-        body2,
-        vector(point1, f"point1 of {where}"),
-        vector(point2, f"point2 of {where}"),
-        unit_vector(axis1, f"axis1 of {where}"),
-        unit_vector(axis1 if axis2 is None else axis2, f"axis2 of {where}"),
-        IDENTITY if rotation is None else as_rotation(rotation, f"rotation of {where}"),
-    )
-
-
 @constructor
 def loop_spherical(
-    name: str,
-    body1: str,
-    body2: str,
-    *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
+    name: str, body1: str, body2: str, *, point1: Point = ZERO, point2: Point = ZERO
 ) -> Loop:
     """Two points coincide (three rows)."""
-    return _loop("spherical", name, body1, body2, point1, point2)
+    return Loop(name, "spherical", body1, body2, point1, point2)
 
 
 @constructor
@@ -132,13 +100,14 @@ def loop_revolute(
     body1: str,
     body2: str,
     *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-    axis1: str | Sequence[float] = "z",
-    axis2: str | Sequence[float] | None = None,
+    point1: Point = ZERO,
+    point2: Point = ZERO,
+    axis1: Axis = "z",
+    axis2: Axis = None,
 ) -> Loop:
-    """A hinge: the points coincide and the axes are parallel (five rows)."""
-    return _loop("revolute", name, body1, body2, point1, point2, axis1, axis2)
+    """A hinge: the points coincide and the axes are parallel (five rows); `axis2` is `axis1` by default."""
+    parallel = axis1 if axis2 is None else axis2
+    return Loop(name, "revolute", body1, body2, point1, point2, axis1, parallel)
 
 
 @constructor
@@ -147,13 +116,13 @@ def loop_universal(
     body1: str,
     body2: str,
     *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-    axis1: str | Sequence[float] = "x",
-    axis2: str | Sequence[float] = "y",
+    point1: Point = ZERO,
+    point2: Point = ZERO,
+    axis1: Axis = "x",
+    axis2: Axis = "y",
 ) -> Loop:
     """A universal joint: the points coincide and the axes are perpendicular (four rows)."""
-    return _loop("universal", name, body1, body2, point1, point2, axis1, axis2)
+    return Loop(name, "universal", body1, body2, point1, point2, axis1, axis2)
 
 
 @constructor
@@ -162,13 +131,13 @@ def loop_prismatic(
     body1: str,
     body2: str,
     *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-    axis1: str | Sequence[float] = "x",
-    rotation: Any = None,
+    point1: Point = ZERO,
+    point2: Point = ZERO,
+    axis1: Axis = "x",
+    rotation: Rotation = IDENTITY,
 ) -> Loop:
     """A slide along `axis1` of the first body; the second keeps its `rotation` in it (five rows)."""
-    return _loop("prismatic", name, body1, body2, point1, point2, axis1, rotation=rotation)
+    return Loop(name, "prismatic", body1, body2, point1, point2, axis1, axis1, rotation)
 
 
 @constructor
@@ -177,32 +146,28 @@ def loop_weld(
     body1: str,
     body2: str,
     *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-    rotation: Any = None,
+    point1: Point = ZERO,
+    point2: Point = ZERO,
+    rotation: Rotation = IDENTITY,
 ) -> Loop:
     """A rigid connection: points coincide, `rotation` of the second body in the first (six rows)."""
-    return _loop("weld", name, body1, body2, point1, point2, rotation=rotation)
+    return Loop(name, "weld", body1, body2, point1, point2, rotation=rotation)
 
 
+@constructor
 @dataclass(frozen=True)
 class Distance(Constraint):
     """A massless rod: the distance of two points is `length` (m), a positive law of t."""
 
     name: str
-    body1: str
-    body2: str
-    point1: Vector
-    point2: Vector
-    length: Any
+    body1: AnyBody
+    body2: AnyBody
+    point1: PointOfTime = field(default=ZERO, kw_only=True)
+    point2: PointOfTime = field(default=ZERO, kw_only=True)
+    length: PositiveOfTime
 
     noun = "distance constraint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        _bodies(scope, self.where, self.body1, self.body2)
-        scope.laws((*self.point1, *self.point2), scope.in_time, f"a point of {self.where}")
-        scope.laws([self.length], scope.in_time, f"length of {self.where}")
+    bodies = ("body1", "body2")
 
     def positions(self, scene: Scene) -> list[Expr]:
         """(d·d − l²)/2l: smooth, and a length near the constraint."""
@@ -211,52 +176,32 @@ class Distance(Constraint):
         return [(scene.dot(gap, gap) - length**2) / (2 * length)]
 
 
+def _equations(value: Any, where: str) -> tuple[Any, ...]:
+    equations = each(value, where)
+    for law in equations:
+        if not symbol_names(law) & {"x", "y", "z"}:
+            raise ModelError(f"{where}: {law} holds none of x, y, z")
+    return equations
+
+
 @constructor
-def distance(
-    name: str,
-    body1: str,
-    body2: str,
-    length: Any,
-    *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-) -> Distance:
-    """Keep the distance of two points at `length`, a law of t (one row); see `Distance`."""
-    where = Distance.called(name)
-    return Distance(
-        name,
-        body1,
-        body2,
-        vector(point1, f"point1 of {where}"),
-        vector(point2, f"point2 of {where}"),
-        positive(length, f"length of {where}"),
-    )
-
-
 @dataclass(frozen=True)
 class PointOn(Constraint):
     """A point of `body` lies on a surface or curve of the body `on`.
 
     `equations` are laws of x, y, z, the point's coordinates in the frame of `on`, and t; each is kept at
-    zero: one for a surface, two for a curve.
+    zero: one for a surface, two for a curve. For example
+    ``point_on("pin", "slider", ["y - 0.1*sin(x)", "z"])``.
     """
 
     name: str
-    body: str
-    point: Vector
-    on: str
-    equations: tuple[Any, ...]
+    body: AnyBody
+    point: PointOfTime = field(default=ZERO, kw_only=True)
+    on: AnyBody = field(default=GROUND, kw_only=True)
+    equations: Annotated[Any, Kind(_equations, "on_surface")]
 
     noun = "point-on constraint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols, and an equation without x, y, z."""
-        _bodies(scope, self.where, self.body, self.on)
-        scope.laws(self.point, scope.in_time, f"point of {self.where}")
-        scope.laws(self.equations, (*"xyz", *scope.in_time), f"equation of {self.where}")
-        for law in self.equations:
-            if not symbol_names(law) & {"x", "y", "z"}:
-                raise ModelError(f"equation of {self.where}: {law} holds none of x, y, z")
+    bodies = ("body", "on")
 
     def positions(self, scene: Scene) -> list[Expr]:
         """The equations at the point's coordinates in the frame of `on`."""
@@ -265,48 +210,19 @@ class PointOn(Constraint):
 
 
 @constructor
-def point_on(
-    name: str,
-    body: str,
-    equations: Any,
-    *,
-    point: Sequence[Any] = ZERO,
-    on: str = GROUND,
-) -> PointOn:
-    """Keep a point on a surface (one equation) or curve (two) of another body; see `PointOn`.
-
-    For example ``point_on("pin", "slider", ["y - 0.1*sin(x)", "z"])``.
-    """
-    where = PointOn.called(name)
-    given = equations if isinstance(equations, list | tuple) else (equations,)
-    return PointOn(
-        name,
-        body,
-        vector(point, f"point of {where}"),
-        on,
-        tuple(as_law(entry, f"equation of {where}") for entry in given),
-    )
-
-
-@constructor
 def point_in_plane(
     name: str,
     body: str,
     *,
-    point: Sequence[Any] = ZERO,
+    point: PointOfTime = ZERO,
     on: str = GROUND,
-    normal: str | Sequence[float] = "z",
-    offset: Any = 0.0,
+    normal: Axis = "z",
+    offset: LawOfTime = 0.0,
 ) -> PointOn:
     """Keep a point in the plane normal·(x, y, z) = `offset`, a law of t (one row)."""
     where = PointOn.called(name)
-    return PointOn(
-        name,
-        body,
-        vector(point, f"point of {where}"),
-        on,
-        (_along(unit_vector(normal, where)) - as_law(offset, f"offset of {where}"),),
-    )
+    height = _along(unit_vector(normal, f"normal of {where}"))
+    return PointOn(name, body, height - as_law(offset, f"offset of {where}"), point=point, on=on)
 
 
 @constructor
@@ -314,37 +230,34 @@ def point_on_line(
     name: str,
     body: str,
     *,
-    point: Sequence[Any] = ZERO,
+    point: PointOfTime = ZERO,
     on: str = GROUND,
-    through: Sequence[Any] = ZERO,
-    along: str | Sequence[float] = "x",
+    through: PointOfTime = ZERO,
+    along: Axis = "x",
 ) -> PointOn:
     """Keep a point on the line through a point (laws of t) along a direction (two rows)."""
     where = PointOn.called(name)
     start = vector(through, f"through of {where}")
-    equations = []
-    for n in perpendiculars(unit_vector(along, where)):
-        equations.append(_along(n) - sum((c * s for c, s in zip(n, start)), start=0.0))
-    return PointOn(name, body, vector(point, f"point of {where}"), on, (equations[0], equations[1]))
+    normals = perpendiculars(unit_vector(along, f"along of {where}"))
+    offsets = [sum((c * s for c, s in zip(n, start)), start=0.0) for n in normals]
+    equations = [_along(n) - offset for n, offset in zip(normals, offsets)]
+    return PointOn(name, body, equations, point=point, on=on)
 
 
+@constructor
 @dataclass(frozen=True)
 class Angle(Constraint):
     """The angle between an axis of each of two bodies is `angle` (rad), a law of t, not 0 or π."""
 
     name: str
-    body1: str
-    body2: str
-    axis1: Axis
-    axis2: Axis
-    angle: Any
+    body1: AnyBody
+    body2: AnyBody
+    axis1: Axis = field(default="x", kw_only=True)
+    axis2: Axis = field(default="x", kw_only=True)
+    angle: LawOfTime
 
     noun = "angle constraint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        _bodies(scope, self.where, self.body1, self.body2)
-        scope.laws([self.angle], scope.in_time, f"angle of {self.where}")
+    bodies = ("body1", "body2")
 
     def positions(self, scene: Scene) -> list[Expr]:
         """α − angle (rad), α by sine and cosine: the cosine alone loses it, and its slope, towards 0 and π.
@@ -358,39 +271,18 @@ class Angle(Constraint):
 
 
 @constructor
-def angle(
-    name: str,
-    body1: str,
-    body2: str,
-    angle: Any,
-    *,
-    axis1: str | Sequence[float] = "x",
-    axis2: str | Sequence[float] = "x",
-) -> Angle:
-    """Keep the angle between two axes, a law of t other than 0 and π (one row); see `Angle`."""
-    where = Angle.called(name)
-    return Angle(
-        name,
-        body1,
-        body2,
-        unit_vector(axis1, f"axis1 of {where}"),
-        unit_vector(axis2, f"axis2 of {where}"),
-        as_law(angle, f"angle of {where}"),
-    )
-
-
 @dataclass(frozen=True)
 class Holonomic(Constraint):
     """Any f(q, t) = 0: a law of t and the coordinates ``q.<coordinate>``."""
 
     name: str
-    law: Any
+    law: LawOfPlace
 
     noun = "holonomic constraint"
 
     def check(self, scope: Scope) -> None:
         """InputError for unknown symbols, and a law without coordinates."""
-        scope.laws([self.law], scope.in_place, f"law of {self.where}")
+        super().check(scope)
         if not any(name.startswith("q.") for name in symbol_names(self.law)):
             raise ModelError(f"law of {self.where}: {self.law} holds no coordinate q.<name>")
 
@@ -400,27 +292,21 @@ class Holonomic(Constraint):
 
 
 @constructor
-def holonomic(name: str, law: Any) -> Holonomic:
-    """Keep any law of t and coordinates at zero (one row); see `Holonomic`."""
-    return Holonomic(name, as_law(law, Holonomic.called(name)))
-
-
-@constructor
 def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any = 0.0) -> Holonomic:
     """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
     where = Holonomic.called(name)
-    law = symbol_of(f"q.{coordinate1}") - as_law(ratio, f"ratio of {where}") * symbol_of(
-        f"q.{coordinate2}"
-    )
-    return Holonomic(name, law - as_law(phase, f"phase of {where}"))
+    first, second = (symbol_of(f"q.{coordinate}") for coordinate in (coordinate1, coordinate2))
+    turned = as_law(ratio, f"ratio of {where}") * second
+    return Holonomic(name, first - turned - as_law(phase, f"phase of {where}"))
 
 
+@constructor
 @dataclass(frozen=True)
 class MotionConstraint(Constraint):
     """Any A(q, t) v + b(q, t) = 0: a law of t, q, u that is linear in the speeds ``u.<speed>``."""
 
     name: str
-    law: Any
+    law: LawOfMotion
 
     noun = "motion constraint"
 
@@ -428,7 +314,7 @@ class MotionConstraint(Constraint):
         """InputError for unknown symbols, and a law that is not linear in the speeds."""
         import sympy
 
-        scope.laws([self.law], scope.in_motion, f"law of {self.where}")
+        super().check(scope)
         speeds = [s for s in getattr(self.law, "free_symbols", ()) if s.name.startswith("u.")]
         if not speeds:
             raise ModelError(f"law of {self.where}: {self.law} holds no speed u.<name>")
@@ -446,43 +332,38 @@ class MotionConstraint(Constraint):
 
 
 @constructor
-def motion_constraint(name: str, law: Any) -> MotionConstraint:
-    """Keep any law linear in the speeds at zero (one row); see `MotionConstraint`."""
-    return MotionConstraint(name, as_law(law, MotionConstraint.called(name)))
-
-
 @dataclass(frozen=True)
 class Rolling(Constraint):
     """A wheel, disc or sphere rolls without slip on a plane of the body `on`.
 
     The wheel turns about `axis` through its `centre`; its edge is a torus with circle radius `radius`
-    and tube radius `tube` (a disc: tube 0; a sphere: radius 0). The plane goes through `point` with unit
-    `normal` (both in the frame of `on`; `point` may be a law of t). One holonomic row keeps contact, two
-    motion rows keep the contact points together: tangential velocities equal up to `surface_velocity`,
-    three laws of t and of the contact point's x, y, z in the frame of `on` (m/s).
+    and tube radius `tube`: a disc has a `radius`, a torus-edged wheel both, a sphere `tube` alone. The
+    plane goes through `point` with unit `normal` (both in the frame of `on`; `point` may be a law of t).
+    One holonomic row keeps contact, two motion rows keep the contact points together: tangential velocities
+    equal up to `surface_velocity`, three laws of t and of the contact point's x, y, z in the frame of `on`
+    (m/s).
     """
 
     name: str
-    body: str
-    centre: Vector
-    axis: Axis
-    radius: Any
-    tube: Any
-    on: str
-    point: Vector
-    normal: Axis
-    surface_velocity: tuple[Any, Any, Any]
+    body: AnyBody
+    centre: Point = field(default=ZERO, kw_only=True)
+    axis: Axis = field(default="y", kw_only=True)
+    radius: NonNegative = 0.0
+    tube: NonNegative = field(default=0.0, kw_only=True)
+    on: AnyBody = field(default=GROUND, kw_only=True)
+    point: PointOfTime = field(default=ZERO, kw_only=True)
+    normal: Axis = field(default="z", kw_only=True)
+    surface_velocity: Annotated[Any, Kind(vector, "on_surface")] = field(default=ZERO, kw_only=True)
 
     noun = "rolling constraint"
+    bodies = ("body", "on")
 
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        _bodies(scope, self.where, self.body, self.on)
-        scope.laws(self.centre, scope.constants, f"centre of {self.where}")
-        scope.laws((self.radius, self.tube), scope.constants, f"radius of {self.where}")
-        scope.laws(self.point, scope.in_time, f"point of {self.where}")
-        velocity = (*"xyz", *scope.in_time)
-        scope.laws(self.surface_velocity, velocity, f"surface velocity of {self.where}")
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if is_zero(self.radius) and is_zero(self.tube):
+            raise ModelError(
+                f"{self.where}: give a radius (disc, wheel) or a tube radius (sphere) above zero"
+            )
 
     def positions(self, scene: Scene) -> list[Expr]:
         """The height above the plane."""
@@ -519,46 +400,6 @@ class Rolling(Constraint):
 
 
 @constructor
-def rolling(
-    name: str,
-    body: str,
-    radius: Any = 0.0,
-    *,
-    tube: Any = 0.0,
-    centre: Sequence[Any] = ZERO,
-    axis: str | Sequence[float] = "y",
-    on: str = GROUND,
-    point: Sequence[Any] = ZERO,
-    normal: str | Sequence[float] = "z",
-    surface_velocity: Sequence[Any] = ZERO,
-) -> Rolling:
-    """Roll without slip on a plane (three rows); see `Rolling`.
-
-    A disc has a `radius`, a torus-edged wheel `radius` and `tube`, a sphere `tube` alone.
-    """
-    where = Rolling.called(name)
-    if body == on:
-        raise ModelError(f"{where}: body {body!r} cannot roll on itself")
-    circle = positive(radius, f"radius of {where}", allow_zero=True)
-    edge = positive(tube, f"tube of {where}", allow_zero=True)
-    if circle == 0.0 and edge == 0.0:
-        raise ModelError(
-            f"{where}: give a radius (disc, wheel) or a tube radius (sphere) above zero"
-        )
-    return Rolling(
-        name,
-        body,
-        vector(centre, f"centre of {where}"),
-        unit_vector(axis, f"axis of {where}"),
-        circle,
-        edge,
-        on,
-        vector(point, f"point of {where}"),
-        unit_vector(normal, f"normal of {where}"),
-        vector(surface_velocity, f"surface velocity of {where}"),
-    )
-
-
 @dataclass(frozen=True)
 class Skate(Constraint):
     """A blade: the velocity of a point of `body` relative to `on` has no component along `lateral`.
@@ -568,19 +409,14 @@ class Skate(Constraint):
     """
 
     name: str
-    body: str
-    point: Vector
-    lateral: Axis
-    on: str
-    drift: Any
+    body: AnyBody
+    point: Point = field(default=ZERO, kw_only=True)
+    lateral: Axis = field(default="y", kw_only=True)
+    on: AnyBody = field(default=GROUND, kw_only=True)
+    drift: LawOfTime = field(default=0.0, kw_only=True)
 
     noun = "skate constraint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        _bodies(scope, self.where, self.body, self.on)
-        scope.laws(self.point, scope.constants, f"point of {self.where}")
-        scope.laws([self.drift], scope.in_time, f"drift of {self.where}")
+    bodies = ("body", "on")
 
     def motions(self, scene: Scene) -> list[Expr]:
         """The slip velocity along `lateral`, less the drift."""
@@ -589,45 +425,16 @@ class Skate(Constraint):
         return [scene.dot(scene.axis(self.body, self.lateral), slip) - scene.number(self.drift)]
 
 
-@constructor
-def skate(
-    name: str,
-    body: str,
-    *,
-    point: Sequence[Any] = ZERO,
-    lateral: str | Sequence[float] = "y",
-    on: str = GROUND,
-    drift: Any = 0.0,
-) -> Skate:
-    """A blade or knife edge: no velocity of the point along `lateral` (one row); see `Skate`."""
-    where = Skate.called(name)
-    return Skate(
-        name,
-        body,
-        vector(point, f"point of {where}"),
-        unit_vector(lateral, f"lateral of {where}"),
-        on,
-        as_law(drift, f"drift of {where}"),
-    )
-
-
-def _bodies(scope: Scope, where: str, *names: str) -> None:
-    for name in names:
-        scope.body(name, where)
-    if all(name == GROUND for name in names):
-        raise ModelError(f"{where} connects the ground with itself")
-
-
 def _entries(column: Expr) -> list[Expr]:
     return [column[k] for k in range(column.shape[0])]
 
 
-def _along(n: Axis) -> Any:
+def _along(n: Direction) -> Any:
     """n·(x, y, z) as a law."""
     return sum((c * symbol_of(x) for c, x in zip(n, "xyz") if c != 0.0), start=0.0)
 
 
-def perpendiculars(n: Axis) -> tuple[Axis, Axis]:
+def perpendiculars(n: Direction) -> tuple[Direction, Direction]:
     """Two unit vectors that make a right-handed frame with the unit vector n."""
     k = min(range(3), key=lambda i: abs(n[i]))
     e = [float(i == k) for i in range(3)]
@@ -638,3 +445,12 @@ def perpendiculars(n: Axis) -> tuple[Axis, Axis]:
         n[2] * first[0] - n[0] * first[2],
         n[0] * first[1] - n[1] * first[0],
     )
+
+
+angle = Angle
+distance = Distance
+holonomic = Holonomic
+motion_constraint = MotionConstraint
+point_on = PointOn
+rolling = Rolling
+skate = Skate

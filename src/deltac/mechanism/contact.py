@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from deltac.errors import ModelError, UnknownName
+from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.friction import FrictionLaw, as_friction
-from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import Quantity, is_zero, positive
+from deltac.mechanism.friction import as_friction
+from deltac.mechanism.parts import Constant, Kind, NonNegative, Positive, constructor
+from deltac.mechanism.quantities import Quantity, is_zero
 from deltac.mechanism.scene import Element, Load, Scene
-from deltac.mechanism.scope import Scope, constructor
+from deltac.mechanism.scope import Scope
 from deltac.mechanism.shapes import Shape, check_pair, check_shape
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
 """Models of the dissipation in compliant contact."""
 
 
+@constructor
 @dataclass(frozen=True)
 class Contact(Element):
     """Compliant contact. Channels ``spring <name>`` (potential), ``contact``, ``friction <name>``.
@@ -34,30 +35,48 @@ class Contact(Element):
     Drake has it, f = f_e (1 − d v_n)₊ with v_n the speed of parting (Drake, "Modeling Dissipation");
     Simbody writes 3/2 c for d. It is continuous. Kelvin–Voigt jumps by c ẋ as the shapes meet.
     `stiffness` k (N/mⁿ) and all else is per contact point: a box that lies on a plane has four springs.
+
+    Args:
+        name: of the element; its channels carry it.
+        first: a shape, as `deltac.shapes` makes them.
+        second: the other shape, of another body or the ground.
+        stiffness: k of the elastic force k xⁿ at each contact point, N/mⁿ.
+        exponent: n >= 1: 1 is linear, 1.5 is Hertz's contact of spheres, k = 4/3 E* √R.
+        dissipation: d of Hunt and Crossley (s/m), or c of Kelvin and Voigt (N·s/m).
+        model: "hunt-crossley" or "kelvin-voigt".
+        friction: a coefficient or a `friction_law`; None for none.
+        deepest: the overlap (m) at which a simulation may still start; by default a tenth of the
+            smallest dimension of the two shapes.
+        allow_energy_source: let dissipation and friction be negative; what they give is booked.
+
+    Raises:
+        InputError: shapes of one body or without a contact, an unknown model, a stiffness that is not
+            positive, an exponent below 1, negative dissipation or friction.
     """
 
     name: str
     first: Shape
     second: Shape
-    stiffness: Quantity
-    exponent: Quantity
-    model: Model
-    dissipation: Quantity
-    friction: FrictionLaw | None
-    deepest: Quantity | None
-    allow_energy_source: bool = field(default=False, repr=False)
+    stiffness: Positive
+    exponent: Constant = field(default=1.0, kw_only=True)
+    model: Model = field(default="hunt-crossley", kw_only=True)
+    dissipation: Constant = field(default=0.0, kw_only=True)
+    friction: Annotated[Any, Kind(as_friction)] = field(default=None, kw_only=True)
+    deepest: NonNegative = field(default=None, kw_only=True)
+    allow_energy_source: bool = field(default=False, repr=False, kw_only=True)
 
     noun = "contact"
     channel_kinds = ("spring", "contact", "friction")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_pair(self.first, self.second, self.where)
+
     def check(self, scope: Scope) -> None:
         """InputError for shapes and numbers that do not fit, and for energy from nowhere."""
-        check_pair(self.first, self.second, self.where)
+        super().check(scope)
         for shape in (self.first, self.second):
             check_shape(scope, shape, self.where)
-        quantities = (self.stiffness, self.exponent, self.dissipation, self.deepest)
-        scope.laws(quantities, scope.constants, self.where)
-        scope.positive(self.stiffness, f"stiffness of {self.where}")
         exponent = scope.number(self.exponent)
         if exponent < 1.0:
             raise ModelError(
@@ -121,54 +140,4 @@ def _power(scene: Scene, exponent: Quantity, x: Any) -> Any:
     return x * square ** (0.5 * (scene.number(exponent) - 1))
 
 
-@constructor
-def contact(
-    name: str,
-    first: Shape,
-    second: Shape,
-    stiffness: Any,
-    *,
-    exponent: Any = 1.0,
-    dissipation: Any = 0.0,
-    model: Model = "hunt-crossley",
-    friction: Any = None,
-    deepest: Any = None,
-    allow_energy_source: bool = False,
-) -> Contact:
-    """Compliant contact of two shapes of different bodies; see `Contact`.
-
-    Args:
-        name: of the element; its channels carry it.
-        first: a shape, as `deltac.shapes` makes them.
-        second: the other shape.
-        stiffness: k of the elastic force k xⁿ at each contact point, N/mⁿ.
-        exponent: n >= 1: 1 is linear, 1.5 is Hertz's contact of spheres, k = 4/3 E* √R.
-        dissipation: d of Hunt and Crossley (s/m), or c of Kelvin and Voigt (N·s/m).
-        model: "hunt-crossley" or "kelvin-voigt".
-        friction: a coefficient or a `friction_law`; None for none.
-        deepest: the overlap (m) at which a simulation may still start; by default a tenth of the
-            smallest dimension of the two shapes.
-        allow_energy_source: let dissipation and friction be negative; what they give is booked.
-
-    Raises:
-        InputError: shapes of one body or without a contact, an unknown model, a stiffness that is not
-            positive, an exponent below 1, negative dissipation or friction.
-    """
-    where = Contact.called(name)
-    check_pair(first, second, where)
-    if model not in get_args(Model):
-        raise UnknownName(
-            f"{where}: unknown model {model!r}; known: {', '.join(map(repr, get_args(Model)))}"
-        )
-    return Contact(
-        name,
-        first,
-        second,
-        positive(stiffness, f"stiffness of {where}"),
-        as_law(exponent, f"exponent of {where}"),
-        model,
-        as_law(dissipation, f"dissipation of {where}"),
-        None if friction is None else as_friction(friction, f"friction of {where}"),
-        None if deepest is None else positive(deepest, f"deepest of {where}", allow_zero=True),
-        allow_energy_source,
-    )
+contact = Contact

@@ -10,14 +10,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law, symbol_names
+from deltac.mechanism.parts import (
+    AnyBody,
+    Constants,
+    Kind,
+    Law,
+    LawsOfMotion,
+    LawsOfTime,
+    MovingBody,
+    NonNegative,
+    NonNegativeOfTime,
+    Point,
+    VectorOfMotion,
+    constructor,
+    require_apart,
+    require_count,
+)
 from deltac.mechanism.quantities import ZERO, Quantity, Vector, is_zero, positive, vector
 from deltac.mechanism.scene import Element, Load, Scene
-from deltac.mechanism.scope import Scope, constructor, require_count
+from deltac.mechanism.scope import Scope
 
 
 @dataclass(frozen=True)
@@ -32,9 +48,9 @@ class JointSpring(Element):
 
     name: str
     joint: str
-    stiffness: tuple[Any, ...] = ()
-    rest: tuple[Any, ...] = ()
-    potential: Any = None
+    stiffness: LawsOfTime = ()
+    rest: LawsOfTime = ()
+    potential: Law = None
 
     noun = "joint spring"
 
@@ -45,6 +61,7 @@ class JointSpring(Element):
 
     def check(self, scope: Scope) -> None:
         """InputError for an unknown joint, unknown symbols, too few or too many laws."""
+        super().check(scope)
         coordinates, _ = scope.joint(self.joint, self.where)
         if self.potential is not None:
             allowed = (*scope.in_time, *(f"q.{entry.name}" for entry in coordinates))
@@ -55,7 +72,6 @@ class JointSpring(Element):
         springs = len(plain) + (len(plain) < len(coordinates))
         require_count(self.stiffness, springs, f"stiffness of {self.where}")
         require_count(self.rest, springs, f"rest of {self.where}")
-        scope.laws((*self.stiffness, *self.rest), scope.in_time, self.where)
 
     def channels(self, scene: Scene) -> list[Channel]:
         """The spring; ∂V/∂t too where it depends on time."""
@@ -82,6 +98,7 @@ class JointSpring(Element):
         return self.spring_channels(scene.on_joint(self.joint, forces), V, explicit)
 
 
+@constructor
 @dataclass(frozen=True)
 class JointDamper(Element):
     """Viscous force of a joint: −c u for each speed (N·m or N). Channel ``damper <name>``.
@@ -92,17 +109,17 @@ class JointDamper(Element):
 
     name: str
     joint: str
-    damping: tuple[Any, ...]
-    allow_energy_source: bool = field(default=False, repr=False)
+    damping: LawsOfMotion
+    allow_energy_source: bool = field(default=False, repr=False, kw_only=True)
 
     noun = "joint damper"
     channel_kinds = ("damper",)
 
     def check(self, scope: Scope) -> None:
         """InputError for an unknown joint, unknown symbols, a damping that would create energy."""
+        super().check(scope)
         _, speeds = scope.joint(self.joint, self.where)
         require_count(self.damping, len(speeds), f"damping of {self.where}")
-        scope.laws(self.damping, scope.in_motion, self.where)
         for law in self.damping:
             if not self.allow_energy_source and scope.is_constant(law):
                 scope.takes_energy(law, f"damping of {self.where}")
@@ -113,6 +130,7 @@ class JointDamper(Element):
         return [self.channel("damper", scene.on_joint(self.joint, force))]
 
 
+@constructor
 @dataclass(frozen=True)
 class JointTorque(Element):
     """Generalized force of a motor on a joint's speeds (N·m or N). Channel ``actuator <name>``.
@@ -123,17 +141,17 @@ class JointTorque(Element):
 
     name: str
     joint: str
-    torque: tuple[Any, ...] | None
+    torque: LawsOfMotion = None
 
     noun = "joint torque"
     channel_kinds = ("actuator",)
 
     def check(self, scope: Scope) -> None:
         """InputError for an unknown joint, unknown symbols, too few or too many laws."""
+        super().check(scope)
         _, speeds = scope.joint(self.joint, self.where)
         if self.torque is not None:
-            require_count(self.torque, len(speeds), f"law of {self.where}")
-            scope.laws(self.torque, scope.in_motion, f"law of {self.where}")
+            require_count(self.torque, len(speeds), f"torque of {self.where}")
 
     def channels(self, scene: Scene) -> list[Channel]:
         """The law, or what a controller or a log gives."""
@@ -151,20 +169,14 @@ class PointForce(Element):
     """
 
     name: str
-    body: str
-    point: Vector
-    force: tuple[Any, Any, Any]
-    moment: tuple[Any, Any, Any]
-    frame: str
+    body: MovingBody
+    point: Point
+    force: VectorOfMotion
+    moment: VectorOfMotion
+    frame: Literal["world", "body"]
 
     noun = "point force"
     channel_kinds = ("applied",)
-
-    def check(self, scope: Scope) -> None:
-        """InputError for an unknown body and unknown symbols."""
-        scope.body(self.body, self.where, ground=False)
-        scope.laws(self.point, scope.constants, f"point of {self.where}")
-        scope.laws((*self.force, *self.moment), scope.in_motion, f"law of {self.where}")
 
     def channels(self, scene: Scene) -> list[Channel]:
         """The force at the point and the moment on the body."""
@@ -176,6 +188,7 @@ class PointForce(Element):
         return [self.channel("applied", scene.generalized([load]))]
 
 
+@constructor
 @dataclass(frozen=True)
 class SpringDamper(Element):
     """Spring and damper between two points. Channels ``spring <name>`` (potential), ``damper <name>``.
@@ -186,13 +199,13 @@ class SpringDamper(Element):
     """
 
     name: str
-    body1: str
-    point1: Vector
-    body2: str
-    point2: Vector
-    stiffness: Any
-    damping: Any
-    length: Any
+    body1: AnyBody
+    point1: Point = field(default=ZERO, kw_only=True)
+    body2: AnyBody
+    point2: Point = field(default=ZERO, kw_only=True)
+    stiffness: NonNegativeOfTime = field(default=0.0, kw_only=True)
+    damping: NonNegative = field(default=0.0, kw_only=True)
+    length: NonNegativeOfTime = field(default=0.0, kw_only=True)
 
     noun = "spring-damper"
 
@@ -201,14 +214,9 @@ class SpringDamper(Element):
         """``spring`` and ``damper``; ``prescribed`` too if the spring depends on time."""
         return ("damper", *_spring_kinds(self.stiffness, self.length))
 
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown bodies and symbols."""
-        for body in (self.body1, self.body2):
-            scope.body(body, self.where)
-        points = (*self.point1, *self.point2)
-        scope.laws(points, scope.constants, f"a point of {self.where}")
-        scope.laws((self.stiffness, self.length), scope.in_time, self.where)
-        scope.laws([self.damping], scope.constants, f"damping of {self.where}")
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_apart(self.body1, self.body2, self.where)
 
     def channels(self, scene: Scene) -> list[Channel]:
         """The spring, ∂V/∂t too where it depends on time, and the damper."""
@@ -266,9 +274,9 @@ class Tendon(Element):
     name: str
     coordinates: tuple[tuple[str, Quantity], ...]
     branches: tuple[Branch, ...]
-    stiffness: tuple[Quantity, ...]
-    damping: tuple[Quantity, ...]
-    length: tuple[Quantity, Quantity]
+    stiffness: Constants
+    damping: Constants
+    length: Constants
 
     noun = "tendon"
     channel_kinds = ("spring", "damper")
@@ -283,8 +291,7 @@ class Tendon(Element):
             for body, point in branch.points:
                 scope.body(body, self.where)
                 scope.laws(point, scope.constants, f"a point of {self.where}")
-        quantities = (*self.stiffness, *self.damping, *self.length)
-        scope.laws(quantities, scope.constants, self.where)
+        super().check(scope)
         low, high = (scope.number(end) for end in self.length)
         if low > high:
             raise ModelError(
@@ -347,16 +354,22 @@ class Tendon(Element):
         return length, J
 
 
+def _fractions(value: Any, where: str) -> tuple[tuple[str, Quantity], ...]:
+    pairs = value.items() if isinstance(value, Mapping) else value
+    return tuple((body, as_law(c, f"{where}, {body!r}")) for body, c in pairs)
+
+
+@constructor
 @dataclass(frozen=True)
 class GravityCompensation(Element):
     """Upward forces that carry a fraction of bodies' weights. Channel ``applied <name>``.
 
-    `fractions` are (body, c): the force −c m g acts at the body's mass centre (N; c = 1 carries all of it).
-    It takes energy out of a body that sinks; its potential is not told apart.
+    `fractions` are c by the names of bodies: the force −c m g acts at the body's mass centre (N; c = 1
+    carries all of it). It takes energy out of a body that sinks; its potential is not told apart.
     """
 
     name: str
-    fractions: tuple[tuple[str, Quantity], ...]
+    fractions: Annotated[Any, Kind(_fractions)]
 
     noun = "gravity compensation"
     channel_kinds = ("applied",)
@@ -403,28 +416,10 @@ def joint_spring(
     if sum(given) != 1:
         raise ModelError(f"{where}: give exactly one of stiffness, torque and potential")
     if stiffness is not None:
-        k = _each(stiffness, f"stiffness of {where}")
-        q0 = _each(rest, f"rest of {where}")
-        return JointSpring(name, joint, stiffness=k, rest=q0)
+        return JointSpring(name, joint, stiffness=stiffness, rest=rest)
     if torque is not None:
         potential = _integral(as_law(torque, f"torque of {where}"), joint, where)
-    return JointSpring(name, joint, potential=as_law(potential, f"potential of {where}"))
-
-
-@constructor
-def joint_damper(
-    name: str, joint: str, damping: Any, *, allow_energy_source: bool = False
-) -> JointDamper:
-    """A viscous damper on a joint's speeds; see `JointDamper`."""
-    where = JointDamper.called(name)
-    return JointDamper(name, joint, _each(damping, f"damping of {where}"), allow_energy_source)
-
-
-@constructor
-def joint_torque(name: str, joint: str, torque: Any = None) -> JointTorque:
-    """A motor on a joint; see `JointTorque`. Without a law its value comes from a controller or a log."""
-    where = JointTorque.called(name)
-    return JointTorque(name, joint, None if torque is None else _each(torque, f"law of {where}"))
+    return JointSpring(name, joint, potential=potential)
 
 
 @constructor
@@ -435,48 +430,10 @@ def point_force(
     point: Sequence[Any] = ZERO,
     *,
     moment: Sequence[Any] = ZERO,
-    frame: str = "world",
+    frame: Literal["world", "body"] = "world",
 ) -> PointForce:
     """A force at a point of a body, and a moment on it; see `PointForce`."""
-    where = PointForce.called(name)
-    if frame not in ("world", "body"):
-        raise ModelError(f"{where}: frame must be 'world' or 'body', found {frame!r}")
-    return PointForce(
-        name,
-        body,
-        vector(point, f"point of {where}"),
-        vector(force, f"force of {where}"),
-        vector(moment, f"moment of {where}"),
-        frame,
-    )
-
-
-@constructor
-def spring_damper(
-    name: str,
-    body1: str,
-    body2: str,
-    *,
-    point1: Sequence[Any] = ZERO,
-    point2: Sequence[Any] = ZERO,
-    stiffness: Any = 0.0,
-    damping: Any = 0.0,
-    length: Any = 0.0,
-) -> SpringDamper:
-    """A spring and damper between points of two bodies (or "ground"); see `SpringDamper`."""
-    where = SpringDamper.called(name)
-    if body1 == body2:
-        raise ModelError(f"{where} connects body {body1!r} with itself, so it does nothing")
-    return SpringDamper(
-        name,
-        body1,
-        vector(point1, f"point1 of {where}"),
-        body2,
-        vector(point2, f"point2 of {where}"),
-        positive(stiffness, f"stiffness of {where}", allow_zero=True),
-        positive(damping, f"damping of {where}", allow_zero=True),
-        positive(length, f"length of {where}", allow_zero=True),
-    )
+    return PointForce(name, body, point, force, moment, frame)
 
 
 @constructor
@@ -506,7 +463,6 @@ def tendon(
     ends = length if isinstance(length, list | tuple) else (length, length)
     if len(ends) != 2:
         raise ModelError(f"length of {where}: expected one length or two, found {length!r}")
-    low, high = (as_law(end, f"length of {where}") for end in ends)
     made = Tendon(
         name,
         tuple(
@@ -514,9 +470,9 @@ def tendon(
             for coordinate, factor in (coordinates or {}).items()
         ),
         tuple(_branch(points, factor, where) for points, factor in given),
-        _each(stiffness, f"stiffness of {where}"),
-        _each(damping, f"damping of {where}"),
-        (low, high),
+        stiffness,
+        damping,
+        ends,
     )
     if not made.coordinates and not made.branches:
         raise ModelError(f"{where} has no length; give a path of points, or coordinates")
@@ -538,23 +494,6 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
     )
 
 
-@constructor
-def gravity_compensation(name: str, fractions: Mapping[str, Any]) -> GravityCompensation:
-    """Carry a fraction of the weight of bodies, by their names; see `GravityCompensation`."""
-    where = GravityCompensation.called(name)
-    return GravityCompensation(
-        name,
-        tuple(
-            (body, as_law(c, f"fraction of {body!r} in {where}")) for body, c in fractions.items()
-        ),
-    )
-
-
-def _each(value: Any, where: str) -> tuple[Quantity, ...]:
-    values = value if isinstance(value, list | tuple) else (value,)
-    return tuple(as_law(entry, where) for entry in values)
-
-
 def _integral(torque: Any, joint: str, where: str) -> Any:
     """−∫ torque dq from 0 to q, in closed form."""
     import sympy
@@ -567,3 +506,9 @@ def _integral(torque: Any, joint: str, where: str) -> Any:
             "give potential= instead of torque="
         )
     return potential
+
+
+gravity_compensation = GravityCompensation
+joint_damper = JointDamper
+joint_torque = JointTorque
+spring_damper = SpringDamper

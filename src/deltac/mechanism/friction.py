@@ -9,14 +9,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import ZERO, Quantity, Vector, positive, unit_vector, vector
+from deltac.mechanism.parts import (
+    AnyBody,
+    Axis,
+    Constant,
+    Declared,
+    Kind,
+    Law,
+    LawOfMotion,
+    Point,
+    Positive,
+    constructor,
+    require_apart,
+    require_count,
+)
+from deltac.mechanism.quantities import ZERO, Quantity
 from deltac.mechanism.scene import Element, Scene
-from deltac.mechanism.scope import GROUND, Scope, constructor, require_count
+from deltac.mechanism.scope import GROUND, Scope
 
 WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
@@ -28,8 +42,9 @@ The force errs by less than 10⁻¹⁶ of itself above a hundred-millionth of th
 """
 
 
+@constructor
 @dataclass(frozen=True)
-class FrictionLaw:
+class FrictionLaw(Declared):
     """Friction f against the slip speed v >= 0: f = (c + (s − c) e^{−(v/v_S)²}) tanh(v/w) + b v.
 
     `coulomb` c is the strength in slip, `static` s that about rest, `stribeck` v_S the speed at which the
@@ -38,14 +53,29 @@ class FrictionLaw:
     B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138, equation (4).
 
     Of Coulomb's friction (s = c, b = 0) tanh leaves out the part 1 − tanh(v/w) < 2 e^{−2v/w}: beyond
-    19 w nothing that double precision could tell.
+    19 w nothing that double precision could tell. By default s = c; `static` comes with `stribeck`.
+
+    >>> steel = friction_law(0.15, static=0.2, stribeck=0.01, width=1e-4)
     """
 
-    coulomb: Quantity
-    static: Quantity
-    stribeck: Quantity | None
-    viscous: Quantity
-    width: Quantity
+    coulomb: Law
+    static: Law = field(default=None, kw_only=True)
+    stribeck: Positive = field(default=None, kw_only=True)
+    viscous: Constant = field(default=0.0, kw_only=True)
+    width: Positive = field(default=WIDTH, kw_only=True)
+
+    where = "friction law"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        static = self.coulomb if self.static is None else self.static
+        needless = self.static is None and self.stribeck is not None
+        if needless or (self.stribeck is None and static != self.coulomb):
+            raise ModelError(
+                f"{self.where}: static friction needs the speed over which it falls to Coulomb's; give both "
+                "static and stribeck, or neither"
+            )
+        object.__setattr__(self, "static", static)
 
     @property
     def strengths(self) -> tuple[Quantity, ...]:
@@ -59,11 +89,7 @@ class FrictionLaw:
         for its sign.
         """
         scope.laws((self.coulomb, self.static), allowed, f"friction of {where}")
-        scope.laws([self.viscous], scope.constants, f"viscous of {where}")
-        for quantity, what in ((self.width, "width"), (self.stribeck, "stribeck")):
-            if quantity is not None:
-                scope.laws([quantity], scope.constants, f"{what} of {where}")
-                scope.positive(quantity, f"{what} of {where}")
+        self.check_fields(scope, where)
         if source:
             return
         for strength in self.strengths:
@@ -95,6 +121,14 @@ class FrictionLaw:
         return -normal_force * (per_speed + scene.number(self.viscous)) * slip
 
 
+friction_law = FrictionLaw
+
+
+def as_friction(value: Any, where: str) -> FrictionLaw:
+    """A friction law as it is, or Coulomb's of a number or law."""
+    return value if isinstance(value, FrictionLaw) else FrictionLaw(as_law(value, where))
+
+
 @dataclass(frozen=True)
 class JointFriction(Element):
     """Friction of a joint, one law for each speed: −f(|u|) sign u (N·m or N). Channel ``friction <name>``.
@@ -113,6 +147,7 @@ class JointFriction(Element):
 
     def check(self, scope: Scope) -> None:
         """InputError for an unknown joint, and laws that do not fit; see `FrictionLaw.check`."""
+        super().check(scope)
         _, speeds = scope.joint(self.joint, self.where)
         require_count(self.laws, len(speeds), f"laws of {self.where}")
         for law in self.laws:
@@ -141,23 +176,24 @@ class PointFriction(Element):
     """
 
     name: str
-    body: str
-    point: Vector
-    on: str
-    normal: tuple[float, float, float]
-    normal_force: Any
-    law: FrictionLaw
+    body: AnyBody
+    point: Point
+    on: AnyBody
+    normal: Axis
+    normal_force: LawOfMotion
+    law: Annotated[Any, Kind(as_friction)]
     allow_energy_source: bool = field(default=False, repr=False)
 
     noun = "point friction"
     channel_kinds = ("friction",)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_apart(self.body, self.on, self.where)
+
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols, and a law that does not fit."""
-        for body in (self.body, self.on):
-            scope.body(body, self.where)
-        scope.laws(self.point, scope.constants, f"point of {self.where}")
-        scope.laws([self.normal_force], scope.in_motion, f"normal force of {self.where}")
+        super().check(scope)
         self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
 
     def channels(self, scene: Scene) -> list[Channel]:
@@ -166,40 +202,6 @@ class PointFriction(Element):
         strength = scene.maximum(scene.number(self.normal_force), 0)
         force = self.law.slip_force(scene, strength, touch.n, touch.relative_velocity)
         return [self.channel("friction", scene.generalized(touch.loads(force)))]
-
-
-@constructor
-def friction_law(
-    coulomb: Any,
-    *,
-    static: Any = None,
-    stribeck: Any = None,
-    viscous: Any = 0.0,
-    width: Any = WIDTH,
-) -> FrictionLaw:
-    """Friction against the slip speed; see `FrictionLaw`. `static` comes with `stribeck`.
-
-    >>> steel = friction_law(0.15, static=0.2, stribeck=0.01, width=1e-4)
-    """
-    where = "friction law"
-    if (static is None) != (stribeck is None):
-        raise ModelError(
-            f"{where}: static friction needs the speed over which it falls to Coulomb's; give both static "
-            "and stribeck, or neither"
-        )
-    c = as_law(coulomb, f"coulomb of {where}")
-    return FrictionLaw(
-        c,
-        c if static is None else as_law(static, f"static of {where}"),
-        None if stribeck is None else positive(stribeck, f"stribeck of {where}"),
-        as_law(viscous, f"viscous of {where}"),
-        positive(width, f"width of {where}"),
-    )
-
-
-def as_friction(value: Any, where: str) -> FrictionLaw:
-    """A friction law as it is, or Coulomb's of a number or law."""
-    return value if isinstance(value, FrictionLaw) else friction_law(as_law(value, where))
 
 
 @constructor
@@ -241,9 +243,9 @@ def point_friction(
     normal_force: Any,
     friction: Any,
     *,
-    point: Sequence[Any] = ZERO,
+    point: Point = ZERO,
     on: str = GROUND,
-    normal: str | Sequence[float] = "z",
+    normal: Axis = "z",
     allow_energy_source: bool = False,
 ) -> PointFriction:
     """Friction between a point of a body and a plane, of a given normal force; see `PointFriction`.
@@ -252,16 +254,4 @@ def point_friction(
 
     >>> block = point_friction("rub", "block", "m*9.81*cos(0.3)", 0.2, normal="y")
     """
-    where = PointFriction.called(name)
-    if body == on:
-        raise ModelError(f"{where}: body {body!r} does not slide on itself")
-    return PointFriction(
-        name,
-        body,
-        vector(point, f"point of {where}"),
-        on,
-        unit_vector(normal, f"normal of {where}"),
-        as_law(normal_force, f"normal force of {where}"),
-        as_friction(friction, f"friction of {where}"),
-        allow_energy_source,
-    )
+    return PointFriction(name, body, point, on, normal, normal_force, friction, allow_energy_source)

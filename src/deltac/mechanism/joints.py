@@ -10,23 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypedDict, Unpack
+from typing import Annotated, Any, TypedDict, Unpack
 
 from deltac.arguments import Target
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
-from deltac.mechanism.quantities import (
-    IDENTITY,
-    ZERO,
-    Matrix,
-    Quantity,
-    Vector,
-    as_rotation,
-    positive,
-    unit_vector,
-    vector,
+from deltac.mechanism.parts import (
+    Constant,
+    Kind,
+    LawsOfTime,
+    NonNegatives,
+    Part,
+    Point,
+    Rotation,
+    constructor,
 )
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor, require_name
+from deltac.mechanism.quantities import IDENTITY, ZERO, unit_vector
+from deltac.mechanism.scope import GROUND, require_name
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,10 @@ KINDS: dict[str, JointKind] = {
 """Every kind of joint by name."""
 
 
+def _axes(value: Any, where: str) -> tuple[tuple[float, float, float], ...]:
+    return tuple(unit_vector(axis, where) for axis in value)
+
+
 @dataclass(frozen=True)
 class Joint(Part):
     """A joint between `parent` (a body or "ground") and `child`; make it by `revolute`, `free`, ….
@@ -86,27 +90,19 @@ class Joint(Part):
     kind: str
     parent: str
     child: str
-    axes: tuple[tuple[float, float, float], ...] = ()
-    position: Vector = ZERO
-    rotation: Matrix = IDENTITY
-    child_position: Vector = ZERO
-    child_rotation: Matrix = IDENTITY
-    pitch: Quantity = 0.0
+    axes: Annotated[Any, Kind(_axes)] = ()
+    position: Point = ZERO
+    rotation: Rotation = IDENTITY
+    child_position: Point = ZERO
+    child_rotation: Rotation = IDENTITY
+    pitch: Constant = 0.0
     stiffness: tuple[Any, ...] = ()
     rest: tuple[Any, ...] = ()
     damping: tuple[Any, ...] = ()
-    armature: tuple[Quantity, ...] = ()
-    motion: tuple[Any, ...] = ()
+    armature: NonNegatives = ()
+    motion: LawsOfTime = ()
 
     noun = "joint"
-
-    def check(self, scope: Scope) -> None:
-        """InputError for unknown symbols, and a rotor inertia that is negative."""
-        quantities = (*self.position, *self.child_position, self.pitch, *self.armature)
-        scope.laws(quantities, scope.constants, f"a quantity of {self.where}")
-        scope.laws(self.motion, scope.in_time, f"motion of {self.where}")
-        for a in self.armature:
-            scope.positive(a, f"armature of {self.where}", allow_zero=True)
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
@@ -140,9 +136,9 @@ def _joint(
     child: str,
     *axes: str | Sequence[float],
     position: Sequence[Any] = ZERO,
-    rotation: Any = None,
+    rotation: Any = IDENTITY,
     child_position: Sequence[Any] = ZERO,
-    child_rotation: Any = None,
+    child_rotation: Any = IDENTITY,
     stiffness: Any = None,
     rest: Any = None,
     damping: Any = None,
@@ -180,18 +176,15 @@ def _joint(
         kind=kind,
         parent=parent,
         child=child,
-        axes=tuple(unit_vector(axis, f"axis {where}") for axis in axes),
-        position=vector(position, f"position {where}"),
-        rotation=as_rotation(rotation, f"rotation {where}"),
-        child_position=vector(child_position, f"child position {where}"),
-        child_rotation=as_rotation(child_rotation, f"child rotation {where}"),
+        axes=axes,
+        position=position,
+        rotation=rotation,
+        child_position=child_position,
+        child_rotation=child_rotation,
         stiffness=stiff,
         rest=_laws(0.0 if rest is None else rest, springs, f"rest {where}") if stiff else (),
         damping=_laws(damping, len(shape.speeds), f"damping {where}"),
-        armature=tuple(
-            positive(a, f"armature {where}", allow_zero=True)
-            for a in _laws(armature, len(shape.speeds), f"armature {where}")
-        ),
+        armature=_laws(armature, len(shape.speeds), f"armature {where}"),
         motion=_laws(motion, len(shape.coordinates), f"motion {where}"),
     )
 
@@ -274,8 +267,7 @@ def screw(
     **options: Unpack[JointOptions],
 ) -> Joint:
     """A screw: turns by q (rad) about `axis` and advances by `pitch` q/(2π); `pitch` in m per turn."""
-    made = _joint("screw", name, parent, child, axis, **options)
-    return replace(made, pitch=as_law(pitch, f"pitch of {made.where}"))
+    return replace(_joint("screw", name, parent, child, axis, **options), pitch=pitch)
 
 
 @_joint_constructor

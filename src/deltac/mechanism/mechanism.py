@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
+from deltac.arguments import checked
 from deltac.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
@@ -18,9 +19,10 @@ from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import KINDS, Joint
 from deltac.mechanism.laws import evaluate
+from deltac.mechanism.parts import Part
 from deltac.mechanism.quantities import Quantity, Vector, vector
 from deltac.mechanism.scene import Constraint, Element
-from deltac.mechanism.scope import GROUND, Part, Scope, constructor
+from deltac.mechanism.scope import GROUND, Scope
 from deltac.mechanism.shapes import Visual
 from deltac.mechanism.state import State, make_state
 from deltac.results import Section, Shown, Table, number
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
-@constructor
+@checked
 @dataclass(frozen=True, eq=False)
 class Mechanism(Shown):
     """Bodies, the tree of joints that connects them to the ground, forces and constraints.

@@ -60,6 +60,9 @@ def unit_vector(value: str | Sequence[float], where: str) -> tuple[float, float,
     length = math.hypot(*entries)
     if not length > 0.0:
         raise ModelError(f"{where}: the axis {tuple(entries)} has no direction (length 0)")
+    # A unit vector stays what it is, to the last bit: parts are read again when they are copied.
+    if abs(length - 1.0) < 1e-15:
+        length = 1.0
     x, y, z = (entry / length for entry in entries)
     return (x, y, z)
 

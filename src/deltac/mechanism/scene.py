@@ -12,10 +12,10 @@ indices; vectors are world components unless said otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 from deltac.mechanism.channels import Channel, ChannelName
-from deltac.mechanism.scope import Part
+from deltac.mechanism.parts import Part, require_apart
 from deltac.mechanism.shapes import Shape
 
 Expr: TypeAlias = Any
@@ -186,8 +186,18 @@ class Constraint(Part):
     """A constraint: rows that it keeps at zero. Its forces do their work in the channel ``constraint``.
 
     A row is of the size of a length or an angle (its rate: of a speed), so that tolerances mean the same
-    for all, and its multiplier is a force or moment.
+    for all, and its multiplier is a force or moment. `bodies` names the fields with the two bodies that it
+    connects, if it does.
     """
+
+    bodies: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        """Read every field; InputError for a body that is connected with itself."""
+        super().__post_init__()
+        if self.bodies:
+            first, second = (getattr(self, name) for name in self.bodies)
+            require_apart(first, second, self.where)
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:

@@ -1,17 +1,16 @@
-"""What the parts of a mechanism have in common, and the scope that they check themselves against."""
+"""The scope against which the parts of a mechanism check themselves: names, and values of parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
-from deltac.arguments import checked
 from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
-from deltac.mechanism.quantities import Quantity, part_name, require_positive
+from deltac.mechanism.quantities import Quantity, require_positive
 
 GROUND = "ground"
 """The name of the inertial frame, to which joints and forces attach like to a body."""
@@ -38,6 +37,11 @@ class Scope:
     def in_time(self) -> tuple[str, ...]:
         """Symbols of laws of time: t and parameters."""
         return ("t", *self.constants)
+
+    @cached_property
+    def on_surface(self) -> tuple[str, ...]:
+        """Symbols of laws of time and of a place x, y, z in the frame of a body."""
+        return (*"xyz", *self.in_time)
 
     @cached_property
     def in_place(self) -> tuple[str, ...]:
@@ -101,50 +105,9 @@ class Scope:
             )
 
 
-constructor = checked
-"""The decorator of functions and classes that make parts."""
-
-
 def require_name(name: object, what: str, where: str) -> None:
     """InputError unless a body or joint is told by its name; a part itself is not."""
     if isinstance(name, str):
         return
-    remedy = f"; write {name.name!r}" if isinstance(name, Part) else ""
+    remedy = f"; write {name.name!r}" if hasattr(name, "name") else ""
     raise WrongType(f"{where}: found {shown(name)}, expected the name of a {what}{remedy}")
-
-
-class Part:
-    """A named part of a mechanism: a frozen dataclass that checks itself against a scope.
-
-    `noun` is what messages call it. `channel_kinds` are the kinds of the channels through which its energy
-    flows; a channel is named "<kind> <part>", and no two parts may share one.
-    """
-
-    noun: ClassVar[str]
-    name: str
-
-    @classmethod
-    def called(cls, name: Any) -> str:
-        """The part of that name, for messages; InputError unless it is a name."""
-        article = "an" if cls.noun[0] in "aeiou" else "a"
-        return f"{cls.noun} {part_name(name, f'{article} {cls.noun}')!r}"
-
-    @property
-    def where(self) -> str:
-        """The part, as messages call it: ``joint damper 'elbow'``."""
-        return f"{self.noun} {self.name!r}"
-
-    @property
-    def channel_kinds(self) -> tuple[str, ...]:
-        """Kinds of the channels that it feeds; none by default."""
-        return ()
-
-    def check(self, scope: Scope) -> None:
-        """InputError unless the part fits the mechanism."""
-        raise NotImplementedError
-
-
-def require_count(values: Sequence[Any], expected: int, where: str) -> None:
-    """InputError unless there are as many values as expected."""
-    if len(values) != expected:
-        raise ModelError(f"{where}: expected {expected} values, found {len(values)}")

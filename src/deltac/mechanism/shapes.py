@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from deltac.errors import ModelError, UnknownName, closest
+from deltac.mechanism.parts import constructor
 from deltac.mechanism.quantities import (
     IDENTITY,
     ZERO,
@@ -24,7 +25,7 @@ from deltac.mechanism.quantities import (
     unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Scope, constructor
+from deltac.mechanism.scope import GROUND, Scope
 
 if TYPE_CHECKING:
     import numpy as np

@@ -15,7 +15,7 @@ from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
-from deltac.kernels.rows import at_rows
+from deltac.kernels.rows import Expression
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -116,42 +116,39 @@ class Evaluator:
         self.log = LoggedForces.of(run)
         start = (float(run.t[0]), run.q[0, free.q])
         self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
-        s = self.symbols.system
-        at = s.free_u
-        given = {part.name for part in self.symbols.parts}
-        self.own_names = [p.name for p in channels(s) if p.name in self.log.places and not p.logged]
-        own = {p.name: p.force for p in channels(s)}
-        zero = ca.SX.zeros(len(at))
-        bias = rnea(s, ca.SX.zeros(len(mechanism.speeds)))
-        self._outputs: dict[str, SX] = {
-            "inertia": -(rnea(s, self.symbols.udot) - bias)[at],
-            "bias": -bias[at],
-            "constraint": zero,
-            **{f"force {p.name}": p.force[at] for p in self.symbols.parts},
-            **{f"own {name}": own[name][at] for name in self.own_names},
-        }
-        bound = self.symbols.constrained
-        if bound is not None:
-            G = bound.rows.G
-            self._outputs["constraint"] = ca.mtimes(G.T, self.symbols.reactions.multipliers)
-        self.channels = tuple(given)
-        self._function = self._compiled(self._outputs)
+        self.channels = tuple({part.name for part in self.symbols.parts})
+        self.own_names, self._names, self._terms = self.symbols.once("terms", self._written_out)
 
-    def _compiled(self, outputs: Mapping[str, SX]) -> ca.Function:
+    def _written_out(self) -> tuple[list[ChannelName], list[str], Expression]:
+        """Channels of both the model and the log; the names of all terms, and these as one expression."""
+        symbols, s = self.symbols, self.symbols.system
+        at = s.free_u
+        own = {p.name: p.force for p in channels(s) if p.name in self.log.places and not p.logged}
+        bias = rnea(s, ca.SX.zeros(len(self.mechanism.speeds)))
+        outputs: dict[str, SX] = {
+            "inertia": -(rnea(s, symbols.udot) - bias)[at],
+            "bias": -bias[at],
+            "constraint": ca.SX.zeros(len(at)),
+            **{f"force {p.name}": p.force[at] for p in symbols.parts},
+            **{f"own {name}": force[at] for name, force in own.items()},
+        }
+        if symbols.constrained is not None:
+            G = symbols.constrained.rows.G
+            outputs["constraint"] = ca.mtimes(G.T, symbols.reactions.multipliers)
+        return list(own), list(outputs), self._expression(outputs, often=True)
+
+    def _expression(self, outputs: Mapping[str, SX], *, often: bool = False) -> Expression:
         s = self.symbols.system
-        columns = [s.t, s.q, s.u, s.udot, self.symbols.logged]
-        return ca.Function("terms", columns, [ca.densify(ca.vec(x)) for x in outputs.values()])
+        inputs = {"t": s.t, "q": s.q, "u": s.u, "udot": s.udot, "logged": self.symbols.logged}
+        return Expression("terms", inputs, *outputs.values(), often=often)
 
     def __call__(self, samples: Sampled) -> dict[str, Array]:
         """All terms (T, n) by name."""
-        return dict(zip(self._outputs, self._evaluate(self._function, samples)))
+        return dict(zip(self._names, self._terms(*samples.columns)))
 
     def evaluate(self, outputs: Mapping[str, SX], samples: Sampled) -> list[Array]:
         """Expressions in the symbols of the system, at the samples (T, n)."""
-        return self._evaluate(self._compiled(outputs), samples)
-
-    def _evaluate(self, function: ca.Function, samples: Sampled) -> list[Array]:
-        return at_rows(function, [samples.t, samples.q, samples.u, samples.udot, samples.logged])
+        return self._expression(outputs)(*samples.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +169,11 @@ class Sampled:
         forces = [values for values in log.values(run).values()]
         logged = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
         return Sampled(run.t, run.q[:, free.q], run.u[:, free.u], run.udot[:, free.u], logged)
+
+    @property
+    def columns(self) -> tuple[Array, ...]:
+        """All of them, in the order of `Evaluator`'s inputs."""
+        return self.t, self.q, self.u, self.udot, self.logged
 
     def take(self, rows: NDArray[np.intp]) -> Sampled:
         """Some of the samples."""

@@ -20,11 +20,9 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -38,8 +36,7 @@ from deltac.diagnosis.measurements.splines import spline_integrals
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
-from deltac.kernels import Kernel
-from deltac.kernels.rows import at_rows
+from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -130,48 +127,6 @@ TRIMMED = 0.05
 # --- the model along the rows ---------------------------------------------------------------------------
 
 
-class Expression:
-    """An expression of columns, evaluated at many rows: by CasADi, or compiled where that pays.
-
-    Compiled (`compiled`) it is a hundred times faster, after a second or so: for one log among thousands.
-    """
-
-    def __init__(self, name: str, inputs: Mapping[str, ca.SX], *outputs: ca.SX) -> None:
-        self.sizes = [out.numel() for out in outputs]
-        dense = [ca.densify(ca.vec(out)) for out in outputs]
-        self.function = ca.Function(name, [*inputs.values()], dense, {"cse": True})
-        self._given = (
-            {key: column for key, column in inputs.items() if column.shape[0]},
-            {f"{name} {k}": out for k, out in enumerate(dense)},
-        )
-
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The same, compiled."""
-        return Kernel(*self._given, name=self.function.name())
-
-    def __call__(self, *columns: Array) -> list[Array]:
-        """Its values at rows, (T, size) each."""
-        if COMPILED.get():
-            given = [np.atleast_2d(c.T) for c in columns]
-            found = self.kernel.flat(np.concatenate(given))
-            return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
-        return at_rows(self.function, columns)
-
-
-COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_residuals", default=False)
-
-
-@contextmanager
-def compiled() -> Iterator[None]:
-    """Compile the equations that logs are tested by: where many logs of one model follow."""
-    token = COMPILED.set(True)
-    try:
-        yield
-    finally:
-        COMPILED.reset(token)
-
-
 class Functions:
     """What the test evaluates of a mechanism with a log's forces: made once for logs of the same columns."""
 
@@ -199,7 +154,7 @@ class Functions:
         size = sum((ca.fabs(p.force[at]) for p in symbols.parts), start=ca.fabs(bias))
         place = {"t": s.t, "q": s.q}
         inputs = {**place, "u": s.u, "logged": symbols.logged}
-        self.acceleration = Expression("a", inputs, a)
+        self.acceleration = Expression("a", inputs, a, often=True)
         self.damping = Expression("d", inputs, damping)
         self.terms = Expression("s", inputs, size)
         self.matrices = Expression("m", place, crba(s)[at, at], G)

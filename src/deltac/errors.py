@@ -170,6 +170,10 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(name[:_LONG] for name in first[:12]) + (", …" if len(first) > 12 else "")
 
 
+NO_NUMBER = (TypeError, ValueError, OverflowError)
+"""What `float` and NumPy raise for what is no number, or larger than any."""
+
+
 def shown(value: Any) -> str:
     """`repr` of a value from a file, short however large or deep it is.
 

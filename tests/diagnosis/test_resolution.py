@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltac.diagnosis.measurements.digits import resolution
+from deltac.diagnosis.measurements.digits import medians, resolution
 
 RNG = np.random.default_rng(1)
 VALUES = RNG.normal(size=1000) * 10.0 ** RNG.integers(-3, 3, size=1000)
@@ -50,3 +50,10 @@ def test_counts_of_an_encoder() -> None:
     angle = np.sin(np.linspace(0.0, 6.0, 4000))
     np.testing.assert_allclose(resolution(np.rint(angle / count)[:, None] * count), 0.5 * count)
     assert np.all(resolution(np.linspace(0.0, 1.0, 4000)[:, None]) < 1e-12)  # evenly, but no counts
+
+
+@pytest.mark.parametrize("count", [5, 6])
+def test_medians(count: int) -> None:
+    values = RNG.normal(size=(3, 4, count))
+    values[1, 2, 3] = np.nan
+    np.testing.assert_array_equal(medians(values), np.median(values, axis=-1))

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import json
 import os
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deltac.errors import InputError
+from deltac.diagnosis.check.table import check_table, write_states
+from deltac.errors import InputError, SuspicionWarning
+from deltac.fleets.design import lay_out, with_points
+from deltac.fleets.spec import read_spec
+from deltac.importers import read_mechanism
 from deltac.importers.urdf import read_urdf
 from deltac.limits import Limits, parse_json
 from deltac.mechanism.laws import as_law
+from deltac.models import load_model
 from deltac.repair.tracing.interpreter import branches
 from deltac.repair.tracing.source import Source
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
@@ -34,6 +41,7 @@ NATURAL = Path(__file__).parents[1] / "natural_logs" / "logs"
 FOLDER = Path(
     tempfile.mkdtemp(prefix="deltac-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None)
 )
+atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 
 T = np.arange(5.0)
 RUN = Trajectory(
@@ -116,10 +124,51 @@ def _mapping(data: bytes) -> None:
     read_mapping(path)
 
 
+PENDULUM = load_model("double-pendulum")
+
+
+def _model(suffix: str) -> Callable[[bytes], None]:
+    path = FOLDER / f"robot{os.getpid()}{suffix}"
+
+    def read(data: bytes) -> None:
+        path.write_bytes(data)
+        read_mechanism(path)
+
+    return read
+
+
 def _urdf(data: bytes) -> None:
     path = FOLDER / f"robot{os.getpid()}.urdf"
     path.write_bytes(data)
     read_urdf(path)
+
+
+def _sweep(data: bytes) -> None:
+    """A sweep, and its points."""
+    path = FOLDER / f"sweep{os.getpid()}.toml"
+    path.write_bytes(data)
+    with Limits(rows=100_000).applied():
+        lay_out(with_points(read_spec(path)))
+
+
+def _state(suffix: str) -> Callable[[bytes], None]:
+    """The state of a model, written in a file."""
+    path = FOLDER / f"state{os.getpid()}{suffix}"
+
+    def read(data: bytes) -> None:
+        path.write_bytes(data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SuspicionWarning)
+            PENDULUM.start(str(path))
+
+    return read
+
+
+def _table(data: bytes) -> None:
+    """Accelerations that a program in another language wrote beside states."""
+    path = FOLDER / f"table{os.getpid()}.csv"
+    path.write_bytes(data)
+    check_table(PENDULUM, path)
 
 
 def _source(data: bytes) -> None:
@@ -170,6 +219,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "csv": _file(".csv"),
     "sto": _file(".sto"),
     "npz": _file(".npz"),
+    "npy": _foreign(".npy"),
     "mat": _mat,
     "h5": _file(".h5"),
     "parquet": _file(".parquet"),
@@ -182,6 +232,13 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "ros2": _bag,
     "mapping": _mapping,
     "urdf": _urdf,
+    "robot": _model(".urdf"),
+    "mjcf": _model(".xml"),
+    "sdf": _model(".sdf"),
+    "sweep": _sweep,
+    "state": _state(".json"),
+    "state-toml": _state(".toml"),
+    "table": _table,
     "source": _source,
     "law": _law,
     "unit": _unit,
@@ -207,6 +264,33 @@ elbow = { column = "torque", unit = "N*mm" }
 URDF = b"""<robot name='r'><link name='a'/><link name='b'><inertial><origin xyz='0 0 .1' rpy='1 2 3'/>
 <mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>
 <joint name='j' type='fixed'><parent link='a'/><child link='b'/><origin xyz='1 0 0'/></joint></robot>"""
+MJCF = b"""<mujoco><compiler angle="radian"/><option gravity="0 0 -9"/><worldbody><body name="a" pos="0 0 1">
+<joint name="j" type="hinge" axis="0 1 0" damping=".1" stiffness="2"/>
+<geom type="capsule" fromto="0 0 0 1 0 0" size=".1"/>
+<body name="b" pos="1 0 0"><joint name="k" type="slide" axis="1 0 0"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+</body></body></worldbody><equality><joint joint1="j" joint2="k" polycoef="0 1 0 0 0"/></equality>
+<actuator><motor joint="j" gear="2"/></actuator></mujoco>"""
+SWEEP = b"""name = "damping"
+verb = "simulate"
+model = "double-pendulum"
+step = 0.01
+duration = 1
+[parameter]
+"gravity.y" = -9.81
+[vary]
+solver = ["ode4", "ode5"]
+[vary.parameter]
+"body.upper.mass" = { from = 0.5, to = 2, count = 5, scale = "log" }
+[vary.u]
+upper = [0, 1]
+[design]
+kind = "grid"
+[execution]
+workers = 2
+"""
+LIMITED = b"""<axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='3' velocity='2'/>
+<dynamics damping='.1' friction='.2'/></joint>"""
 STO = (
     b"motion\nversion=1\nnRows=2\nnColumns=3\ninDegrees=no\nendheader\ntime\t/jointset/a/b/value\t"
 )
@@ -278,8 +362,25 @@ def corpus(name: str) -> list[bytes]:
             return [next((NATURAL / "bag_sqlite").glob("*.db3")).read_bytes()]
         case "mapping":
             return [MAPPING, b'[coordinates]\na = "b"\n']
-        case "urdf":
-            return [URDF]
+        case "urdf" | "robot":
+            moved = URDF.replace(b"'fixed'", b"'revolute'").replace(b"</joint>", LIMITED)
+            return [URDF, moved]
+        case "mjcf":
+            return [MJCF]
+        case "sdf":
+            return [(NATURAL.parents[1] / "importers" / "arm.sdf").read_bytes()]
+        case "npy":
+            return [_saved(np.column_stack([T] * 5)), _saved(np.arange(5.0))]
+        case "sweep":
+            return [SWEEP, b"[vary.q]\n'arm 1' = [1, 2.5]\n[design]\nkind = 'sobol'\npoints = 8\n"]
+        case "state":
+            return [b'{"t": 0.5, "q": {"joint1": 0.3}, "u": {"joint2": -1}}', b'{"q": [1, 2]}']
+        case "state-toml":
+            return [b"t = 0.5\nq = [1, 2.0]\n[u]\njoint2 = -1\n"]
+        case "table":
+            write_states(PENDULUM, FOLDER / "states.csv", count=6)
+            table = (FOLDER / "states.csv").read_bytes()
+            return [table, table.replace(b",\r\n", b",2\r\n").replace(b",,", b",1.5,")]
         case "source":
             return [EQUATIONS, LAMBDA]
         case "law":
@@ -311,6 +412,12 @@ def _written(run: Trajectory, suffix: str) -> bytes:
     return path.read_bytes()
 
 
+def _saved(array: Any) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
 def _lines(path: Path) -> bytes:
     """The first lines of a text."""
     return b"".join(path.read_bytes().splitlines(keepends=True)[:12])
@@ -337,11 +444,11 @@ def _matlab() -> list[bytes]:
 
 
 def run(name: str, data: bytes) -> str:
-    """Whether the target takes the input: "read" or "InputError"; any other exception goes on."""
+    """What the InputError of a target says, empty where it takes the input; any other exception goes on."""
     try:
         TARGETS[name](data)
     except InputError as error:
-        if len(str(error)) > 20_000:
-            raise RuntimeError(f"a message of {len(str(error))} characters") from None
-        return "InputError"
-    return "read"
+        if len(said := str(error)) > 20_000:
+            raise RuntimeError(f"a message of {len(said)} characters") from None
+        return said or "refused"
+    return ""

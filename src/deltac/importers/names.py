@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.errors import ModelError
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.scope import GROUND
 
@@ -74,7 +75,12 @@ def _parts(model: Any, what: str) -> list[str]:
 
 def _named(given: Iterable[str], kind: str, taken: Iterable[str] = (), first: int = 0) -> list[str]:
     """The given names; where there is none the kind and index, where it is taken with the kind after."""
-    names = [name.strip() for name in given]
+    try:
+        names = [name.strip() for name in given]
+    except UnicodeDecodeError:
+        raise ModelError(
+            f"the name of a {kind} is not UTF-8 text; save the model as such"
+        ) from None
     known, outside = set(names), set(taken)
     for i, name in enumerate(names):
         if not name:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,7 @@ class Urdf:
 
     def text(self, placeholders: bool, shapes: bool) -> str:
         """The document for MuJoCo; with `placeholders` every link has the same harmless inertia."""
-        root = ElementTree.fromstring(ElementTree.tostring(self.document))
+        root = deepcopy(self.document)
         for joint in root.findall("joint"):
             if joint.get("type") == "floating":
                 joint.set("type", "fixed")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.arguments import checked
 from deltac.caching import FrozenDict
-from deltac.errors import ModelError, UnknownName, closest, shown
+from deltac.errors import NO_NUMBER, ModelError, UnknownName, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -307,7 +307,7 @@ def _parameters(given: Mapping[str, float]) -> dict[str, float]:
             )
         try:
             number = float(value)
-        except (TypeError, ValueError):
+        except NO_NUMBER:
             number = math.nan
         if not math.isfinite(number):
             raise ModelError(f"parameter {name!r} is {value!r}; expected a finite number")

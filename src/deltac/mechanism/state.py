@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from deltac.arguments import checked
-from deltac.errors import StateError, SuspicionWarning, UnknownName, closest
+from deltac.errors import NO_NUMBER, StateError, SuspicionWarning, UnknownName, closest
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate, rate
@@ -118,14 +118,14 @@ def _array(value: Any, where: str) -> NDArray[np.float64]:
 
     try:
         return np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         raise StateError(f"{where}: expected numbers, found {value!r}") from None
 
 
 def _scalar(value: Any, name: str, what: str) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         raise StateError(
             f"{what} {name!r} of the state: expected a number, found {value!r}"
         ) from None

@@ -16,6 +16,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
+    NO_NUMBER,
     ArgumentsError,
     InputError,
     LimitError,
@@ -233,7 +234,7 @@ def positive(value: float, what: str) -> float:
     """The value as a float; InputError unless it is positive and finite."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(f"{what} is {value!r}; expected a positive, finite number")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from deltac.arguments import checked
-from deltac.errors import InputError, SolverError, UnknownName, WrongType
+from deltac.errors import NO_NUMBER, InputError, SolverError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -273,7 +273,7 @@ def _check_tolerance(value: float) -> None:
 def _number(value: float) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         return math.nan
 
 

@@ -95,6 +95,16 @@ def _decimals(size: Array, probes: Array) -> Array | None:
     return None
 
 
+def medians(values: Array) -> Array:
+    """Medians along the last axis, many times as fast as by `np.median`, which looks for NaN by sorting."""
+    middle = values.shape[-1] // 2
+    ordered = np.partition(values, middle, axis=-1)
+    found = ordered[..., middle]
+    if values.shape[-1] % 2 == 0:
+        found = 0.5 * (ordered[..., :middle].max(axis=-1) + found)
+    return np.where(np.isnan(values).any(axis=-1), np.nan, found)
+
+
 WHITE = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
@@ -108,8 +118,8 @@ def white_noise(x: Array) -> Array:
     if len(x) < 16:
         return np.zeros(x.shape[1])
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
-    sixth = 1.4826 * np.median(np.abs(high), axis=1) / np.sqrt(924.0)
-    eighth = 1.4826 * np.median(np.abs(np.diff(high, 2)), axis=1) / np.sqrt(12870.0)
+    sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
+    eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
     white = (WHITE[0] * sixth < eighth) & (eighth < WHITE[1] * sixth)
     return np.where(white, eighth, 0.0)
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import resolution, scatter
-from deltac.diagnosis.measurements.splines import spline_integrals
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter
 from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -196,7 +196,7 @@ def _compared(
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     told = np.stack([fine, trapezoid])
     r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * _sizes(D)[:, None] + S), noise)
-    best = np.argmin(np.median(np.abs(left), axis=-1), axis=0)
+    best = np.argmin(medians(np.abs(left)), axis=0)
     I, r, late, left, keep = (x[best, np.arange(len(D))] for x in (told, r, late, left, keep))
     kept = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * left**2, axis=-1) / kept)
@@ -252,13 +252,13 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     def over(x: Array, by: Array) -> Array:
         return np.divide(x, by, out=np.zeros_like(by), where=by > 0.0)
 
-    aa = np.sum(a * a, axis=-1)
-    k = over(np.sum(a * b, axis=-1), aa)
+    aa = np.vecdot(a, a)
+    k = over(np.vecdot(a, b), aa)
     c = b - k[..., None] * a
-    cc = np.sum(c * c, axis=-1)
+    cc = np.vecdot(c, c)
     apart = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
-    first = over(np.sum(a * y, axis=-1), aa)
-    z = np.where(apart, over(np.sum(c * y, axis=-1), cc), k * first / (1.0 + k**2))
+    first = over(np.vecdot(a, y), aa)
+    z = np.where(apart, over(np.vecdot(c, y), cc), k * first / (1.0 + k**2))
     one = np.ones_like(aa)
     variance = np.where(apart, over(one, aa) + over(k**2, cc), over(one, aa) / (1.0 + k**2) ** 2)
     return first - k * z, z, variance
@@ -276,7 +276,7 @@ def _robust(
         r, late, _ = _least_squares(told * weight, linear * weight, moved * weight)
         left = moved - r[..., None] * told - late[..., None] * linear
         size = np.abs(left)
-        typical = np.median(size, axis=-1, keepdims=True)
+        typical = medians(size)[..., None]
         # Absolute values count, not squares: a few impacts must not bend the line.
         weight = 1.0 / np.sqrt(spread * np.maximum(size, 1e-3 * spread + typical))
     return r, late, left, size <= 7.0 * typical + 3.0 * noise
@@ -383,14 +383,12 @@ class Accelerations:
 
 def accelerations(run: Trajectory) -> Accelerations:
     """Compare the accelerations of a run with its speeds."""
-    from scipy.interpolate import make_interp_spline
-
     assert run.udot is not None
     told = np.full_like(run.u, np.nan)
     edges = stretches(run)
     fine = scatter(run.u)
     for a, b in edges:
-        told[a:b] = make_interp_spline(run.t[a:b], run.u[a:b], k=5).derivative()(run.t[a:b])
+        told[a:b] = spline_rates(run.t[a:b], run.u[a:b], 5)
     bar = fine[1:] + fine[:-1]
     made = compare(run.t, np.diff(run.u, axis=0), run.udot, bar, edges) if edges else []
     lates = [one.late for one in made if one is not None and one.off < 0.5]

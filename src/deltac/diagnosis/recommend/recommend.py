@@ -24,7 +24,7 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
-from deltac.errors import InputError, SolverError
+from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.progress import Progress
@@ -328,7 +328,7 @@ def _same_time(trial: Trial, quickest: Trial) -> bool:
 def _positive(value: float, what: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         number = math.nan
     if not number > 0.0:
         raise InputError(f"recommend: {what} is {value!r}; expected a positive number")

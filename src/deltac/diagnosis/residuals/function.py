@@ -15,7 +15,7 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, told
-from deltac.errors import InputError, SourceError
+from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.progress import Progress, counted, untold
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
@@ -153,7 +153,7 @@ class Caller:
         try:
             value = np.asarray(_joined(found))
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
-        except (TypeError, ValueError):
+        except NO_NUMBER:
             real = None
         if real is None:
             raise SourceError(

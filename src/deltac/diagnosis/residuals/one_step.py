@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import resolution, scatter
 from deltac.diagnosis.measurements.kinematics import stretches
-from deltac.diagnosis.measurements.splines import spline_integrals
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
+from deltac.energy.sampling.splines import spline_integrals
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
@@ -212,9 +212,12 @@ class Model:
         M, G = self._matrices(t, q)
         return M @ self._compliance(M, G) @ M if self.rows_of_G else M
 
-    def compliance(self, t: Array, q: Array) -> Array:
-        """Compliance C (T, n, n): M⁻¹, or with constraints M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
-        return self._compliance(*self._matrices(t, q))
+    def response(self, t: Array, q: Array, force: Array) -> Array:
+        """What forces (T, n) add to the accelerations (T, n)."""
+        M, G = self._matrices(t, q)
+        if self.rows_of_G:
+            return _times(self._compliance(M, G), force)
+        return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
     def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         flat, g = self._functions.matrices(t, q)
@@ -222,9 +225,8 @@ class Model:
         return flat.reshape(len(t), self.n, self.n), G
 
     def _compliance(self, M: Array, G: Array) -> Array:
+        """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        if not self.rows_of_G:
-            return inverse
         response = inverse @ G.transpose(0, 2, 1)
         left = np.linalg.pinv(G @ response, rcond=1e-10)
         return np.asarray(inverse - response @ left @ response.transpose(0, 2, 1))
@@ -424,6 +426,13 @@ class Steps:
         """What a relation leaves of each step (I,), in the mass metric."""
         return _norm(self.N, self.D - relation.a)
 
+    @cached_property
+    def offs(self) -> Array:
+        """The same of all relations (I, number of them)."""
+        left = self.D[..., None] - np.stack([r.a for r in self.relations], axis=2)
+        energy: Array = np.sum(left * (self.N @ left), axis=1)
+        return np.sqrt(np.maximum(energy, 0.0))
+
 
 _INSTANTS = {
     "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
@@ -449,13 +458,14 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
     h0 = whole.h[k]
     a00 = model.acceleration(t0, q0, u0, F0)
     a11 = model.acceleration(t1, q1, u1, F1)
+    rate = model.rate(t0, q0, u0)
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
     mean = 0.5 * (F0 + F1)
-    between = make_interp_spline(whole.t, whole.F, k=5)
+    between = make_interp_spline(whole.t, whole.F, k=5) if held else None
 
     def smooth(c: float) -> Array:
-        return np.asarray(between(t0 + c * h0[:, 0]))
+        return F0 if between is None else np.asarray(between(t0 + c * h0[:, 0]))
 
     accurate = _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
     found: list[Relation] = []
@@ -469,13 +479,12 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
             at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
         found.append(Relation(name, forces or "start", value, at))
 
-    C = model.compliance(t0, q0) if model.damped else np.zeros(0)
     for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
         a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
         offer("euler" + mark, a)
         if model.damped:
             change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
-            offer("implicit-damping-euler" + mark, a + np.einsum("tij,tj->ti", C, change))
+            offer("implicit-damping-euler" + mark, a + model.response(t0, q0, change))
         step, along = 1e-4, u1 - u0
         ahead, back = (model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0))
         offer("linearly-implicit-euler" + mark, a + (ahead - back) / (2.0 * step))
@@ -491,7 +500,8 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
         half = u0 + 0.5 * h0 * a
         offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
         for name in TABLEAUS:
-            offer(name + mark, _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0))
+            made = _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0, first=(rate, a))
+            offer(name + mark, made)
     if held:  # or forces that change within a step
         offer("trapezoidal@smooth", 0.5 * (a00 + a11))
         for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
@@ -580,9 +590,9 @@ def identify(
     steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
     ranked = sorted(
         (
-            (_nearly_all(steps.off(r)) / typical, k)
-            for k, r in enumerate(relations)
-            if r.name != ACCURATE
+            (float(left) / typical, k)
+            for k, left in enumerate(_nearly_all(steps.offs))
+            if relations[k].name != ACCURATE
         )
     )
     limit = 3.0 * digits + CLOSED
@@ -593,8 +603,9 @@ def identify(
         found = Scheme(relation.name, 2, relation.left, digits, "smooth", relation.left)
         return found, relation.left, steps
     if best > limit:
-        half = min(steps.relations, key=lambda r: float(np.median(steps.off(r))))
-        typical_left = float(np.median(steps.off(half))) / typical
+        medians = np.median(steps.offs, axis=0)
+        half = relations[int(np.argmin(medians))]
+        typical_left = float(medians.min()) / typical
         if typical_left > CLOSED or half.name == ACCURATE:
             return None, min(best, relation.left), steps
         name = steps.named(half)  # it closes but for what happens now and then
@@ -618,9 +629,9 @@ def _euler(late: float) -> str:
     return "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
 
 
-def _nearly_all(values: Array) -> float:
+def _nearly_all(values: Array) -> Array:
     """What nine tenths of the steps stay within: a force that is missing now and then must not pass."""
-    return float(np.quantile(values, 0.9))
+    return np.asarray(np.quantile(values, 0.9, axis=0))
 
 
 def _norm(N: Array, w: Array) -> Array:
@@ -630,7 +641,17 @@ def _norm(N: Array, w: Array) -> Array:
 
 def _energy(N: Array, w: Array) -> Array:
     """wᵀ N w (T,)."""
-    return np.asarray(np.sum(w * (N @ w[:, :, None])[:, :, 0], axis=1))
+    return np.asarray(np.vecdot(w, _times(N, w)))
+
+
+def _times(N: Array, w: Array) -> Array:
+    """N w (T, n)."""
+    return np.asarray((N @ w[..., None])[..., 0])
+
+
+def _product(v: Array, N: Array, w: Array) -> float:
+    """The sum of vᵀ N w."""
+    return float(np.vecdot(v, _times(N, w)).sum())
 
 
 def _held(F: Array, c: float) -> Array:
@@ -647,9 +668,13 @@ def _runge_kutta(
     force: Callable[[float], Array],
     h: Array,
     *,
+    first: tuple[Array, Array] | None = None,
     on_group: bool = False,
 ) -> Array:
-    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step."""
+    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step.
+
+    `first`: q̇ and u̇ of the first stage, where they are known.
+    """
     rows, b = TABLEAUS[name]
     slopes_u: list[Array] = []
     slopes_q: list[Array] = []
@@ -665,9 +690,11 @@ def _runge_kutta(
             else:
                 x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
         now = t + c * h[:, 0]
-        slopes_q.append(model.rate(now, x, v))
+        known = first if s == 0 else None
+        rate, slope = known or (model.rate(now, x, v), model.acceleration(now, x, v, force(c)))
+        slopes_q.append(rate)
         velocities.append(v)
-        slopes_u.append(model.acceleration(now, x, v, force(c)))
+        slopes_u.append(slope)
     return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
 
 
@@ -700,8 +727,9 @@ def _two_step(
     # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
     right = D[k + 1] - a[1]
     columns = [a[1] - D[k], a[0] - a[1], a[2] - a[1]]
-    A = np.array([[np.einsum("ti,tij,tj->", x, W, y) for y in columns] for x in columns])
-    b = np.array([np.einsum("ti,tij,tj->", x, W, right) for x in columns])
+    forces = np.array([_times(W, x).ravel() for x in columns])
+    A = np.array([x.ravel() for x in columns]) @ forces.T
+    b = forces @ right.ravel()
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
     left = (
         float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
@@ -902,6 +930,12 @@ class _Defects:
     def names(self) -> list[str]:
         return list(self.columns)
 
+    @cached_property
+    def column_forces(self) -> Mapping[str, Array]:
+        """The scheme columns as forces, N times each (I, n)."""
+        made = self.N @ np.stack([*self.columns.values()], axis=2)
+        return {name: made[:, :, k] for k, name in enumerate(self.columns)}
+
 
 @dataclass(frozen=True)
 class Stairs:
@@ -968,7 +1002,7 @@ def _defects(
     bounds = {"q": 0.75, "u": 0.75}
     if model.damped:
         change = model.damping(t0, q0, u1, F0) - model.damping(t0, q0, u0, F0)
-        columns["damping"] = np.einsum("tij,tj->ti", model.compliance(t0, q0), change)
+        columns["damping"] = model.response(t0, q0, change)
         bounds["damping"] = 1.0
     if model.of_time:
         columns["t"] = model.acceleration(t1, q0, u0, F0) - a0
@@ -1054,13 +1088,14 @@ def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
     """
     from scipy.optimize import lsq_linear
 
-    columns = [
-        np.stack([p.columns.get(n, np.zeros_like(p.w)) for n in names], axis=2) for p in parts
-    ]
-    weighted = [p.N @ X for p, X in zip(parts, columns)]
+    def stacked(p: _Defects, those: Mapping[str, Array]) -> Array:
+        return np.stack([those.get(n, np.zeros_like(p.w)) for n in names], axis=2)
+
+    columns = [stacked(p, p.columns) for p in parts]
+    weighted = [stacked(p, p.column_forces) for p in parts]
     energy = _sum(np.einsum("tij,tij->j", X, NX) for X, NX in zip(columns, weighted))
     whole = _sum(
-        np.einsum("t,tij->j", np.linalg.norm(p.N, axis=(1, 2)), X**2)
+        np.tensordot(np.linalg.norm(p.N, axis=(1, 2)), X * X, 1).sum(axis=0)
         for p, X in zip(parts, columns)
     )
     seen = energy > VISIBLE * whole
@@ -1074,7 +1109,8 @@ def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
         A, b = np.zeros((len(names), len(names))), np.zeros(len(names))
         for p, X, NX in zip(parts, columns, weighted):
             energy = _energy(p.N, p.w - X @ c)
-            kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
+            last = int((1.0 - TRIMMED) * (len(energy) - 1))
+            kept = energy <= np.partition(energy, last)[last]
             flat = NX[kept].reshape(-1, len(names))
             A += X[kept].reshape(-1, len(names)).T @ flat
             b += p.w[kept].ravel() @ flat
@@ -1121,7 +1157,7 @@ def _judged(
     held: bool,
 ) -> OneStep:
     def forces(p: _Defects, w: Array) -> Array:
-        return np.asarray(np.einsum("tij,tj->ti", p.N, w))
+        return _times(p.N, w)
 
     rest = [
         p.w - sum((c[n] * p.columns[n] for n in c if n in p.columns), start=np.zeros_like(p.w))
@@ -1136,7 +1172,7 @@ def _judged(
     growth = rate * (1.0 + 2.0 * first)
     # As much of them as was fitted is believed to be there, and some besides.
     fitted = {n: abs(c.get(n, 0.0)) + BESIDES for n in SECOND}
-    seconds = [_sum(fitted[n] * np.abs(forces(p, p.columns[n])) for n in SECOND) for p in parts]
+    seconds = [_sum(fitted[n] * np.abs(p.column_forces[n]) for n in SECOND) for p in parts]
     each: dict[str, list[Array]] = {
         "next order": [growth * x for x in seconds],
         "interpolation": [np.abs(forces(p, p.interpolation)) for p in parts],
@@ -1221,7 +1257,7 @@ def _judged(
 
     # Columns of second order take off a mistake as well; the next order is as large as they are.
     absorbed = sum(
-        growth * fitted[n] * work(np.concatenate([forces(p, p.columns[n]) for p in parts]))
+        growth * fitted[n] * work(np.concatenate([p.column_forces[n] for p in parts]))
         for n in SECOND
     )
     hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
@@ -1253,10 +1289,10 @@ def _share_of_noise(
     for (rows, size), p, w in zip(pieces, parts, rest):
         still = Rows(rows.t, np.zeros_like(size.q), size.u, np.zeros_like(size.F))
         shaken = _plain(model, rows.shaken(still, rng), held)[1][p.at] - p.w
-        apparent += float(np.einsum("ti,tij,tj->", shaken, p.N, shaken))
-        total += float(np.einsum("ti,tij,tj->", w, p.N, w))
+        apparent += _product(shaken, p.N, shaken)
+        total += _product(w, p.N, w)
         k = np.flatnonzero(np.diff(p.at) == 1)
-        between += float(np.einsum("ti,tij,tj->", w[k], p.N[k], w[k + 1]))
+        between += _product(w[k], p.N[k], w[k + 1])
         count += w.size
         pairs += len(k)
         intervals += len(w)
@@ -1289,7 +1325,7 @@ def _as_forces(
     # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
     there = model.inertia(t[1:], q[1:])
     told = model.inertia(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
-    momentum = np.einsum("tij,tj->ti", there - told, u[:-1]) / rows.h
+    momentum = _times(there - told, u[:-1]) / rows.h
     forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
     return np.concatenate([forces, forces[-1:]])
 
@@ -1304,7 +1340,11 @@ def trimmed(values: Array) -> Array:
 
 def _changes(p: _Defects) -> Array:
     """How much accelerations change over each interval (I,), by all causes, in the mass metric."""
-    return _sum(_norm(p.N, x) for n, x in p.columns.items() if n not in SECOND)
+    return _sum(
+        np.sqrt(np.maximum(np.vecdot(x, p.column_forces[n]), 0.0))
+        for n, x in p.columns.items()
+        if n not in SECOND
+    )
 
 
 def _sum(arrays: Iterable[Array]) -> Array:

@@ -17,7 +17,7 @@ from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_l
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
-from deltac.errors import DeltacError, InputError, WrongType
+from deltac.errors import NO_NUMBER, DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Progress
 from deltac.simulation.arguments import IllConditionedWarning
@@ -100,7 +100,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     for step in steps:
         try:
             number = float(step)
-        except (TypeError, ValueError):
+        except NO_NUMBER:
             number = math.nan
         if not (math.isfinite(number) and number > 0.0):
             raise InputError(f"{what} is {step!r}; expected a positive, finite number")

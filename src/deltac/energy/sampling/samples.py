@@ -11,6 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import clock
+from deltac.energy.sampling.splines import spline_rates
 from deltac.kernels.parallel import spread
 
 Powers: TypeAlias = Callable[[Array, "Between"], Array]
@@ -107,12 +108,9 @@ class Samples:
 
 def spline_rate(t: Array, y: Array) -> Array:
     """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
-    from scipy.interpolate import make_interp_spline
-
-    t = clock(t)
     degree = min(5, len(t) - 1)
     degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
-    return np.asarray(make_interp_spline(t, y, k=max(1, degree)).derivative()(t))
+    return spline_rates(clock(t), y, max(1, degree))
 
 
 def row_blocks(count: int) -> list[slice]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.system import trace
-from deltac.errors import InputError, SolverError, StateError, WrongType
+from deltac.errors import NO_NUMBER, InputError, SolverError, StateError, WrongType
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -124,7 +124,7 @@ def _numbers(given: object) -> Array:
     """An array of what was given; an empty one if these are no numbers."""
     try:
         return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except NO_NUMBER:
         return np.empty(0)
 
 
@@ -197,7 +197,7 @@ def _gathered(mechanism: Mechanism, states: Sequence[object]) -> tuple[float, Ar
 def _array(what: str, values: ArrayLike) -> Array:
     try:
         return np.atleast_2d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError) as error:
+    except NO_NUMBER as error:
         raise InputError(
             f"{what}: expected numbers, an array (N, n{what.lower()}); {error}"
         ) from None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,8 +29,11 @@ _MOST_KEYS = 200
 
 def arranged(frame: polars.DataFrame) -> polars.DataFrame:
     """The same table with a row for each instant and a column for each number."""
+    from polars.exceptions import DuplicateError
+
     for arrange in ARRANGEMENTS:
-        frame = arrange(frame)
+        with suppress(DuplicateError):  # two columns would have one name: it is no such table
+            frame = arrange(frame)
     return frame
 
 
@@ -125,7 +129,7 @@ def _long(frame: polars.DataFrame) -> polars.DataFrame:
 
     for key in (s for s in frame.get_columns() if _is_text(s)):
         count = key.n_unique()
-        if not 1 < count <= _MOST_KEYS or frame.height % count:
+        if key.null_count() or not 1 < count <= _MOST_KEYS or frame.height % count:
             continue
         names = set(key[:count])
         if len(names) != count or not (key[-count:].is_in(list(names))).all():
@@ -133,6 +137,8 @@ def _long(frame: polars.DataFrame) -> polars.DataFrame:
         rest = [s for s in frame.get_columns() if s.name != key.name and not _is_text(s)]
         index = next((s.name for s in rest if s.n_unique() * count == frame.height), None)
         if index is None or len(rest) < 2:
+            continue
+        if frame.select(index, key.name).is_duplicated().any():
             continue
         values = [s.name for s in rest if s.name != index]
         wide = frame.pivot(on=key.name, index=index, values=values)

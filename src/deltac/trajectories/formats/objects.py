@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.errors import WrongType
+from deltac.errors import NO_NUMBER, WrongType
 from deltac.trajectories.formats.raw import Collector, RawLog, labelled
 
 
@@ -75,6 +75,6 @@ def _array(values: Any) -> np.ndarray[Any, Any]:
         array = np.asarray(values)
         if array.dtype == object and array.ndim == 1 and len(array):
             array = np.array([np.asarray(value, dtype=np.float64) for value in array])
-    except (ValueError, TypeError):
+    except NO_NUMBER:
         return np.asarray(None)
     return array

@@ -57,6 +57,11 @@ class ColumnReading:
     law: Law | None = None
 
 
+_anything = np.errstate(over="ignore", invalid="ignore")
+"""A log may hold signalling NaN and numbers without bounds: checks find and name them, not warnings."""
+
+
+@_anything
 def interpret(
     raw: RawLog,
     mapping: LogMapping | None,
@@ -109,6 +114,7 @@ def interpret(
     ] + readings
 
 
+@_anything
 def to_trajectory(
     raw: RawLog,
     mapping: LogMapping | None = None,
@@ -432,6 +438,7 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 # --- a mapping to edit ---------------------------------------------------------------------------
 
 
+@_anything
 def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
 

@@ -17,6 +17,7 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -188,6 +189,7 @@ def _common_path(columns: Sequence[str]) -> str:
     return common[: max(common.rfind("."), common.rfind("/")) + 1]
 
 
+@lru_cache(4096)
 def _words(name: str) -> tuple[str, ...]:
     """The words of a name, in small letters."""
     text = unicodedata.normalize("NFC", re.sub(r"['′]", " prime ", name.replace("(t)", "")))
@@ -535,7 +537,7 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
     """Columns with consecutive numbers, as many as the mechanism has entries, such as q1 and q2."""
     groups: dict[tuple[str, ...], dict[int, str]] = {}
     for column, (words, *_) in named.items():
-        places = [k for k, word in enumerate(words) if word.isdigit()]
+        places = [k for k, word in enumerate(words) if word.isdecimal()]
         if len(places) == 1 and len(words) > 1:
             k = places[0]
             groups.setdefault((*words[:k], "#", *words[k + 1 :]), {})[int(words[k])] = column

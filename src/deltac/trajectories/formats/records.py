@@ -70,7 +70,7 @@ def _is_table(value: Any) -> bool:
 
 def _listed(value: Any) -> Any:
     """The values of an object whose keys are the numbers of rows, as pandas writes a column by default."""
-    if isinstance(value, Mapping) and value and all(key.isdigit() for key in value):
+    if isinstance(value, Mapping) and value and all(key.isdecimal() for key in value):
         return list(value.values())
     return value
 

@@ -1,0 +1,101 @@
+"""Splines through columns at given times, not-a-knot at the ends.
+
+Audits ask for integrals and rates of many columns at the same times: what depends on these is found once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+
+REMEMBERED = 20_000
+"""Rows up to which what depends on the times is remembered: some 10 MB."""
+
+
+def spline_integrals(t: Array, x: Array, degree: int) -> Array:
+    """∫x dt over the intervals (T − 1, n) of columns (T, n).
+
+    `degree` is odd, and less than T.
+
+    Raises ValueError where x is not finite, LinAlgError for times that are equal.
+    """
+    return _applied(_integrals, t, x, degree)
+
+
+def spline_rates(t: Array, x: Array, degree: int) -> Array:
+    """dx/dt at the times (T, n) of columns (T, n); see `spline_integrals`."""
+    return _applied(_rates, t, x, degree)
+
+
+def _applied(operator: Any, t: Array, x: Array, degree: int) -> Array:
+    times = np.ascontiguousarray(t, dtype=np.float64).tobytes()
+    found = [_coefficients, operator]
+    if len(t) > REMEMBERED:
+        found = [one.__wrapped__ for one in found]
+    coefficients, matrix = (one(times, degree) for one in found)
+    return np.asarray(matrix @ coefficients(np.asarray_chkfinite(x)))
+
+
+def _knots(t: Array, degree: int) -> Array:
+    inner = t[(degree + 1) // 2 : len(t) - (degree + 1) // 2]
+    return np.concatenate([np.repeat(t[0], degree + 1), inner, np.repeat(t[-1], degree + 1)])
+
+
+@lru_cache(maxsize=8)
+def _coefficients(times: bytes, degree: int) -> Callable[[Array], Array]:
+    """Values (T, n) -> coefficients of B-splines (T, n), by a banded system."""
+    from scipy.interpolate import BSpline
+    from scipy.linalg.lapack import dgbtrf, dgbtrs
+
+    t, k = np.frombuffer(times), degree
+    at_rows = BSpline.design_matrix(t, _knots(t, k), k).tocoo()
+    # LAPACK's storage: entry (i, j) in row 2k + i − j of column j.
+    band = np.zeros((3 * k + 1, len(t)), order="F")
+    band[2 * k + at_rows.row - at_rows.col, at_rows.col] = at_rows.data
+    factors, pivots, singular = dgbtrf(band, k, k, overwrite_ab=True)
+    if singular:
+        raise np.linalg.LinAlgError("times that are equal, or nearly")
+    return lambda x: np.asarray(
+        dgbtrs(factors, k, k, np.array(x, order="F"), pivots, overwrite_b=True)[0]
+    )
+
+
+@lru_cache(maxsize=8)
+def _integrals(times: bytes, degree: int) -> Any:
+    """Coefficients -> integrals over the intervals, a sparse matrix.
+
+    Gauss's rule with (degree + 1)/2 nodes is exact for polynomials of the degree.
+    """
+    from scipy.interpolate import BSpline
+
+    t = np.frombuffer(times)
+    knots, half = _knots(t, degree), 0.5 * np.diff(t)
+    nodes, weights = np.polynomial.legendre.leggauss((degree + 1) // 2)
+    parts = (
+        BSpline.design_matrix(t[:-1] + half * (1.0 + node), knots, degree).multiply(
+            (weight * half)[:, None]
+        )
+        for node, weight in zip(nodes, weights)
+    )
+    return sum(parts).tocsr()
+
+
+@lru_cache(maxsize=8)
+def _rates(times: bytes, degree: int) -> Any:
+    """Coefficients -> rates at the times, a sparse matrix.
+
+    The derivative has k (c[j+1] − c[j])/(t[j+k+1] − t[j+1]) for coefficients (de Boor, X(15)).
+    """
+    from scipy.interpolate import BSpline
+    from scipy.sparse import diags
+
+    t, k = np.frombuffer(times), degree
+    knots = _knots(t, k)
+    size = k / (knots[k + 1 : -1] - knots[1 : -k - 1])
+    differences = diags([-size, size], [0, 1], shape=(len(t) - 1, len(t)))
+    return (BSpline.design_matrix(t, knots[1:-1], k - 1) @ differences).tocsr()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
+from deltac.diagnosis.audit.acted import as_acted
 from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
@@ -64,6 +65,9 @@ BESIDE = 2.0
 
 REPRODUCED = 0.5
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
+
+LOCAL = ("missing-contact",)
+"""Causes that are found before others are looked for."""
 
 OF_THE_LOG = ("actuator-delay", "zero-offset")
 """Causes that leave the equations as they are."""
@@ -167,6 +171,27 @@ def gather(
             found += _weighed(causes, step, tolerance)
         else:
             found += _of_steps(mechanism, log, step, tolerance, deadline, parts.part("several"))
+    if (
+        step is not None
+        and not step.closes
+        and all(f.kind in LOCAL or f.weight != "cause" for f in found)
+    ):
+        acted = as_acted(mechanism, log.run) if log.consecutive is log.run else None
+        if acted is not None:
+            run, told = acted
+            log = balanced(mechanism, run, work, (*log.findings, *told), log.comparisons)
+            again = gather(
+                mechanism,
+                log,
+                work,
+                tolerance,
+                import_report,
+                known,
+                measured=measured,
+                deadline=deadline,
+                progress=progress,
+            )
+            return replace(again, findings=(*told, *again.findings))
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 

@@ -21,7 +21,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
-LEFT = 0.1
+LEFT = 0.02
 """What a delay or a limit may leave of what is missing."""
 
 FARTHEST = 0.05
@@ -128,9 +128,11 @@ def _best(
     best = int(np.argmin([left(x, other) for x in grid]))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     near = {"xatol": 1e-6 * (bounds[1] - bounds[0])}
-    return float(
-        minimize_scalar(left, bounds=bounds, args=(other,), method="bounded", options=near).x
-    )
+    found = minimize_scalar(left, bounds=bounds, args=(other,), method="bounded", options=near)
+    # Limits are round numbers: the roundest that leaves hardly more is the one.
+    rounded = [float(f"{found.x:.{digits}g}") for digits in (1, 2, 3, 4)]
+    good = [x for x in rounded if left(x, other) <= 1.1 * found.fun]
+    return good[0] if good else float(found.x)
 
 
 def _told(a: Acted, step: float) -> Finding:
@@ -140,7 +142,7 @@ def _told(a: Acted, step: float) -> Finding:
             "force-delayed",
             f"the force of {a.channel!r} acted {abs(a.rows)} rows ({abs(a.rows) * step:.4g} s) {when} than "
             "the log says",
-            "moved by that, it leaves less than a tenth of what was missing",
+            "moved by that, it leaves less than a fiftieth of what was missing",
             "It was moved. Log the force that acts, behind the delay of the actuator or of the communication",
             element=a.channel,
             factor=a.rows * step,
@@ -148,7 +150,7 @@ def _told(a: Acted, step: float) -> Finding:
     return Finding(
         "force-limited",
         f"the force of {a.channel!r} acted between {a.least:.3g} and {a.most:.3g} only; the log has more",
-        "limited to that, it leaves less than a tenth of what was missing",
+        "limited to that, it leaves less than a fiftieth of what was missing",
         "It was limited. Log the force that acts, behind the limits of the actuator, not the command",
         element=a.channel,
     )

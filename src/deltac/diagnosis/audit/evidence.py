@@ -66,9 +66,6 @@ BESIDE = 2.0
 REPRODUCED = 0.5
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
-LOCAL = ("missing-contact",)
-"""Causes that are found before others are looked for."""
-
 OF_THE_LOG = ("actuator-delay", "zero-offset")
 """Causes that leave the equations as they are."""
 
@@ -123,7 +120,15 @@ def gather(
     between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
     if not doubted and not (given and measured) and not between:
         step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
-    found: list[Finding] = [_interpolated()] if between and not (given and measured) else []
+    found: list[Finding] = []
+    if step is not None and not step.closes and log.consecutive is log.run:
+        acted = as_acted(mechanism, log.run)
+        if acted is not None:
+            run, found = acted
+            log = balanced(mechanism, run, work, log.findings, log.comparisons)
+            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+    if between and not (given and measured):
+        found.append(_interpolated())
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
         found.append(finding)
@@ -171,27 +176,6 @@ def gather(
             found += _weighed(causes, step, tolerance)
         else:
             found += _of_steps(mechanism, log, step, tolerance, deadline, parts.part("several"))
-    if (
-        step is not None
-        and not step.closes
-        and all(f.kind in LOCAL or f.weight != "cause" for f in found)
-    ):
-        acted = as_acted(mechanism, log.run) if log.consecutive is log.run else None
-        if acted is not None:
-            run, told = acted
-            log = balanced(mechanism, run, work, (*log.findings, *told), log.comparisons)
-            again = gather(
-                mechanism,
-                log,
-                work,
-                tolerance,
-                import_report,
-                known,
-                measured=measured,
-                deadline=deadline,
-                progress=progress,
-            )
-            return replace(again, findings=(*told, *again.findings))
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 

@@ -34,20 +34,20 @@ NAMES = {
     "gravity": ("gravity",),
     "mass": ("body-mass", "body-inertia"),
     "centre": ("body-centre",),
-    "inertia": ("body-moments", "body-moment", "missing-rotor-inertia", "armature"),
+    "inertia": ("body-moments", "body-moment", "body-inertia", "missing-rotor-inertia", "armature"),
     "missing-damper": ("missing-damper", "damping"),
     "damping": ("damping", "missing-damper"),
     "missing-spring": ("missing-spring", "stiffness"),
     "gear": ("actuator-gear", "mass-scale"),
     "dry-friction": ("missing-friction",),
-    "drag": (),
-    "wall": ("missing-contact",),
+    "drag": ("missing-drag",),
+    "wall": ("missing-contact", "missing-stop"),
     "armature": ("missing-rotor-inertia", "armature"),
     "constant-force": ("constant-force", "applied-force", "body-torque", "thrust"),
 }
 """What names each planted fault, also in other words that no log tells apart: motors too strong are masses
 
-too small, the inertia of a body that turns about one axis a rotor's. Quadratic drag is in no dictionary."""
+too small, the inertia of a body that turns about one axis a rotor's, or one with its mass."""
 
 SLIP_NAMES = {
     "clock-1.01": ("clock-scale",),
@@ -146,7 +146,7 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
     row = {
         "number": number, "truth": truth, "name": made.name, "fault": made.fault,
         "element": made.element, "form": made.form, "scheme": made.scheme,
-        "every_step": made.every_step, "effect": made.effect, "rows": len(made.log),
+        "every_step": made.every_step, "effect": float(made.effect.max()), "rows": len(made.log),
     }  # fmt: skip
     try:
         found = dc.audit(made.model, made.log)
@@ -162,6 +162,7 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
         "bars": None if step is None else float((made.effect * step.scale / step.bar).max()),
         "ratio": None if step is None else float(step.ratio.max()),
         "named": step.scheme.name if step is not None and step.scheme is not None else "",
+        "among": [] if step is None or step.scheme is None else list(step.scheme.among),
         "seconds": round(time.perf_counter() - begun, 2),
     }
 
@@ -222,12 +223,15 @@ def _schemes(right: list[dict[str, Any]]) -> list[str]:
         for r in right
         if r["every_step"] and r["form"] in INTACT and r["scheme"] != "drake-implicit_euler"
     ]
-    rightly = [r for r in held if r["named"] in (*SCHEMES.get(r["scheme"], ()), r["scheme"])]
-    several = [r for r in held if not r["named"]]
+    right_names = {r["number"]: {*SCHEMES.get(r["scheme"], ()), r["scheme"]} for r in held}
+    rightly = [r for r in held if r["named"] in right_names[r["number"]]]
+    several = [r for r in held if not r["named"] and right_names[r["number"]] & {*r["among"]}]
+    none = [r for r in held if not r["named"] and r not in several]
     if not held:
         return []
-    return [f"- schemes: {len(held)} logs with every step, {len(rightly)} named rightly, {len(several)} not "
-            f"named (several close, or none), {len(held) - len(rightly) - len(several)} wrongly"]  # fmt: skip
+    wrongly = len(held) - len(rightly) - len(several) - len(none)
+    return [f"- schemes: {len(held)} logs of every step, {len(rightly)} named rightly, {len(several)} among "
+            f"several that close alike, {len(none)} not told, {wrongly} named wrongly"]  # fmt: skip
 
 
 def _wrong(wrong: list[dict[str, Any]]) -> list[str]:

@@ -467,8 +467,8 @@ def motion_of(
     return Motion(tau, every, q, u, step, duration, dynamics.loop and rng.random() < 0.7)
 
 
-def effect(assembly: Assembly, faulty: Dynamics, recording: Recording) -> float:
-    """Largest difference of the two forward dynamics, as a share of the accelerations."""
+def effect(assembly: Assembly, faulty: Dynamics, recording: Recording) -> Array:
+    """Differences of the two forward dynamics, as shares of the accelerations, of each equation (n,)."""
     right = Dynamics(assembly.model())
     difference, size = [], []
     for k in np.linspace(0, len(recording.t) - 1, 40).astype(int):
@@ -480,4 +480,4 @@ def effect(assembly: Assembly, faulty: Dynamics, recording: Recording) -> float:
             np.abs(M @ a) + np.abs(M @ (a - right.acceleration(t, q, 0 * u, 0 * tau))) + 1e-9
         )
     rms = np.sqrt(np.mean(np.square(difference), axis=0))
-    return float((rms / np.sqrt(np.mean(np.square(size), axis=0))).max())
+    return np.asarray(rms / np.sqrt(np.mean(np.square(size), axis=0)))

@@ -11,7 +11,7 @@ import deltac as dc
 from foreign import bodies, scenes
 from foreign import simulators as sim
 from foreign.forms import FORMS, SLIPS, Rows, formed, slipped
-from foreign.machines import Machine, draw
+from foreign.machines import Array, Machine, draw
 from foreign.simulators import Drive, Recording, Run
 
 FAULTS = (
@@ -24,8 +24,8 @@ FAULTS = (
 class Case:
     """A log with the model to judge it against, and the truth.
 
-    `truth` is "right", "wrong" (of the model) or "slip" (of the log); `effect` the largest residual that the
-    fault leaves of an equation, as a share of its terms (root mean square).
+    `truth` is "right", "wrong" (of the model) or "slip" (of the log); `effect` the residual that the fault
+    leaves of each equation, as a share of its terms (root mean square).
     """
 
     number: int
@@ -36,7 +36,7 @@ class Case:
     form: str
     scheme: str
     every_step: bool
-    effect: float
+    effect: Array
     model: Any
     log: dc.Trajectory
 
@@ -100,7 +100,7 @@ def case(seed: int, number: int, truth: str) -> Case | None:
     rows = Rows(recording.t, recording.q, recording.u, recording.udot, forces, step)
     if truth == "slip" and rng.random() < 0.5:
         rows = replace(rows, udot=None)
-    effect = _effect(run, faulty, recording) if truth == "wrong" else 0.0
+    effect = _effect(run, faulty, recording) if truth == "wrong" else np.zeros(n)
     rows = slipped(rows, form, rng) if truth == "slip" else formed(rows, form, rng)
     every = every and form not in ("thinned", "non-uniform")
     log = dc.Trajectory(
@@ -121,7 +121,7 @@ def _scene(rng: np.random.Generator, number: int, truth: str) -> Case | None:
     if drawn is None:
         return None
     model, log, fault, element, form, scheme, name, _ = drawn
-    effect = float("nan") if truth == "wrong" else 0.0
+    effect = np.array([np.nan if truth == "wrong" else 0.0])
     return Case(
         number, name, truth, fault, element, form, scheme, False, effect, model, log
     )  # fmt: skip
@@ -146,7 +146,8 @@ def _in_space(rng: np.random.Generator, number: int, truth: str) -> Case | None:
     own_times = scheme == "scipy-RK45"
     if own_times and form in ("filtered", "filtered-udot", "smoothed-udot"):
         form = "full"  # those who filter have even clocks
-    effect = bodies.effect(assembly, dynamics, recording) if truth == "wrong" else 0.0
+    nothing = np.zeros(recording.u.shape[1])
+    effect = bodies.effect(assembly, dynamics, recording) if truth == "wrong" else nothing
     mechanism, _ = dc.read_mechanism(assembly.model(), equality="constraints")
     forces = {}
     for joint in assembly.motors:
@@ -271,8 +272,8 @@ def planted(run: Run, rng: np.random.Generator) -> tuple[Run, str, str]:
     return replace(run, extra=extra), fault, link.joint
 
 
-def _effect(right: Run, faulty: Run, recording: Recording) -> float:
-    """Largest difference of the two forward dynamics, as a share of the accelerations."""
+def _effect(right: Run, faulty: Run, recording: Recording) -> Array:
+    """Differences of the two forward dynamics, as shares of the accelerations, of each equation (n,)."""
     ours, theirs = sim.Oracle(right), sim.Oracle(faulty)
     rows = np.linspace(0, len(recording.t) - 1, 60).astype(int)
     difference, size = [], []
@@ -285,4 +286,4 @@ def _effect(right: Run, faulty: Run, recording: Recording) -> float:
             np.abs(M @ a) + np.abs(M @ (a - ours.acceleration(t, q, 0 * u, 0 * tau))) + 1e-9
         )
     rms = np.sqrt(np.mean(np.square(difference), axis=0))
-    return float((rms / np.sqrt(np.mean(np.square(size), axis=0))).max())
+    return np.asarray(rms / np.sqrt(np.mean(np.square(size), axis=0)))

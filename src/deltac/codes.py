@@ -27,6 +27,8 @@ FINDINGS: dict[str, str] = {
     "zero-offset": "a coordinate is logged with another zero than the model's",
     "missing-damper": "the run has viscous damping that the model does not have",
     "missing-friction": "the run has dry friction that the model does not have",
+    "missing-drag": "the run has a drag by the square of a speed that the model does not have",
+    "missing-stop": "the run has a stop of a joint that the model does not have",
     "missing-spring": "the run has a spring that the model does not have",
     "missing-rotor-inertia": "the run has a rotor inertia that the model does not have",
     "missing-contact": "forces act now and then that the model does not have, as in a contact",
@@ -89,6 +91,7 @@ FINDINGS: dict[str, str] = {
     "angular-velocity-frame": "an angular velocity in the parent's components in place of the body's",
     "velocity-frame": "a velocity in body components in place of the world's",
     "gap": "rows are missing",
+    "frames": "velocities of a floating body were logged in other components, and were turned",
     "left-out": "rows in which a value is missing were left out",
     # what a study notices
     "coordinate-residual": "equations of motion do not close at the run's own states, at any step",

@@ -34,6 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import (
     EXPLICIT,
+    NAMED,
     UNEVEN,
     OneStep,
     one_step,
@@ -172,10 +173,12 @@ def gather(
         if local:
             found += local
         elif pair is not None:
-            step, causes = pair
-            found += _weighed(causes, step, tolerance)
+            step, alone = pair
+            found += _weighed(alone, step, tolerance)
         else:
-            found += _of_steps(mechanism, log, step, tolerance, deadline, parts.part("several"))
+            several = parts.part("several")
+            step, causes = _of_steps(mechanism, log, step, tolerance, deadline, several)
+            found += causes
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
@@ -410,12 +413,17 @@ def _of_steps(
     tolerance: float,
     deadline: Deadline,
     progress: Progress,
-) -> list[Finding]:
-    """Causes of what the one-step test leaves: local in time first, then those of the dictionary."""
+) -> tuple[OneStep, list[Finding]]:
+    """The test, and causes of what it leaves: local in time first, then those of the dictionary.
+
+    What one cause explains all along the log is significant from fewer error bars on.
+    """
     local = _at_times(log, step)
     share = float(local.mean()) if len(local) else 0.0
-    if not step.significant.any():
-        return _missing(step, share) if local.sum() >= FEWEST and share <= SHORT else []
+    now_and_then = local.sum() >= FEWEST and share <= SHORT
+    named = replace(step, clear=NAMED)
+    if not named.significant.any() or (now_and_then and not step.significant.any()):
+        return step, _missing(step, share) if now_and_then else []
     told: Explanation | None = None
     enough = len(log.consecutive) >= LEAST_ROWS
     if enough and not deadline.passed("several causes together"):
@@ -425,20 +433,25 @@ def _of_steps(
                 mechanism,
                 log.consecutive,
                 "weak",
+                most=MOST if step.significant.any() else 1,
                 excused=excused,
                 deadline=deadline,
                 progress=progress,
             )
+    if not step.significant.any():
+        if told is None or not told.findings or told.predicted < REPRODUCED:
+            return step, []
+        return named, _weighed(told.findings, named, tolerance)
     if told is not None and told.findings:
-        return _weighed(told.findings, step, tolerance)
-    if local.sum() >= FEWEST and share <= SHORT:
-        return _missing(step, share)
+        return step, _weighed(told.findings, step, tolerance)
+    if now_and_then:
+        return step, _missing(step, share)
     out = step.standing_out
     # A body that rests on something is pushed all the time: by what it falls onto, and never down.
     stands_out = np.where(out[:, None], -step.residual, 0.0)  # like F_r + F*_r
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
-        return _missing(step, float(out.mean()))
-    return _unknown(told)
+        return step, _missing(step, float(out.mean()))
+    return step, _unknown(told)
 
 
 def _now_and_then(log: Log, step: OneStep) -> list[Finding]:

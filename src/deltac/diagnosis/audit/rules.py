@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.diagnosis.audit.evidence import Evidence, beyond
+from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
@@ -33,6 +34,9 @@ FAR = 3.0
 
 LOWERING = ("constraint-violation",)
 """Notes that lower the confidence in a motion that is consistent otherwise."""
+
+FEW = 6
+"""Methods that are named at most where several close."""
 
 HALF = 0.5
 """Share of what is left that the residual must account for to be its cause."""
@@ -154,6 +158,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             accounted = (
                 f"The residual of the equations accounts for {share:.3g} J of the energy error"
             )
+            findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations, accounted)
     if step is not None and beyond(step, measures.tolerance):
         far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
@@ -165,6 +170,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         # So little accuses only where a term of the model, or the samples, say so as well.
         explained = terms is not None or any(f.factor is not None for f in findings)
         if explained and step.spent >= HALF * measures.left:
+            findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations)
         if step.known_but_for_causes:
             return verdict(
@@ -229,6 +235,12 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     )
 
 
+def _accused(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """The findings with what explains the residual as causes: small, it was a note; the energy says more."""
+    causes = [replace(f, weight="cause") for f in findings if f.kind in PREFERENCE]
+    return (*causes, *(f for f in findings if f.kind not in PREFERENCE))
+
+
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     """What is within the tolerance, and yet no chance: a residual beyond its error bar."""
     step, terms = evidence.step, evidence.terms
@@ -273,7 +285,8 @@ def _steps(step: OneStep | None) -> str:
     if step is None:
         return ""
     if step.closes and step.scheme is not None:
-        by = f"a step of {step.scheme.name}" if step.scheme.name else "one step of several methods"
+        several = f"one step of several methods ({', '.join(step.scheme.among[:FEW])})"
+        by = f"a step of {step.scheme.name}" if step.scheme.name else several
         return (
             f"Each of {step.rows} rows follows from the previous one by {by}, to "
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "

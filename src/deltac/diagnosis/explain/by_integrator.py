@@ -88,7 +88,7 @@ def known_but_for_one(
 ) -> tuple[OneStep, tuple[Finding, ...]] | None:
     """The one-step test with an integrator that closes but for one cause, and that cause; None if none does.
 
-    The search ends with what it has when the `deadline` has passed.
+    A pair counts since no other closes: when the `deadline` has passed before all were tried, none does.
     """
     steps = step.steps
     prescribed = len(mechanism.free.u) < len(mechanism.speeds)
@@ -100,7 +100,7 @@ def known_but_for_one(
     tried = []
     for relation in counted(list(_distinct(steps)), progress):
         if deadline.passed("all integrators together with one cause"):
-            break
+            return None
         at = relation.at
         udot = steps.model.acceleration(at.t, at.q, at.u, at.F) + steps.D - relation.a
         still = np.zeros_like(at.F)

@@ -15,10 +15,12 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.columns import UNIT_MOMENTS, Column, What
+from deltac.diagnosis.explain.columns import STOPS, UNIT_MOMENTS, Column, What, stops
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
+from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
+from deltac.mechanism.joints import Joint
 
 Sign = Literal["any", "positive", "factor"]
 
@@ -39,10 +41,12 @@ PREFERENCE = (
     "body-moments",
     "body-moment",
     "missing-friction",
+    "missing-drag",
     "missing-spring",
     "rest-angle",
     "actuator-delay",
     "constant-force",
+    "missing-stop",
     "gravity-vector",
     "applied-force",
     "applied-moment",
@@ -52,6 +56,10 @@ PREFERENCE = (
 )
 """Of causes that explain the same by as many numbers, the one that comes first is named first."""
 
+
+FREE = "free"
+OF_JOINTS = ("missing-friction", "missing-rotor-inertia")
+"""What acts in joints, and not on bodies that are free."""
 
 _TELLS = {
     "mass-scale": "mJ",
@@ -76,7 +84,7 @@ class Candidate:
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
     sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10
-    origin          "logged" or "computed" for channels
+    origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
     """
 
@@ -98,9 +106,13 @@ class Candidate:
         return int(self.linear.shape[1])
 
     def rank(self, theta: Array) -> int:
-        """Order of preference of causes that explain the same; factors beyond two come late."""
+        """Order of preference of causes that explain the same; factors beyond two come late.
+
+        So do friction and rotors of free joints, which have nothing to rub or turn in.
+        """
         size = np.abs(self.base + theta)
         far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
+        far |= self.origin == FREE and self.kind in OF_JOINTS
         place: int = PREFERENCE.index(self.kind)
         return place + len(PREFERENCE) if far else place
 
@@ -363,16 +375,24 @@ def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 
 
 def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    """What may act on a joint: damper, dry friction, rotor inertia, spring, constant force."""
+    """What may act on a joint: damper, dry friction, drag, rotor inertia, spring, stop, constant force."""
     mechanism = evaluator.mechanism
     number = mechanism.number
+    acting = {c.element for c in places.of if c.what == "channel"}
+    free = {int(place) for place in evaluator.symbols.system.free_u}
+    for joint in mechanism.joints:
+        span = mechanism.speeds.of(joint.name)
+        entries = [
+            mechanism.speeds[place] for place in range(span.start, span.stop) if place in free
+        ]
+        if len(entries) > 1:
+            yield from _on_all_speeds(joint, entries, acting, places)
     for place in evaluator.symbols.system.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
         row = place - mechanism.speeds.of(joint.name).start
         single = len(joint.speeds) == 1
-        turning = entry.unit == "rad/s"
-        force, per = ("N·m", "rad") if turning else ("N", "m")
+        force, per = _units(entry)
         own = {
             type(e): (e, f"{kind} {e.name}")
             for e in mechanism.elements
@@ -382,7 +402,6 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
             and places(Column("channel", f"{kind} {e.name}")) is not None  # which is not zero
         }
         damper, spring = own.get(JointDamper), own.get(JointSpring)
-        acting = {c.element for c in places.of if c.what == "channel"}
 
         def at(what: What, name: str = entry.name) -> tuple[int, ...] | None:
             return places(Column(what, name))
@@ -408,13 +427,24 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         if f"friction {joint.name}" not in acting:
             yield from one(
                 "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,
-                "positive",
+                "positive", joint.kind,
             )  # fmt: skip
+        yield from one(
+            "missing-drag",
+            entry.name,
+            at("drag"),
+            [1.0],
+            "drag",
+            0.0,
+            f"{force}·s²/{per}²",
+            "positive",
+        )
         have = number(joint.armature[row]) if joint.armature else 0.0
         yield from one(
             "armature" if have else "missing-rotor-inertia", entry.name, at("armature"), [1.0],
-            "rotor inertia", have, "kg·m²" if turning else "kg", "positive",
+            "rotor inertia", have, "kg·m²" if per == "rad" else "kg", "positive", joint.kind,
         )  # fmt: skip
+        yield from _stops(evaluator, places, entry, row)
         stiffness = getattr(spring[0], "stiffness", ()) if spring else ()
         if spring is None and f"spring {joint.name}" not in acting:
             yield from one(
@@ -435,6 +465,56 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 )
                 continue  # a constant force would be the same
         yield from one("constant-force", entry.name, at("constant"), [1.0], "force", 0.0, force)
+
+
+def _units(entry: Entry) -> tuple[str, str]:
+    """The units of a speed's force and of its coordinate."""
+    return ("N·m", "rad") if entry.unit == "rad/s" else ("N", "m")
+
+
+def _on_all_speeds(
+    joint: Joint, entries: Sequence[Entry], acting: set[str], places: Places
+) -> Iterator[Candidate]:
+    """One number for all speeds of a unit of a joint that has several."""
+    for unit in dict.fromkeys(e.unit for e in entries):
+        some = [e for e in entries if e.unit == unit]
+        force, per = _units(some[0])
+        kinds: list[tuple[str, What, str, str]] = [
+            ("missing-damper", "damper", "damping", f"{force}·s/{per}"),
+            ("missing-drag", "drag", "drag", f"{force}·s²/{per}²"),
+        ]
+        if not joint.armature:
+            inertia = "kg·m²" if per == "rad" else "kg"
+            kinds.append(("missing-rotor-inertia", "armature", "rotor inertia", inertia))
+        if f"friction {joint.name}" not in acting:
+            kinds.append(("missing-friction", "friction", "friction", force))
+        for kind, what, name, of in kinds if len(some) > 1 else ():
+            columns = places(*(Column(what, e.name) for e in some))
+            ones = [1.0] * len(some)
+            yield from one(kind, joint.name, columns, ones, name, 0.0, of, "positive", joint.kind)
+
+
+def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
+    """A stop that pushes back above a place, or below it."""
+    force, per = _units(entry)
+    at = evaluator.mechanism.coordinates.of(entry.joint).start + row
+    linear = places(Column("spring", entry.name), Column("constant", entry.name))
+    columns = [places(Column("stop", entry.name, k)) for k in range(len(STOPS))]
+    if linear is None or None in columns:
+        return
+    c = stops(evaluator, at)
+    hinge = [k for found in columns if found is not None for k in found]
+    # −k max(q − c, 0), with c between two places, is the sum of such forces at both.
+    above = np.eye(2)
+    for k in range(len(c) - 1):
+        # max(c − q, 0) = max(q − c, 0) − q + c pushes up.
+        below = np.vstack([-np.eye(2), [[1.0, 1.0], [c[k], c[k + 1]]]])
+        for side, L, more in (("above", above, ()), ("below", below, linear)):
+            names = tuple(f"stiffness {side} {place:.4g} {per}" for place in c[k : k + 2])
+            yield Candidate(
+                "missing-stop", entry.name, (*hinge[k : k + 2], *more), L, names, np.zeros(2),
+                (f"{force}/{per}",) * 2, "positive",
+            )  # fmt: skip
 
 
 def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:

@@ -26,8 +26,8 @@ from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
 
 What = Literal[
-    "inertia", "weight", "gravity", "damper", "friction", "spring", "constant", "armature", "channel",
-    "delay", "offset",
+    "inertia", "weight", "gravity", "damper", "friction", "drag", "spring", "stop", "constant", "armature",
+    "channel", "delay", "offset",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -39,7 +39,8 @@ class Column:
     inertia     body; 0 mass, 1–3 first moments, 4–9 Jxx, Jyy, Jzz, Jxy, Jxz, Jyz; kg, kg·m, kg·m²
     weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
-    damper      speed: −u; friction: −sign u; spring: −q; constant: 1; armature: −u̇
+    damper      speed: −u; friction: −sign u; drag: −u|u|; spring: −q; constant: 1; armature: −u̇
+    stop        speed: −max(q − c, 0) at the place c of that index, see `stops`
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
     offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
@@ -178,20 +179,37 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
     for row, place in enumerate(s.free_u):
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
-        force: dict[What, SX] = {"damper": -s.u[row], "friction": -ca.sign(s.u[row])}
+        u = s.u[row]
+        force = {
+            Column("damper", entry.name): -u,
+            Column("friction", entry.name): -ca.sign(u),
+            Column("drag", entry.name): -u * ca.fabs(u),
+            Column("armature", entry.name): -s.udot[row],
+        }
         if KINDS[joint.kind].rates:
             first = mechanism.coordinates.of(joint.name).start
-            q = s.q_all[first + place - mechanism.speeds.of(joint.name).start]
+            at = first + place - mechanism.speeds.of(joint.name).start
+            q = s.q_all[at]
+            force |= {Column("spring", entry.name): -q, Column("constant", entry.name): ca.SX(1)}
             force |= {
-                "spring": -q,
-                "constant": ca.SX(1),
-                "armature": -s.udot[row],
+                Column("stop", entry.name, k): -ca.fmax(q - c, 0)
+                for k, c in enumerate(stops(evaluator, int(at)))
             }
-        for what, value in force.items():
+        for column, value in force.items():
             x = ca.SX(n, 1)
             x[row] = value
-            found[Column(what, entry.name)] = x
+            found[column] = x
     return found
+
+
+STOPS = (0.02, 0.06, 0.13, 0.23, 0.36, 0.5, 0.64, 0.77, 0.87, 0.94, 0.98)
+"""Places of possible stops, as shares of the reach of a coordinate: dense towards its ends."""
+
+
+def stops(evaluator: Evaluator, coordinate: int) -> tuple[float, ...]:
+    """The places c of the "stop" columns of a coordinate; none where it rests."""
+    low, high = (float(x[coordinate]) for x in evaluator.reach)
+    return tuple(low + share * (high - low) for share in STOPS) if high > low else ()
 
 
 def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:

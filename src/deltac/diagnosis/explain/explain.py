@@ -338,7 +338,7 @@ def _made(
         relative,
         noise,
         prepared.samples,
-        prepared.regression.predicted if kind == "unexplained" else float(kind != "nothing"),
+        0.0 if kind == "nothing" else prepared.regression.predicted,
     )
 
 

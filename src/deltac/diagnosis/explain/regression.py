@@ -26,6 +26,7 @@ from deltac.diagnosis.explain.columns import (
 )
 from deltac.diagnosis.measurements.digits import resolution, white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
+from deltac.diagnosis.residuals.one_step import UNEVEN
 from deltac.dynamics.spatial import SX, Inertia
 from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
@@ -275,6 +276,9 @@ HALF_WINDOW = 32
 POWER = 8
 """Windows of the weak form: half width in samples; φ = (1 − s²)^8 is smooth enough for trapezoids."""
 
+BARS = 1.5
+"""Error bars of what is excused that need no cause."""
+
 LEAST: dict[Form, float] = {"samples": 1e-7, "weak": 1e-5}
 """Share of the terms of the equations below which a residual is not explained.
 
@@ -352,12 +356,16 @@ def prepare(
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
     if form == "weak":
         digits = np.hypot(digits, _quadrature(rows, whole[..., 0], stretches))
+    unsure = np.maximum(noise, NOISY * scale)
     if excused is not None:
-        digits = np.hypot(digits, excused.bar)
-    weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
+        unsure = np.maximum(unsure, excused.bar)
+    weight = 1.0 / np.maximum(unsure, 1e-300)
     moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
     matrix = arranged(whole * (weight * moving)[..., None])
-    precise = np.sum(((4.0 * digits + LEAST[form] * scale) * weight) ** 2)
+    certain = 4.0 * digits + LEAST[form] * scale
+    if excused is not None:
+        certain = np.hypot(certain, BARS * excused.bar)
+    precise = np.sum((certain * weight) ** 2)
     if excused is not None and form == "weak":
         level = float(np.sqrt(precise / matrix.shape[1]))
         matrix = _without(matrix, excused, stretches, weight * moving, level)
@@ -489,8 +497,9 @@ def _centres(count: int) -> tuple[int, NDArray[np.intp]]:
 
 
 def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
-    """∫ φ f − φ̇ m dt over windows, by trapezoids; ∫φ dt = 1."""
+    """∫ φ f − φ̇ m dt over windows; ∫φ dt = 1."""
     half, centres = _centres(len(t))
+    even = bool(np.ptp(np.diff(t)) < UNEVEN * np.median(np.diff(t)))
     made = np.empty((len(centres), *force.shape[1:]))
     for k, c in enumerate(centres):
         rows = slice(c - half, c + half + 1, stride)
@@ -498,12 +507,22 @@ def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
         s = (2.0 * t[rows] - start - end) / (end - start)
         phi = (1.0 - s**2) ** POWER
         slope = -2.0 * POWER * s * (1.0 - s**2) ** (POWER - 1) * 2.0 / (end - start)
-        dt = np.gradient(t[rows])
-        dt[[0, -1]] *= 0.5
+        dt = _weights(t[rows], even)
         whole = float(np.sum(phi * dt))
         made[k] = np.einsum("t,tij->ij", phi * dt / whole, force[rows])
         made[k] -= np.einsum("t,tij->ij", slope * dt / whole, momentum[rows])
     return made
+
+
+def _weights(t: Array, even: bool) -> Array:
+    """Weights of samples in an integral over a window: trapezoids on an even clock, else splines."""
+    if even:
+        weights = np.gradient(t)
+        weights[[0, -1]] *= 0.5
+        return np.asarray(weights)
+    from scipy.interpolate import make_interp_spline
+
+    return np.asarray(make_interp_spline(t, np.eye(len(t)), k=5).integrate(t[0], t[-1]))
 
 
 def _without(

@@ -85,10 +85,20 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
                 f"a spring of {_number(theta[0], error[0])} {c.units[0]} that the model does not have acts "
                 f"on joint {element}, with {_number(theta[1], error[1])} {c.units[1]} at zero"
             )
-        case "missing-damper" | "missing-friction" | "missing-rotor-inertia" | "missing-spring":
+        case "missing-stop":
+            where = " and ".join(name.removeprefix("stiffness ") for name in c.names)
+            return (
+                f"joint {element} has a stop that the model does not have: a stiffness of {several} "
+                f"{c.units[0]} {where}"
+            )
+        case (
+            "missing-damper" | "missing-friction" | "missing-drag" | "missing-rotor-inertia"
+            | "missing-spring"
+        ):  # fmt: skip
             noun = {
                 "missing-damper": "viscous damping",
                 "missing-friction": "dry friction",
+                "missing-drag": "drag by the square of the speed",
                 "missing-rotor-inertia": "rotor inertia",
             }
             return (
@@ -201,8 +211,8 @@ class Explanation(Report, also=("sentence",)):
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
-        predicted: share of an unexplained residual that a part of the log predicts of the rest, by all known
-            terms together; 1 where causes explain it, 0 where there is nothing.
+        predicted: share of the residual that a part of the log predicts of the rest, by all known terms
+            together; 0 where there is nothing.
         notes: what the log's forces hide: channels that the model does not have.
     """
 

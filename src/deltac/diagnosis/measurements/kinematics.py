@@ -5,10 +5,10 @@ rate by splines,
 
     x[n+1] − x[n] = r ∫x' dt + θ h (x'[n+1] − x'[n]) + defect.
 
-r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate is of, in rows late or
-early: a scheme that takes the rate at the start or the end of its step leaves −½ or ½, rows that were
-stored late leave 1. What is left beyond digits, noise and the error of the splines is a defect, row by
-row: copies, spikes, clipped and wrapped columns show there.
+h is the median interval. r is 1, unless a clock, a unit or a gear is wrong. θ is the instant that the rate
+is of, in rows late or early: a scheme that takes the rate at the start or the end of its step leaves −½ or
+½, rows that were stored late leave 1. What is left beyond digits, noise and the error of the splines is a
+defect, row by row: copies, spikes, clipped and wrapped columns show there.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Comparison:
 
     Attributes:
         ratio, ratio_error: r and its error bar, systematic part included.
-        late: θ in rows; positive where the rate is older than the column beside it.
+        late: θ in rows, of the median length; positive where the rate is older than the column beside it.
         defect: what is left of each interval (I,), in units of x.
         bar: error bar of each, from digits, noise and quadrature (I,).
         moved: the change of each interval (I,).
@@ -172,6 +172,8 @@ def _compared(
     projected: bool,
 ) -> list[Comparison | None]:
     parts = []
+    # A scheme, or a delay, is late by a time that is the same where rows are lost.
+    typical = float(np.median(np.diff(t)))
     for a, b in edges:
         s, x = t[a:b], rate[a:b]
         h = np.diff(s)[:, None]
@@ -181,7 +183,7 @@ def _compared(
         curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
         spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
         bias = fine - coarse
-        parts.append((fine, trapezoid, h * np.diff(x, axis=0), curved, spread, bias))
+        parts.append((fine, trapezoid, typical * np.diff(x, axis=0), curved, spread, bias))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     # From here on a row of every array is a column of the log.
     fine, trapezoid, L, C, S, B = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))

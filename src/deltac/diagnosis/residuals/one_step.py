@@ -57,7 +57,7 @@ CLOSED = 1e-8
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
-ALIKE = 1e-12
+ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
 
 DISTINCT = 10.0
@@ -68,6 +68,9 @@ WIDTHS = (1, 8, 32)
 
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
+
+NAMED = 3.0
+"""Error bars beyond which it is, where one cause explains it all along the log."""
 
 LOCAL = 30.0
 """Error bars beyond which a single window stands out: a few rows must not be accused for less."""
@@ -322,7 +325,7 @@ def _edges(run: Trajectory, cost: int, columns: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Scheme:
-    """An integrator that closes: its name ("" where several do), and order.
+    """An integrator that closes: its name ("" where several do, then `among` has theirs), and order.
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
@@ -335,6 +338,7 @@ class Scheme:
     precision: float
     forces: str
     typical: float
+    among: tuple[str, ...] = ()
 
     @property
     def late_forces(self) -> bool:
@@ -518,6 +522,10 @@ def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]
                 name + "@smooth",
                 _runge_kutta(model, name, t0, q0, u0, smooth, h0),
             )
+            offer(  # or written one row late
+                name + "@end",
+                _runge_kutta(model, name, t0, q0, u0, lambda c: smooth(1.0 + c), h0),
+            )
     if model._quaternions:
         for name in ("rk4", "heun", "explicit-midpoint"):
             turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
@@ -622,7 +630,9 @@ def identify(
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     typical_left = float(np.median(steps.off(chosen))) / typical
-    return Scheme(name, order, best, digits, chosen.forces, typical_left), best, steps
+    near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
+    among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
+    return Scheme(name, order, best, digits, chosen.forces, typical_left, among), best, steps
 
 
 def _euler(late: float) -> str:
@@ -782,6 +792,7 @@ class OneStep:
         steps: some of the steps, and what every integrator makes of them.
         known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
             residual is then what it leaves without them.
+        clear: error bars beyond which the residual is significant.
     """
 
     scheme: Scheme | None
@@ -801,6 +812,7 @@ class OneStep:
     columns: Callable[[Array, Array, Array, Array], Array]
     steps: Steps | None
     known_but_for_causes: bool = False
+    clear: float = CLEAR
 
     @property
     def ratio(self) -> Array:
@@ -831,7 +843,7 @@ class OneStep:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
-        clear = (self.ratio > CLEAR) & (self.relative > LEAST)
+        clear = (self.ratio > self.clear) & (self.relative > LEAST)
         return clear & (not self.closes)
 
     def to_dict(self) -> dict[str, Any]:
@@ -839,6 +851,7 @@ class OneStep:
         scheme = self.scheme
         return {
             "scheme": None if scheme is None else scheme.name or "several",
+            "among": [] if scheme is None else list(scheme.among),
             "closes": self.closes,
             "defect": self.off_scheme,
             "residual": dict(zip(self.speeds, self.size.tolist())),

@@ -318,8 +318,8 @@ def _named(text: str) -> Model:
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
     raise UnknownName(
-        f"unknown model {text!r}: the library has no such problem{closest(text, problems.names())}. Expected "
-        f"{TAKEN}"
+        f"unknown model {text!r}: expected {TAKEN}; the library has no such problem"
+        f"{closest(text, problems.names())}"
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.arguments import checked
-from deltac.errors import LogError
+from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.rates import rotation_matrices, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray, Trajectory
@@ -98,6 +98,10 @@ def suspicions(
 
     `mechanism_names` tells angles from lengths; without it both are thought of.
     """
+    if not isinstance(run, Trajectory):
+        raise WrongType(
+            f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
+        )
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     found = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:

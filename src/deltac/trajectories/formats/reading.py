@@ -234,18 +234,22 @@ def _derivable(columns: Collection[str], names: MechanismNames | None) -> list[s
     speeds = names.speeds if names is not None else speeds_of(coordinates)
     if not any(name.startswith("u.") for name in columns):
         return [f"u.{name}" for name in speeds]
-    return _of_poses(columns, names) if names is not None else []
+    return _unlogged(columns, names) if names is not None else []
 
 
-def _of_poses(columns: Collection[str], names: MechanismNames) -> list[str]:
-    """Speeds of joints with a quaternion that is known, none of which is."""
+def _unlogged(columns: Collection[str], names: MechanismNames) -> list[str]:
+    """Speeds of a floating body, or of all other joints, whose coordinates are known and of which none is."""
+    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
     found = []
-    for name in names.coordinates:
-        joint, _, part = name.rpartition(".")
-        own = [f"u.{speed}" for speed in names.speeds if speed.rpartition(".")[0] == joint]
-        known = all(f"q.{joint}.{p}" in columns for p in QUATERNION)
-        if part == "qw" and known and not any(speed in columns for speed in own):
-            found += own
+    for stem in (*floating, ""):  # "" is what belongs to none of these
+
+        def own(name: str, stem: str = stem) -> bool:
+            return name.startswith(stem) if stem else not name.startswith(tuple(floating))
+
+        speeds = [f"u.{name}" for name in names.speeds if own(name)]
+        known = all(f"q.{name}" in columns for name in names.coordinates if own(name))
+        if known and not any(speed in columns for speed in speeds):
+            found += speeds
     return found
 
 
@@ -335,7 +339,7 @@ def _sources(
                 guesses[found.target] = found
     if names is None and _strict(raw, mapping):
         return sources, missing  # from_columns says what is missing
-    derivable = _of_poses(sources, names) if names is not None and mapping is None else ()
+    derivable = _unlogged(sources, names) if names is not None and mapping is None else ()
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
         known = names is not None and target in names.laws
         if target in derivable or known:

@@ -194,9 +194,9 @@ def _components(raw: RawLog) -> dict[str, str]:
 
 def _common_path(columns: Sequence[str]) -> str:
     """What all names with a path have before them: the name of a variable, a topic, or a model."""
-    paths = [column for column in columns if re.search(r"[^./][./]", column)]
+    paths = [column for column in columns if re.search(r"[^./][./]|: ", column)]
     common = os.path.commonprefix(paths) if len(paths) > 1 else ""
-    return common[: max(common.rfind("."), common.rfind("/")) + 1]
+    return common[: max(map(common.rfind, ".:/")) + 1]
 
 
 @lru_cache(4096)
@@ -749,7 +749,11 @@ def _floating(
         known = ~np.isnan(table).any(axis=1)
         letters = [_last_letter(c) for c in columns]
         places = {k for k, c in enumerate(columns) if PLACES & set(_words(without_unit(c)))}
-        base = floating_base(t[rows][known], table[known], _vectors(columns, letters))
+        vectors = _vectors(columns, letters)
+        scaled = (  # whole milliseconds and the like are told once the log is read
+            floating_base(factor * t[rows][known], table[known], vectors) for factor in _SECONDS
+        )
+        base = next((one for one in scaled if one is not None), None)
         if base is not None:
             yield clock
             yield from _of_floating(base, joints[0], columns, t, raw, names)
@@ -780,6 +784,10 @@ def _last_part(column: str) -> tuple[str, ...]:
     parts = map(_words, reversed(re.split(r"[./]", column)))
     words = next((words for words in parts if not set(words) <= NEUTRAL), ())
     return words if words in (("t",), ("time",)) else ()
+
+
+_SECONDS = (1.0, 1e-3, 1e-6, 1e-9)
+"""Units that times without a unit may have, s."""
 
 
 def _last_letter(column: str) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.one_step import Model
@@ -122,6 +121,8 @@ def _best(
     left: Callable[[float, float], float], other: float, between: tuple[float, float]
 ) -> float:
     """The bound that leaves least beside the other one; it may have several minima."""
+    from scipy.optimize import minimize_scalar
+
     if between[1] <= between[0]:
         return between[0]
     grid = np.linspace(*between, 41)

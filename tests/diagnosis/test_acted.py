@@ -76,7 +76,8 @@ def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Ac
 ARM = """<mujoco><option timestep="0.002"/><default><joint axis="0 1 0" damping=".02"/></default><worldbody>
 <body><joint name="hip"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03"/>
 <body pos="0 0 -.4"><joint name="knee"/>
-<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" density="{density}"/></body></body></worldbody><actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>"""
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" density="{density}"/></body></body></worldbody>
+<actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>"""
 
 
 @pytest.mark.parametrize(

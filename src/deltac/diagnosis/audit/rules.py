@@ -210,8 +210,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("consistent", "medium", balance, *equations, _by_steps(measures))
         if not borne or measures.left <= measures.bar:
             return verdict("unresolved", "high", balance, *equations, _sampling(measures))
-    spent = step is not None and (step.hidden if borne else step.hidden + step.spent)
-    if not tested and not (step is not None and spent <= HALF * measures.left):
+    if not tested and not (step is not None and _hides(step) <= HALF * measures.left):
         wanted = (
             "The log has no accelerations of its own, and the one-step test cannot rule out that wrong "
             "equations cause the energy error: log udot.<speed> at the same instants (MuJoCo: qacc; SciPy: "
@@ -278,6 +277,11 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
             step.speeds[k],
         )
     ]
+
+
+def _hides(step: OneStep) -> float:
+    """Energy (J) that a mistake may have done in the time of the log."""
+    return step.hidden + (step.spent if step.significant.any() else 0.0)
 
 
 def _steps(step: OneStep | None) -> str:

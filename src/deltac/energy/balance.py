@@ -323,6 +323,8 @@ def _chosen(
 ) -> Sequence[str]:
     if isinstance(testing, str):
         testing = (testing,)
+    if testing is not None and not len(testing):
+        raise ArgumentsError("testing: no function is named; leave it out to have all of them")
     if method == "in-loop":
         chosen = (
             [n for n in TESTING_FUNCTIONS if n in run.integrals] if testing is None else testing

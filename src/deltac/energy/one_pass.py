@@ -41,6 +41,9 @@ PART = 512
 LEAST = 1000
 """Rows of a log from which on there is something to gain."""
 
+MANY = 8
+"""Rows of a log for each that is kept from which on this is faster than all columns."""
+
 HALO = 4 * SAMPLED // 2
 """Rows on either side of a block that windows on every fourth row reach into."""
 
@@ -146,7 +149,7 @@ def in_one_pass(
     """
     count = len(samples.t)
     aside = samples.inward is not None or samples.held or samples.derived
-    if aside or count < LEAST or not equidistant(samples.t):
+    if aside or count < max(LEAST, MANY * keep) or not equidistant(samples.t):
         return None
     part = min(max(-(-count // max(keep, 1)), 1), PART)
     size = 4 * part * max(1, ROWS // (4 * part))

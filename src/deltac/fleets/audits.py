@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob as globbing
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -122,19 +123,19 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     for one in map(str, many):
         if "://" in one:
             found += _remote(one)
-        elif Path(one).is_dir() and not is_log_folder(Path(one)):
+        elif os.path.isdir(one) and not is_log_folder(Path(one)):
             for path in sorted(p for p in Path(one).iterdir() if p.name[0] != "."):
                 if _is_log(path):
                     found.append(str(path))
                 else:
                     skipped.append(f"{path}/" if path.is_dir() else str(path))
-        elif globbing.has_magic(one) and not Path(one).exists():
+        elif globbing.has_magic(one) and not os.path.exists(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
                 raise FileError(
                     f"{one}: no file matches; quote the pattern, and look at its folder"
                 )
-            found += [n for n in matches if Path(n).is_file() or is_log_folder(Path(n))]
+            found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
         else:
             found.append(one)
     if not found:
@@ -163,8 +164,8 @@ def is_fleet(logs: Sequence[str]) -> bool:
     """Whether these are a folder of logs, a pattern, or in a store, and so a fleet even if they are few."""
     return any(
         "://" in one
-        or (Path(one).is_dir() and not is_log_folder(Path(one)))
-        or (globbing.has_magic(one) and not Path(one).exists())
+        or (os.path.isdir(one) and not is_log_folder(Path(one)))
+        or (globbing.has_magic(one) and not os.path.exists(one))
         for one in logs
     )
 

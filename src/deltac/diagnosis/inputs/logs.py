@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -146,7 +147,7 @@ def read_log(
     if not isinstance(source, str | Path):
         return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
     path = Path(source)
-    if path.suffix.lower() == ".parquet" and path.is_file():
+    if path.suffix.lower() == ".parquet" and os.path.isfile(path):
         rows, columns = _size(path)
         if rows * columns > LARGE:
             part = max(4, PART // columns // 4 * 4)

@@ -33,6 +33,7 @@ name if that is one of the log schema, and is ignored otherwise.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -113,7 +114,7 @@ class LogMapping:
 
 def read_mapping(path: str | Path) -> LogMapping:
     """Read a mapping file; InputError names the file, the line and the key."""
-    if not Path(path).exists():
+    if not os.path.exists(path):
         raise LogError(f"{path}: no such mapping file")
     try:
         text = read_text(path)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
@@ -74,7 +75,7 @@ class _Numbers:
 
 def is_bag_folder(path: Path) -> bool:
     """Whether a folder is a bag of ROS 2."""
-    return path.is_dir() and (path / "metadata.yaml").is_file()
+    return os.path.isfile(path / "metadata.yaml")
 
 
 @apart

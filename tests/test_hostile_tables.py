@@ -1,4 +1,4 @@
-"""Tables and folders of results that strangers wrote: an InputError, at once."""
+"""Tables, folders of results and names that strangers wrote."""
 
 from __future__ import annotations
 
@@ -58,3 +58,15 @@ def test_folders_of_results(tmp_path: Path, head: str) -> None:
         dc.fleet_status(tmp_path)
     with pytest.raises(dc.InputError):
         dc.compare(tmp_path, tmp_path)
+
+
+def test_names_are_no_markup() -> None:
+    script, picture = "<script>alert(1)</script>", "![a](http://b/c.png) <img src=x>"
+    parts = [dc.rod(script, 1, 1, along="-y")], [dc.revolute(picture, "ground", script)]
+    mechanism = dc.Mechanism(*parts, gravity=(0, -9.81, 0), name=picture)
+    found = dc.audit(mechanism, dc.simulate(mechanism, {picture: 0.3}, 0.1, 0.01))
+    for report in (found, dc.classify(mechanism, {picture: 0.3})):
+        text = report.to_markdown()
+        assert "](" not in text
+        text += report._repr_html_()
+        assert "<script" not in text and "<img" not in text

@@ -137,6 +137,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
     like_a_mistake = not any(f.kind == "not-reproducible" for f in findings)
+    unlogged = next((f for f in findings if f.kind == "assumed-zero" and f.element), None)
     impacts = next((f for f in findings if f.kind == "impacts"), None)
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
@@ -150,6 +151,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         by_steps = step is not None and step.significant.any()
         sure = not by_steps or float(step.ratio.max()) > BEYOND if step is not None else True
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
+    by_samples = terms is not None and terms.significant.any()
+    if unlogged and (by_samples or (step is not None and beyond(step, measures.tolerance))):
+        # No cause is known, and the model has an actuator whose force is not.
+        lacking = f"What is missing may be forces that the log lacks: {unlogged.evidence}"
+        return verdict("unresolved", "high", balance, *equations, lacking)
     if terms is not None and terms.significant.any() and like_a_mistake:
         share = float(np.abs(terms.share_of_energy).max())
         if float(terms.relative[terms.significant].max()) > measures.tolerance or (

@@ -45,6 +45,7 @@ PREFERENCE = (
     "missing-spring",
     "rest-angle",
     "actuator-delay",
+    "late-rows",
     "constant-force",
     "missing-stop",
     "gravity-vector",
@@ -352,6 +353,7 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     found: list[Candidate] = []
     for part in (_gravity, of_bodies, _speeds, _channels, _wrenches):
         found.extend(part(evaluator, places))
+    found.extend(one("late-rows", "", places(Column("late", "")), [1.0], "delay", 0.0, "s"))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 

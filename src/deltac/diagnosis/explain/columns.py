@@ -27,7 +27,7 @@ from deltac.mechanism.joints import KINDS
 
 What = Literal[
     "inertia", "weight", "gravity", "damper", "friction", "drag", "spring", "stop", "constant", "armature",
-    "channel", "delay", "offset",
+    "channel", "delay", "offset", "late",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -45,6 +45,7 @@ class Column:
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
     offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
                 proportion, 1 by squares
+    late        what all coordinates take from the equations where they are logged one second late
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     """
@@ -213,10 +214,10 @@ def stops(evaluator: Evaluator, coordinate: int) -> tuple[float, ...]:
 
 
 def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
-    """Coordinates of hinges and sliders whose zero is another one in the log than in the model."""
+    """Coordinates that are logged late; those of hinges and sliders with another zero than the model's."""
     s, mechanism = evaluator.symbols.system, evaluator.mechanism
     free = {int(k): row for row, k in enumerate(mechanism.free.q)}
-    found: dict[Column, SX] = {}
+    found = {Column("late", ""): ca.jtimes(residual, s.q, s.qdot)}
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)

@@ -66,6 +66,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"{element} acts with {shown} of its {c.origin} force"
         case "actuator-delay":
             return f"{element} acts {shown} s later than logged"
+        case "late-rows":
+            return f"the coordinates are those of {shown} s before the speeds beside them"
         case "zero-offset":
             return (
                 f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
@@ -121,6 +123,8 @@ def remedy(kind: str) -> str:
         return "Check the gear ratio and the unit of this actuator's logged force"
     if kind == "actuator-delay":
         return "Log the force that acted, not the one that was commanded"
+    if kind == "late-rows":
+        return "Write coordinates and speeds of the same instant into one row"
     if kind == "zero-offset":
         return "Calibrate the zero of this coordinate, or subtract the offset"
     if kind == "channel-factor":

@@ -560,6 +560,8 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     for link in evaluator.symbols.system.links:
         body = link.joint.child
+        drag = places(Column("drag of a body", body))
+        yield from one("missing-drag", body, drag, [1.0], "drag", 0.0, "N·s²/m²", "positive")
         for what, kind, unit in PUSHES:
             found = [
                 (k, p[0]) for k in range(3) if (p := places(Column(what, body, k))) is not None

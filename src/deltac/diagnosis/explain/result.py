@@ -93,6 +93,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
                 f"joint {element} has a stop that the model does not have: a stiffness of {several} "
                 f"{c.units[0]} {where}"
             )
+        case "missing-drag" if c.element in {b.name for b in mechanism.bodies}:
+            return f"a drag of {shown} {c.units[0]} times the square of its speed acts on {element}"
         case (
             "missing-damper" | "missing-friction" | "missing-drag" | "missing-rotor-inertia"
             | "missing-spring"

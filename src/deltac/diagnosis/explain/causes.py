@@ -59,7 +59,7 @@ PREFERENCE = (
 
 
 FREE = "free"
-OF_JOINTS = ("missing-friction", "missing-rotor-inertia")
+OF_JOINTS = ("missing-friction", "missing-rotor-inertia", "constant-force")
 """What acts in joints, and not on bodies that are free."""
 
 _TELLS = {
@@ -109,7 +109,7 @@ class Candidate:
     def rank(self, theta: Array) -> int:
         """Order of preference of causes that explain the same; factors beyond two come late.
 
-        So do friction and rotors of free joints, which have nothing to rub or turn in.
+        So do friction, rotors and motors of free joints, which have nothing to rub or turn in.
         """
         size = np.abs(self.base + theta)
         far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
@@ -466,7 +466,17 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                     "rest-angle", entry.name, at("constant"), [stiffness[row]], "rest", rest, per
                 )
                 continue  # a constant force would be the same
-        yield from one("constant-force", entry.name, at("constant"), [1.0], "force", 0.0, force)
+        yield from one(
+            "constant-force",
+            entry.name,
+            at("constant"),
+            [1.0],
+            "force",
+            0.0,
+            force,
+            "any",
+            joint.kind,
+        )
 
 
 def _units(entry: Entry) -> tuple[str, str]:

@@ -122,13 +122,14 @@ define require_python
 endef
 
 # $(call install,REQUIREMENT,STAMPS): editable install; the stamps are made only when it succeeds.
+# --no-compile: Python compiles what is imported, which is a fraction of what is installed.
 define install
 $(call require_python,$(PY),Remove $(VENV) and run make again with a newer one: make PYTHON=python3.12 ...)
 @echo "setting up $(VENV) (about a minute, once)"
 @rm -f $@
 @$(PY) -m pip --version >/dev/null 2>&1 || $(PY) -m ensurepip >/dev/null || { \
 	echo "$(VENV) has no pip, and it could not be added: remove $(VENV) and run make again" >&2; exit 1; }
-@$(PY) -m pip install --quiet --disable-pip-version-check --no-input --editable "$(1)"
+@$(PY) -m pip install --quiet --no-compile --disable-pip-version-check --no-input --editable "$(1)"
 @touch $(2)
 endef
 

@@ -16,10 +16,16 @@ from measure import contest, median_seconds
 from numpy.typing import NDArray
 
 import deltac as dc
+from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.energy.sampling.quadrature import INNER
+from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
+from deltac.kernels.kernel import AT_ONCE
+from deltac.kernels.parallel import cores, spread
 
 Array = NDArray[np.float64]
 TARGET = 50.0
+KEPT = 20_000
+"""Rows of the ledger that keeps some."""
 
 # Both sides evaluate the same closed forms; what is left is rounding, and what the quadrature's bar says.
 AGREE = 1e-10  # relative to the largest
@@ -47,8 +53,14 @@ def run(rows: int, rounds: int) -> dict[str, Any]:
     accuracy = _checked(ledger, theirs())
     found = {"name": name, "target": TARGET, **contest(ours, theirs, rounds).summary()}
     reading = median_seconds(lambda: _read(log), rounds)
+    kept = median_seconds(lambda: dc.balance(mechanism, log, work="samples", keep=KEPT), rounds)
+    bare = _bare(mechanism, log, rounds)
     return {
         **found,
+        "kept_s": kept,
+        "kept_times_reading": kept / reading,
+        "bare_s": bare,
+        "bare_times_reading": bare / reading,
         "rows": rows,
         "channels": len(ledger.power),
         "rule": ledger.rule,
@@ -68,8 +80,29 @@ def told(found: dict[str, Any]) -> str:
         f"{found['channels']} channels, works by rule {found['rule']!r}, "
         f"{found['nodes_between']} nodes between samples; "
         f"{found['times_reading']:.0f} times as long as reading q, u and the forces "
-        f"({found['reading_s']:.3f} s)"
+        f"({found['reading_s']:.3f} s); with {KEPT} rows kept "
+        f"{found['kept_times_reading']:.1f} times, the bare kernel on states in its cache "
+        f"{found['bare_times_reading']:.1f} times"
     )
+
+
+def _bare(mechanism: dc.Mechanism, log: dc.Trajectory, rounds: int) -> float:
+    """Seconds of the compiled equations alone for as many samples on all cores; nothing is kept."""
+    forces = LoggedForces.of(log)
+    symbols = ledger_symbols(mechanism, forces, None, (0.0, log.q[0]))
+    kernel = ledger_kernels(
+        symbols, testing_functions(applicable(constrained=False)), forces.places
+    ).at_samples
+    x = np.random.default_rng(1).random((kernel.n_in, AT_ONCE))
+    kernel.compile()
+
+    def some(blocks: int) -> None:
+        out = np.empty((kernel.n_out, AT_ONCE))
+        for _ in range(blocks):
+            kernel.flat(x, out=out)
+
+    share = [len(log) // AT_ONCE // cores()] * cores()
+    return median_seconds(lambda: spread(some, share), rounds)
 
 
 def _read(log: dc.Trajectory) -> float:

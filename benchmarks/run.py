@@ -16,6 +16,7 @@ os.environ["DELTAC_CACHE"] = "off"
 os.environ.setdefault("EXUDYN_MODULE", "fast")
 
 import accuracy_run
+import audit_run
 import ensemble_run
 import hardware
 import humanoid_run
@@ -94,6 +95,11 @@ def _kernels(options: argparse.Namespace, allowed: dict[str, Any], content: Any)
     content["kernels"] = found
 
 
+def _audit(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
+    content["audit"] = audit_run.run(options.samples, min(options.rounds, LONG_ROUNDS))
+    print(audit_run.told(content["audit"]), flush=True)
+
+
 def _startup(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
     content["startup"] = startup_run.run(min(options.rounds, LONG_ROUNDS))
     print(startup_run.told(content["startup"]))
@@ -107,6 +113,7 @@ PARTS: dict[str, Callable[[argparse.Namespace, dict[str, Any], Any], None]] = {
     "accuracy": _contests(accuracy_run, lambda options, few: [accuracy_run.run(options.rounds)]),
     "squeezer": _contests(squeezer_run, lambda options, few: squeezer_run.run(options.rounds, few)),
     "ledger": _contests(ledger_run, lambda options, few: [ledger_run.run(options.samples, few)]),
+    "audit": _audit,
     "kernels": _kernels,
     "startup": _startup,
 }

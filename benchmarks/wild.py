@@ -242,7 +242,7 @@ def table(title: str, groups: dict[str, list[dict[str, Any]]]) -> None:
 def main() -> None:
     """Run the campaign and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--programs", choices=("wild", "blind"), default="wild")
+    parser.add_argument("--programs", choices=("wild", "blind", "cold"), default="wild")
     parser.add_argument("--only", nargs="*", default=(), help="names of programs")
     parser.add_argument("--seen", action="store_true", help="without the programs kept unseen")
     parser.add_argument("--each", type=int, default=5, help="enumerated mistakes of a program")

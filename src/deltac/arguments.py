@@ -1,13 +1,21 @@
-"""Calls with wrong arguments: an InputError that names the closest argument, in place of a TypeError."""
+"""Calls with wrong arguments: an InputError that names the argument, in place of an error from within.
+
+Arguments are looked at only after a call has failed, so a right one costs nothing, and whatever works may be
+given: annotations say what is expected where something did not.
+"""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from functools import wraps
+from importlib import import_module
+from numbers import Integral, Real
 from typing import Any, NoReturn, TypeVar
 
-from deltac.errors import UnknownName, WrongType, closest
+from deltac.errors import InputError, UnknownName, WrongType, closest, shown
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 
@@ -36,27 +44,44 @@ def checked(
 
 
 def _refusing(made: Target, name: str, signature: inspect.Signature, skip: int = 0) -> Target:
-    """The function; where it raises a TypeError, its arguments but the first `skip` are looked at."""
+    """The function; where it raises no InputError, its arguments but the first `skip` are looked at."""
 
     @wraps(made)
     def called(*args: Any, **kwargs: Any) -> Any:
         try:
             return made(*args, **kwargs)
-        except TypeError:
-            refuse_misfits(name, signature, args[skip:], kwargs)
+        except InputError:
+            raise
+        except Exception as error:
+            refuse_misfits(name, signature, args[skip:], kwargs, error)
             raise
 
     return called  # type: ignore[return-value]
 
 
 def refuse_misfits(
-    name: str, signature: inspect.Signature, args: Sequence[Any], kwargs: Mapping[str, Any]
+    name: str,
+    signature: inspect.Signature,
+    args: Sequence[Any],
+    kwargs: Mapping[str, Any],
+    error: Exception,
 ) -> None:
-    """InputError unless the arguments fit the signature; `name` is what is called."""
+    """InputError for arguments of `name`, if `error` may be theirs: of another signature, or another kind."""
     try:
-        signature.bind(*args, **kwargs)
-    except TypeError as error:
-        _refuse(name, signature, kwargs, error)
+        given = signature.bind(*args, **kwargs).arguments
+    except TypeError as misfit:
+        if isinstance(error, TypeError):
+            _refuse(name, signature, kwargs, misfit)
+        return
+    for argument, value in given.items():
+        parameter = signature.parameters[argument]
+        annotation = str(parameter.annotation)
+        if value is not parameter.default and not fits(value, annotation):
+            expected = re.sub(r"\b\w+\.", "", annotation).replace(" | ", " or ")
+            found = f"{shown(value)} ({type(value).__name__})"
+            raise WrongType(f"{name}: {argument} is {found}, expected {expected}") from error
+    if isinstance(error, OverflowError):
+        raise InputError(f"{name}: numbers are beyond double precision; see their units") from error
 
 
 def _refuse(
@@ -67,6 +92,80 @@ def _refuse(
         if given not in taken:
             raise unknown_argument(name, given, taken) from None
     raise WrongType(f"{name}: {error}; write {name}{_short(signature)}") from None
+
+
+def fits(value: Any, annotation: str) -> bool:
+    """Whether a value may be meant by an annotation; what is not known here fits.
+
+    >>> (
+    ...     fits(1, "float | None"),
+    ...     fits("a", "float"),
+    ...     fits([1.0], "Sequence[str]"),
+    ...     fits([], "Unknown"),
+    ... )
+    (True, False, False, True)
+    """
+    return any(_is(value, part.strip().strip("'\"")) for part in _split(annotation, "|"))
+
+
+def _is(value: Any, kind: str) -> bool:
+    outer, _, inner = kind.rpartition("]")[0].partition("[") if "[" in kind else (kind, "", "")
+    match outer.rpartition(".")[2]:
+        case "None":
+            return value is None
+        case "float":
+            return isinstance(value, Real) or (
+                _dimensions(value) == 0 and value.dtype.kind in "biuf"
+            )
+        case "int":
+            return isinstance(value, Integral) and not isinstance(value, bool)
+        case "bool":
+            return isinstance(value, Integral) or type(value).__name__ == "bool_"
+        case "str":
+            return isinstance(value, str)
+        case "Path":
+            return isinstance(value, os.PathLike)
+        case "Callable" | "Progress":
+            return callable(value)
+        case "Mapping" | "dict":
+            return isinstance(value, Mapping)
+        case "Sequence" | "Collection" | "Iterable" | "tuple" | "list":
+            if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+                return False
+            if _dimensions(value) == 0:
+                return False
+            if isinstance(value, Mapping) and outer in ("Sequence", "tuple", "list"):
+                return False
+            each = inner if outer != "tuple" and "," not in inner else "Any"
+            return not isinstance(value, Sized) or all(fits(v, each) for v in value)
+        case "Array" | "FloatArray" | "ArrayLike":
+            return bool(import_module("numpy").asarray(value).dtype.kind in "biuf")
+        case name:
+            known = _class(name)
+            return known is None or isinstance(value, known)
+
+
+def _class(name: str) -> type | None:
+    """The public class of that name."""
+    public = import_module("deltac")
+    found = getattr(public, name, None) if name in public.__all__ else None
+    return found if isinstance(found, type) else None
+
+
+def _dimensions(value: Any) -> int | None:
+    """Of an array; None for what is none."""
+    return getattr(value, "ndim", None) if hasattr(value, "dtype") else None
+
+
+def _split(text: str, at: str) -> Iterator[str]:
+    """The parts of a text between the `at` that stand in no brackets."""
+    depth, start = 0, 0
+    for k, letter in enumerate(text):
+        depth += (letter in "[(") - (letter in "])")
+        if letter == at and not depth:
+            yield text[start:k]
+            start = k + 1
+    yield text[start:]
 
 
 def named(signature: inspect.Signature) -> list[str]:

@@ -79,6 +79,8 @@ FINDINGS: dict[str, str] = {
     "udot-differenced": "the accelerations are a difference quotient of the speeds",
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",
     "forces-one-row-late": "the forces of a row are those of the step that led to it",
+    "force-delayed": "a force acted later or earlier than the log says, by a fixed time",
+    "force-limited": "a force acted within limits that the log's force exceeds",
     "forces-not-of-this-row": "the forces of a row are averaged, interpolated, held or delayed",
     "not-reproducible": "what is left in one part of a log does not tell what is left in another",
     "search-ended": "a search for causes ended with what it had when its time was up",
@@ -89,6 +91,7 @@ FINDINGS: dict[str, str] = {
     "angular-velocity-frame": "an angular velocity in the parent's components in place of the body's",
     "velocity-frame": "a velocity in body components in place of the world's",
     "gap": "rows are missing",
+    "frames": "velocities of a floating body were logged in other components, and were turned",
     "left-out": "rows in which a value is missing were left out",
     # what a study notices
     "coordinate-residual": "equations of motion do not close at the run's own states, at any step",

@@ -27,7 +27,7 @@ from importlib import import_module
 from typing import Any
 
 from deltac.arguments import Target, refuse_misfits
-from deltac.errors import ArgumentsError
+from deltac.errors import ArgumentsError, InputError
 
 
 def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) -> None:
@@ -69,8 +69,10 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
             kwargs[new] = kwargs.pop(old)
         try:
             return function(*args, **kwargs)
-        except TypeError:
-            refuse_misfits(name, signature, args, kwargs)
+        except InputError:
+            raise
+        except Exception as error:
+            refuse_misfits(name, signature, args, kwargs, error)
             raise
 
     return renaming  # type: ignore[return-value]

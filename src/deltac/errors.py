@@ -18,7 +18,7 @@ class DeltacError(Exception):
 
 
 class InputError(DeltacError, ValueError):
-    """A value that cannot be used as it is: out of range, of the wrong shape, or against another one.
+    """A value that cannot be used as it is: out of range, of the wrong shape, or in conflict with another.
 
     Base of all errors of input: the message says what to change (exit code 2). `code` is stable, while
     messages may change; an error that only adds where another one happened has the other's code.

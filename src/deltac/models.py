@@ -7,6 +7,7 @@ called by name, when something of theirs comes.
 from __future__ import annotations
 
 import math
+import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -303,7 +304,7 @@ def _named(text: str) -> Model:
         return load_model(problems.load(text))
     path, base = with_base(text)
     if path.suffix.lower() in IMPORTED:
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise FileError(f"model {text}: no such file")
         return _imported(text if base else path)
     if path.suffix.lower() in NOT_IMPORTED:
@@ -318,8 +319,8 @@ def _named(text: str) -> Model:
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
     raise UnknownName(
-        f"unknown model {text!r}: the library has no such problem{closest(text, problems.names())}. Expected "
-        f"{TAKEN}"
+        f"unknown model {text!r}: expected {TAKEN}; the library has no such problem"
+        f"{closest(text, problems.names())}"
     )
 
 
@@ -397,7 +398,7 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
 
 
 def _run(path: Path, what: str) -> ModuleType:
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise FileError(f"{what} {path}: no such file")
     spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
     assert spec is not None and spec.loader is not None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from equations import cold
+from equations.cold.mistakes import MISTAKES as COLD_MISTAKES
 from equations.wild import CASES, Case
 from equations.wild.mistakes import MISTAKES
 
@@ -38,3 +40,28 @@ def test_mistakes_in_branches_loops_and_rates_are_repaired(name: str) -> None:
     words, old, new = MISTAKES[name][0]
     found = repair_source(source.replaced(source.text.replace(old, new, 1)), Target(*case.load()))
     assert found.fixes and found.fixes[0].ran, words
+
+
+@pytest.mark.parametrize(
+    ("name", "which", "kind"),
+    [
+        pytest.param(
+            "knife_edge_lstsq", 2, "factor", id="an entry of the speeds that nothing else uses"
+        ),
+        pytest.param("spherical_args", 0, "term", id="a scalar product of vectors in scope"),
+        pytest.param(
+            "walker_namedtuple", 0, "term", id="a term of a property that is asked for thrice"
+        ),
+        pytest.param("pulleys_attrs", 0, "term", id="J / r**2 of an object within an object"),
+        pytest.param("aircraft_body_axes", 0, "order", id="a matrix that is not transposed"),
+        pytest.param("christoffel_sums", 1, "index", id="indices in another order"),
+        pytest.param("matlab_port_matrix", 0, "number", id="np.matrix"),
+    ],
+)
+def test_what_programs_written_cold_lacked(name: str, which: int, kind: str) -> None:
+    """Styles and edits that no other program of the benches needs; Python has run each."""
+    case = next(c for c in cold.CASES if c.name == name)
+    source = read_source(case.target)
+    words, old, new = COLD_MISTAKES[name][which]
+    found = repair_source(source.replaced(source.text.replace(old, new, 1)), Target(*case.load()))
+    assert found.fixes and found.fixes[0].kinds == (kind,) and found.fixes[0].ran, words

@@ -156,3 +156,12 @@ def test_explain_names_the_causes(logs: Path, capsys: pytest.CaptureFixture[str]
     assert {c["element"]: c["values"][0] for c in causes} == pytest.approx(
         {"joint1": 0.01, "joint2": 0.01, "joint3": 0.01}, rel=1e-6
     )
+
+
+def test_another_value_of_a_number(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With another gravity the energy no longer closes."""
+    given = MODEL, str(logs / "good.parquet"), "--set"
+    assert run(*given, "g=9.8", capsys=capsys)[0] == 0
+    assert run(*given, "g=5", capsys=capsys)[0] == 1
+    status, _, told = run(*given, "gg=5", capsys=capsys)
+    assert status == 2 and "E-NAME" in told

@@ -136,17 +136,23 @@ def test_terms_are_named_in_accelerations_that_were_solved_for_by_hand() -> None
             "coordinates",
             "a is measured from elsewhere, π",
         ),
-        (
+        pytest.param(
             lambda t, q, u: arm(t, q * [1, -1], u * [1, -1]) * [1, -1],
             "coordinates",
             "the other way",
+            marks=pytest.mark.slow,
         ),
         (
             lambda t, q, u: np.degrees(arm(t, np.radians(q), np.radians(u))),
             "coordinates",
             "all coordinates are in degrees",
         ),
-        (lambda t, q, u: arm(t, q[::-1], u[::-1])[::-1], "coordinates", "in the order b, a"),
+        pytest.param(
+            lambda t, q, u: arm(t, q[::-1], u[::-1])[::-1],
+            "coordinates",
+            "in the order b, a",
+            marks=pytest.mark.slow,
+        ),
         (
             lambda t, q, u: np.array([1, 1.0]) * np.cumsum(arm(t, *unsummed(q, u))),
             "coordinates",
@@ -157,10 +163,11 @@ def test_terms_are_named_in_accelerations_that_were_solved_for_by_hand() -> None
             "linearised",
             "small coordinates",
         ),
-        (
+        pytest.param(
             lambda t, q, u: np.linalg.solve(*parts(0 * q, 0 * u, P)) - STIFF @ q,
             "linearised",
             "linear in the state",
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -13,6 +13,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.measurements.kinematics import coordinates_against_speeds
 from deltac.diagnosis.residuals.one_step import CLEAR, OneStep, one_step
+from tests.support.slow import repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, generalized_alpha, log
 
 RIGHT = CartPole()
@@ -115,9 +116,17 @@ def codes(found: dc.Audit) -> set[str]:
     return {f.code for f in found.findings}
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("which", ["backward", "forward", "central", "late", "filtered"])
-def test_accelerations_that_are_none_accuse_nobody(scheme: str, which: str) -> None:
+@pytest.mark.parametrize(
+    "case",
+    repeated(
+        [(w, s) for w in ("backward", "forward", "central", "late", "filtered") for s in SCHEMES],
+        # Every kind once, every scheme with differences.
+        *[(w, "trapezoidal") for w in ("forward", "central", "late", "filtered")],
+        *[("backward", s) for s in SCHEMES],
+    ),
+)
+def test_accelerations_that_are_none_accuse_nobody(case: tuple[str, str]) -> None:
+    which, scheme = case
     run = log(RIGHT, scheme)
     assert run.udot is not None
     D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]

@@ -13,6 +13,7 @@ import deltac as dc
 from deltac.energy.sampling import quadrature
 from deltac.energy.sampling.quadrature import cumulated, integrate, lagrange
 from deltac.energy.sampling.samples import Between, Samples, Smooth, at_samples, spline_rate
+from tests.support.slow import repeated
 from tests.systems.machines import robot, workshop
 
 Array = NDArray[np.float64]
@@ -197,7 +198,7 @@ def rows(run: dc.Trajectory, chosen: Any) -> dc.Trajectory:
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("log", ["even", "uneven", "no accelerations"])
-@pytest.mark.parametrize("stride", [8, 16, 32, 64])
+@pytest.mark.parametrize("stride", repeated([8, 16, 32, 64], 8, 64))
 def test_bars_of_real_motions(fine: Any, log: str, stride: int) -> None:
     """The true error is below the bar, and the bar is within three decades of it or tiny."""
     mechanism, run = fine

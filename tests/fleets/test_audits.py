@@ -15,6 +15,7 @@ import pytest
 import deltac as dc
 from deltac.errors import FileError, InputError
 from deltac.fleets.audits import find_logs
+from deltac.fleets.result import fleet_status
 from tests.support.commands import command
 
 NAME = "double-pendulum"
@@ -126,7 +127,7 @@ def test_urls(folder: Path, tmp_path: Path, crew: ThreadPoolExecutor) -> None:
     fsspec = pytest.importorskip("fsspec")
     memory = fsspec.filesystem("memory")
     memory.pipe("/fleet/good0.parquet", (folder / "good0.parquet").read_bytes())
-    assert find_logs("memory://fleet/*.parquet") == ["memory:///fleet/good0.parquet"]
+    assert find_logs("memory://fleet/*.parquet")[0] == ["memory:///fleet/good0.parquet"]
     with pytest.raises(FileError):
         find_logs("memory://fleet/*.csv")
     with pytest.raises(InputError):
@@ -215,3 +216,28 @@ def test_arrays_that_are_no_episodes_say_why(motions: list[dc.Trajectory], tmp_p
         assert [log.episode for log in plan.logs] == [None]
         (row,) = verdicts(plan.task, str(path), [None])
         assert row["verdict"] == "failed" and words in row["message"]
+
+
+def test_what_lies_in_a_folder_and_is_no_log(
+    folder: Path, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    """By its suffix, or since it holds no table; a file that is named, or matches a pattern, is a log."""
+    logs = tmp_path / "logs"
+    (logs / "older").mkdir(parents=True)
+    (logs / "good.parquet").write_bytes((folder / "good0.parquet").read_bytes())
+    (logs / "README.txt").write_text("Runs of the arm.\n\nStarted at 12:00, 3 of them.\n")
+    (logs / "config.json").write_text('{"step": 0.01, "gravity": [0, 0, -9.81]}')
+    (logs / "notes.md").write_text("1 2 3")
+    (logs / ".hidden.csv").write_text("")
+    (logs / "table.txt").write_text("time q u\n0 1 2\n1 2 3\n2 3 4\n")
+    (logs / "broken.csv").write_text("Runs")
+    found = dc.audit_many(NAME, logs, tmp_path / "out", executor=crew)
+    names = [Path(name).name for name in found.frame["log"]]
+    assert names == ["broken.csv", "good.parquet", "table.txt"]
+    skipped = [f"{logs}/{name}" for name in ("README.txt", "config.json", "notes.md", "older/")]
+    assert list(found.skipped) == list(fleet_status(tmp_path / "out").skipped) == skipped
+    assert find_logs(f"{logs}/*.txt") == ([f"{logs}/README.txt", f"{logs}/table.txt"], [])
+    with pytest.raises(FileError, match="README"):
+        (logs / "alone").mkdir()
+        (logs / "alone" / "README.txt").write_text("Nothing.")
+        find_logs(logs / "alone")

@@ -31,7 +31,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from deltac.dynamics.digits import condition, exactly
+from deltac.dynamics.digits import NEARBY, SMALL, condition, exactly
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -152,11 +152,12 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
 
     size = norm(exact[udot])
     error = norm(found - exact[udot]) / size if size else norm(found)
+    if told:
+        return "told" if error > LOOSE / 10 else f"false alarm {error:.1e}"
     if beside:
         left, bias = unbalanced(sample, exact[udot].astype(float))
-        allowed = max(
-            LOOSE, 1e-12 * condition(mass.astype(float), np.zeros((0, len(found)))) ** 0.5
-        )
+        worst = condition(mass.astype(float), np.zeros((0, len(found))))
+        allowed = max(LOOSE, 1e-12 * worst**0.5, 100 * error)
         with suppress(ZeroDivisionError):  # a mass matrix without 60 digits
 
             def dual(r: Any) -> float:
@@ -165,9 +166,13 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
 
             if not dual(left) <= allowed * dual(bias):
                 return f"apart {dual(left):.1e} of {dual(bias):.1e}, {allowed:.0e}"
-    if told:
-        return "told" if error > LOOSE / 10 else f"false alarm {error:.1e}"
-    return "right" if error < 2 * LOOSE else f"silent {error:.1e}"
+    if error < 2 * LOOSE:
+        return "right"
+    rng = np.random.default_rng(1)  # as the start of a run: what is large where they nearly vanish?
+    given[1] = x + NEARBY * rng.uniform(-1.0, 1.0, len(x))
+    [near] = exactly(f, given)
+    error /= max(1.0, SMALL * norm(near[udot]) / size) if size else 1.0
+    return "balance" if error < 2 * LOOSE else f"silent {error:.1e}"
 
 
 def unbalanced(sample: Sample, udot: Any) -> tuple[Any, Any]:

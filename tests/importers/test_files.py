@@ -101,7 +101,7 @@ BAD = {
     "model.scn": ("<sdf/>", r"expected \.xml"),
     "broken.xml": ("<mujoco><worldbody>", "MuJoCo cannot compile broken.xml"),
     "unknown.xml": ("<mujoco><oops/></mujoco>", "oops"),
-    "broken.urdf": ("<robot name='r'><link", "MuJoCo cannot compile broken.urdf"),
+    "broken.urdf": ("<robot name='r'><link", "model file 'broken.urdf' is no XML"),
     "binary.urdf": (b"\xff\xfe\x00\x01", "cannot be read"),
     "plate.urdf": (
         "<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/><inertia ixx='1' "

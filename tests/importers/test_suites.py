@@ -54,7 +54,11 @@ def tasks() -> list[Any]:
     os.environ.setdefault("MUJOCO_GL", "disable")
     from dm_control import suite
 
-    return [sized(pytest.param(d, t, id=f"{d}-{t}")) for d, t in suite.ALL_TASKS]
+    first = {domain: task for domain, task in reversed(suite.ALL_TASKS)}
+    return [
+        sized(pytest.param(d, t, id=f"{d}-{t}", marks=[pytest.mark.slow] if first[d] != t else []))
+        for d, t in suite.ALL_TASKS  # most tasks of a domain share one model
+    ]
 
 
 def compare(model: Any) -> None:

@@ -10,14 +10,17 @@ import csv
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.io import savemat
 
 import deltac as dc
+from deltac.trajectories.rates import rotation_matrices
 from tests.natural_logs import models
 from tests.natural_logs.models import GRAVITY, INERTIA, LENGTH, MASS
 
@@ -86,6 +89,9 @@ def main() -> None:
     tables_of_ros(q, u)
     datasets(q, u)
     analysis_of_opensim(q, u)
+    floating_logs()
+    floating_bags()
+    more_tables(q, u)
 
 
 def scipy_logs() -> None:
@@ -692,6 +698,254 @@ def exudyn_log() -> None:
         LOGS / "exudyn_sensors.txt", np.hstack([tables[0], tables[1][:, 1:]]), delimiter=",", fmt="%.9g",
         header="Exudyn sensor output file\ntime,Coordinates0,Coordinates1,Coordinates_t0,Coordinates_t1",
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A run of the walker: times, place, quaternion (wxyz), velocity (world), ω (body), joints.
+
+    R (T, 3, 3) turns body into world components, `w_world` is ω in these.
+    """
+
+    t: Any
+    p: Any
+    quat: Any
+    v: Any
+    w: Any
+    q: Any
+    u: Any
+
+    @property
+    def R(self) -> Any:
+        """Body to world."""
+        return rotation_matrices(self.quat)
+
+    @property
+    def xyzw(self) -> Any:
+        """The quaternion with its scalar last."""
+        return self.quat[:, [1, 2, 3, 0]]
+
+    @property
+    def v_body(self) -> Any:
+        """The velocity in body components."""
+        return np.einsum("tji,tj->ti", self.R, self.v)
+
+    @property
+    def w_world(self) -> Any:
+        """The angular velocity in world components."""
+        return np.einsum("tij,tj->ti", self.R, self.w)
+
+
+def walk() -> Walk:
+    """The trunk thrown up, turning, while its leg swings."""
+    walker = models.walker()
+    start = np.array(models.STARTS["walker"])
+    start[3:7] /= np.linalg.norm(start[3:7])
+    speeds = dict(zip(walker.speeds.names, (0.8, -0.3, 2.0, 1.5, -2.0, 0.7, 0.5, -1.0)))
+    state = walker.state(dict(zip(walker.coordinates.names, start)), speeds)
+    run = dc.simulate(walker, state, 0.5, 5e-3, "ode5")
+    q, u = run.q, run.u
+    return Walk(run.t, q[:, :3], q[:, 3:7], u[:, :3], u[:, 3:6], q[:, 7:], u[:, 6:])
+
+
+def floating_logs() -> None:
+    a = walk()
+    n, t = len(a.t), a.t
+    joints = {"joint_pos": a.q, "joint_vel": a.u}
+    np.savez(
+        LOGS / "isaac_gym.npz", dt=5e-3, dof_pos=a.q, dof_vel=a.u,
+        root_states=np.hstack([a.p, a.xyzw, a.v, a.w_world]),
+    )  # fmt: skip
+    np.savez(
+        LOGS / "isaac_lab.npz", time=t, root_pos_w=a.p, root_quat_w=a.quat, root_lin_vel_w=a.v,
+        root_ang_vel_w=a.w_world, joint_names=np.array(["hip", "knee"]), **joints,
+    )  # fmt: skip
+    letters = {"pos": "xyz", "quat": "xyzw", "lin_vel": "xyz", "ang_vel": "xyz"}
+    parts = [f"base_{kind}_{c}" for kind, several in letters.items() for c in several]
+    table(
+        "legged_gym.csv",
+        ",".join(["time", *parts, "dof_pos_0", "dof_pos_1", "dof_vel_0", "dof_vel_1"]),
+        t, a.p, a.xyzw, a.v_body, a.w, a.q, a.u,
+    )  # fmt: skip
+    drake = np.hstack([a.quat, a.p, a.q, a.w_world, a.v, a.u])
+    np.savez(LOGS / "drake_floating.npz", sample_times=t, data=drake.T)
+    v = np.hstack([a.v_body, a.w, a.u])
+    np.savez(
+        LOGS / "pinocchio_floating.npz", t=t, q=np.hstack([a.p, a.xyzw, a.q]), v=v,
+        a=CubicSpline(t, v).derivative()(t),
+    )  # fmt: skip
+    joint_q = np.hstack([a.p, a.xyzw, a.q]).astype("f4")
+    speeds = [np.hstack([*pair, a.u]).astype("f4") for pair in ((a.v, a.w_world), (a.w_world, a.v))]
+    for name, joint_qd in zip(("newton", "warp"), speeds):
+        np.savez(LOGS / f"{name}_floating.npz", sim_time=t, joint_q=joint_q, joint_qd=joint_qd)
+    np.savez(
+        LOGS / "pybullet_floating.npz", t=t, base_position=a.p, base_orientation=a.xyzw,
+        base_linear_velocity=a.v, base_angular_velocity=a.w_world, joint_positions=a.q, joint_velocities=a.u,
+    )  # fmt: skip
+    table(
+        "chrono_body.csv",
+        "time,x,y,z,e0,e1,e2,e3,vx,vy,vz,wx,wy,wz,hip_angle,knee_angle,hip_rate,knee_rate",
+        t, a.p, a.quat, a.v, a.w, a.q, a.u,
+    )  # fmt: skip
+    observed = np.hstack([a.p[:, 2:], a.quat, a.q, a.v, a.w, a.u])
+    np.savez(LOGS / "gym_observations.npz", obs=observed, act=np.zeros((n, 2)))
+    motors = [f"motor_{k}_{c}" for c in ("q", "dq") for k in range(2)]
+    imu = [*(f"imu_quat_{c}" for c in "wxyz"), *(f"imu_gyro_{c}" for c in "xyz")]
+    table("lowstate.csv", ",".join(["timestamp", *motors, *imu]), t, a.q, a.u, a.quat, a.w)
+    import h5py
+
+    with h5py.File(LOGS / "maniskill.h5", "w") as file:
+        states = np.hstack([a.p, a.quat, a.v, a.w_world, a.q, a.u]).astype("f4")
+        file["traj_0/env_states/articulations/walker"] = states
+        file["traj_0/actions"] = np.zeros((n - 1, 2))
+        file.attrs["control_freq"] = 200
+    with h5py.File(LOGS / "d4rl.hdf5", "w") as file:
+        file["observations"], file["actions"] = observed.astype("f4"), np.zeros((n, 2), "f4")
+        file["terminals"], file["timeouts"] = np.zeros(n, bool), np.arange(n) == n - 1
+        file["infos/qpos"] = np.hstack([a.p, a.quat, a.q])
+        file["infos/qvel"] = np.hstack([a.v, a.w, a.u])
+        file.attrs["dt"] = 5e-3
+
+
+def floating_bags() -> None:
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    a = walk()
+    stamps = [1_767_225_600 * 10**9 + round(1e9 * s) for s in a.t]
+
+    def written(writer: Any, ros: int, topics: Any) -> None:
+        store = get_typestore(Stores.ROS2_HUMBLE if ros == 2 else Stores.ROS1_NOETIC)
+        types = store.types
+        encode = store.serialize_cdr if ros == 2 else store.serialize_ros1
+
+        def made(name: str, *values: Any) -> Any:
+            return types[name.replace("/", "/msg/")](*values)
+
+        def header(stamp: int, frame: str) -> Any:
+            time = made("builtin_interfaces/Time", stamp // 10**9, stamp % 10**9)
+            return made("std_msgs/Header", *(() if ros == 2 else (0,)), time, frame)
+
+        def vector(x: Any, kind: str = "Vector3") -> Any:
+            return made(f"geometry_msgs/{kind}", *map(float, x))
+
+        def joints(k: int) -> Any:
+            order = ["knee", "hip"], a.q[k, ::-1].copy(), a.u[k, ::-1].copy(), np.zeros(0)
+            return made("sensor_msgs/JointState", header(stamps[k], ""), *order)
+
+        def odometry(k: int) -> Any:
+            v, w = (a.v_body[k], a.w[k]) if ros == 2 else (a.v[k], a.w_world[k])
+            pose = made(
+                "geometry_msgs/Pose", vector(a.p[k], "Point"), vector(a.xyzw[k], "Quaternion")
+            )
+            twist = made("geometry_msgs/Twist", vector(v), vector(w))
+            return made(
+                "nav_msgs/Odometry", header(stamps[k], "odom"), "base_link",
+                made("geometry_msgs/PoseWithCovariance", pose, np.zeros(36)),
+                made("geometry_msgs/TwistWithCovariance", twist, np.zeros(36)),
+            )  # fmt: skip
+
+        def transforms(k: int) -> Any:
+            moved = made("geometry_msgs/Transform", vector(a.p[k]), vector(a.xyzw[k], "Quaternion"))
+            one = made(
+                "geometry_msgs/TransformStamped", header(stamps[k], "odom"), "base_link", moved
+            )
+            return made("tf2_msgs/TFMessage", [one])
+
+        kinds = {
+            "/joint_states": ("sensor_msgs/msg/JointState", joints),
+            "/odom": ("nav_msgs/msg/Odometry", odometry),
+            "/tf": ("tf2_msgs/msg/TFMessage", transforms),
+        }
+        with writer:
+            for topic, every in topics.items():
+                kind, message = kinds[topic]
+                connection = writer.add_connection(topic, kind, typestore=store)
+                for k in range(0, len(stamps), every):
+                    writer.write(connection, stamps[k], encode(message(k), kind))
+
+    for name, every in (("odometry", 1), ("odometry_slower", 2)):
+        folder = LOGS / name
+        written(
+            Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP), 2,
+            {"/joint_states": 1, "/odom": every},
+        )  # fmt: skip
+        next(folder.glob("*.mcap")).rename(LOGS / f"{name}.mcap")
+        shutil.rmtree(folder)
+    written(Writer(LOGS / "tf_bag", version=9), 2, {"/joint_states": 1, "/tf": 1})
+    written(Writer1(LOGS / "ros1_odometry.bag"), 1, {"/joint_states": 1, "/odom": 1})
+
+
+def more_tables(q: Any, u: Any) -> None:
+    from mcap.writer import Writer
+
+    with (LOGS / "joint_states_json.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(
+            "sensor_msgs/JointState", "jsonschema", b'{"type": "object"}'
+        )
+        channel = writer.register_channel("/joint_states", "json", schema)
+        for s, a, b in zip(T.tolist(), q.tolist(), u.tolist()):
+            stamp = 1_767_225_600 * 10**9 + round(1e9 * s)
+            header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}
+            message = {
+                "header": header,
+                "name": ["shoulder", "elbow"],
+                "position": a,
+                "velocity": b,
+                "effort": [],
+            }
+            writer.add_message(channel, stamp, json.dumps(message).encode(), stamp)
+        writer.finish()
+    np.savez(LOGS / "genesis.npz", dofs_position=q, dofs_velocity=u, sim_dt=5e-3)
+    udot = np.array([rhs(0.0, y)[2:] for y in np.hstack([q, u])])
+    comments = [
+        "#Exudyn generalized alpha solver solution file",
+        "#columns contain: time, ODE2 displacements, ODE2 velocities, ODE2 accelerations",
+        "#number of system coordinates [nODE2, nODE1, nAlgebraic, nData] = [2,0,0,0]", "#",
+    ]  # fmt: skip
+    table("exudyn_solution.txt", "\n".join(comments), T, q, u, udot)
+    inspector = [
+        "time,shoulder:q,elbow:q,shoulder:w,elbow:w",
+        "," + ",".join(["Type: double"] * 4),
+        ",Unit: rad,Unit: rad,Unit: rad/s,Unit: rad/s",
+        "," + ",".join(["Interp: linear"] * 4),
+    ]
+    table("data_inspector.csv", "\n".join(inspector), T, q, u)
+    Y = np.zeros((1, 4), dtype=[("Name", object), ("Data", object), ("Unit", object)])
+    for k, values in enumerate(np.hstack([q, u]).T):
+        name = f"Model Root/Plant/{('shoulder', 'elbow')[k % 2]}/{('phi', 'omega')[k // 2]}"
+        Y[0, k] = (name, values[None], "")
+    X = {"Name": "time", "Data": T[None]}
+    savemat(LOGS / "dspace.mat", {"rec1_001": {"X": X, "Y": Y, "Description": {"General": ""}}})
+    lines = ["# Created by Octave 8.4.0, Thu Jan 01 00:00:00 2026 UTC <user@host>"]
+    for name, values in (("t", T[:, None]), ("q", q), ("qd", u)):
+        rows, columns = values.shape
+        lines += [f"# name: {name}", "# type: matrix", f"# rows: {rows}", f"# columns: {columns}"]
+        lines += [" " + " ".join(f"{x:.12g}" for x in row) for row in values] + ["", ""]
+    write("octave.mat", lines)
+    relative = "Joints/Shoulder/{0}1_Relative({1}),Joints/Elbow/{0}1_Relative({1})"
+    table(
+        "recurdyn.csv", f"TIME,{relative.format('Pos', 'deg')},{relative.format('Vel', 'deg/sec')}",
+        T, DEG(q), DEG(u),
+    )  # fmt: skip
+    states = "$J_Shoulder.st_{0}_1 [{1}];$J_Elbow.st_{0}_1 [{1}]"
+    table(
+        "simpack.csv", f"time [s];{states.format('pos', 'rad')};{states.format('vel', 'rad/s')}", T, q, u,
+        separator=";",
+    )  # fmt: skip
+    outputs = [
+        f"Main.Study.Output.Model.{j}.{k}[0]" for k in ("Pos", "Vel") for j in ("Shoulder", "Elbow")
+    ]
+    table(
+        "anybody.csv", ";".join(["Main.Study.Output.Abscissa.t", *outputs]), T, q, u, separator=";"
+    )
+    table("subscripts.csv", "t,θ₁,θ₂,θ̇₁,θ̇₂", T, q, u)
+    run = motion("pendulum")
+    s, c, w = np.sin(run.q[:, 0]), np.cos(run.q[:, 0]), run.u[:, 0]
+    table("cartesian.csv", "t,x,y,vx,vy", run.t, *0.7 * np.array([s, -c, w * c, w * s]))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import pytest
 
 import deltac as dc
 from deltac.trajectories import draft_mapping, explain, read_trajectory
+from deltac.trajectories.columns import Kinematics
 from tests.natural_logs.cases import AS_IS, CASES, DRAFTED, REFUSED, Case, rows
 from tests.natural_logs.models import STARTS
 
@@ -36,12 +37,16 @@ def test_each_is_read_as_the_table_says(case: Case, tmp_path: Path) -> None:
             read_trajectory(case.path, mapping, mechanism)
         return
     run = read_trajectory(case.path, mapping, mechanism)
-    assert run.q[0] == pytest.approx(STARTS[case.machine], abs=1e-6)
+    start = np.array(STARTS[case.machine])
+    if case.machine == "walker":
+        start[3:7] /= np.linalg.norm(start[3:7])
+    assert run.q[0] == pytest.approx(start, abs=1e-6)
     # The motion is the model's: coordinates by their speeds, and the energy of the undriven ones.
     # Semi-implicit Euler, PyBullet's and Drake's, errs by h² a / 2 a row; a stays below 120 rad/s².
     h = np.diff(run.t)[:, None]
     integral = h * (run.u[1:] + run.u[:-1]) / 2
-    assert np.diff(run.q, axis=0) == pytest.approx(integral, abs=60 * h.max() ** 2)
+    i, j = np.array(Kinematics.of(run.coordinates, run.speeds).rates).T
+    assert np.diff(run.q, axis=0)[:, i] == pytest.approx(integral[:, j], abs=60 * h.max() ** 2)
     if case.file not in DRIVEN:
         ledger = dc.balance(mechanism, run)
         assert np.abs(ledger.delta_c["wang"]).max() < 5e-3 * ledger.energy_exchanged

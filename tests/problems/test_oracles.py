@@ -266,7 +266,10 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
 }
 
 
-SLOW = ("tumbling-box", "stiff-governor", "spherical-pendulum")
+SLOW = (
+    *("tumbling-box", "stiff-governor", "spherical-pendulum"),
+    *("ball-on-rising-table", "driven-triple-pendulum", "rolling-disc"),
+)
 NAMES = [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in problems.names()]
 
 

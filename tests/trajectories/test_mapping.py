@@ -178,7 +178,7 @@ def test_a_quaternion_in_the_schemas_names_but_another_order(tmp_path: Path) -> 
         ("[quaternions]\nb = {columns=['a'], order='wxyz'}\n", "expected four names"),
         (
             "[forces.'motor x']\na = 'b'\n",
-            "line 1, forces.motor x: channel 'motor x': 'motor' is no kind",
+            "line 1, forces.motor x: channel 'motor x': expected .*'motor' is no kind",
         ),
         ("[forces]\n'actuator x' = 'b'\n", "expected a table"),
         (

@@ -7,6 +7,7 @@ the output any more.
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import shlex
@@ -37,6 +38,9 @@ from deltac.errors import InputError
 from deltac.interrupts import interruptible
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, CLOSED = 2, 70, 130, 141
+
+SELDOM = 100_000
+"""New objects between two searches for cycles: at 700, Python's, they take a tenth of a verdict."""
 
 ClickException: Any = typer.BadParameter.__mro__[2]
 """The base of all errors of usage, from the click that typer brings or needs."""
@@ -160,6 +164,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     given = sys.argv[1:] if arguments is None else list(arguments)
+    if arguments is None:  # a process of our own
+        gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
     try:
         COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():

@@ -16,12 +16,14 @@ from deltac.cli.output import (
     Json,
     Model,
     PageFile,
+    Parameters,
     deliver,
     displayed,
     print_cases,
     print_json,
     print_sections,
     progress_bar,
+    with_parameters,
 )
 from deltac.cli.sweep import (
     RetryFailed,
@@ -86,6 +88,7 @@ def command(
     episode: Annotated[
         str | None, typer.Option(metavar="NAME", help="Judge this episode of a batched log alone.")
     ] = None,
+    values: Parameters = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -114,6 +117,11 @@ def command(
         raise ArgumentsError(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
+    if fleet and values:
+        raise ArgumentsError(
+            "--set is of logs that are audited at once; for --out, --workers or --scheduler write the "
+            "values into the model"
+        )
     if fleet:
         from deltac.fleets.audits import folder_of, plan_audits, write_case
         from deltac.fleets.spec import Execution
@@ -140,7 +148,7 @@ def command(
         )
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
-    log = Path(logs[0])
+    log, varied = Path(logs[0]), with_parameters(model, values)
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)
         return
@@ -152,7 +160,7 @@ def command(
 
     form = form.unless(as_json)
     if len(logs) > 1:
-        loaded = load_model(model)  # first: a model that is none is no error of a log
+        loaded = load_model(varied)  # first: a model that is none is no error of a log
 
         def judged(path: Path) -> Report:
             return audit(
@@ -176,10 +184,10 @@ def command(
     if episode is not None:
         from deltac.fleets.episodes import read_episode
 
-        judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(model)), None
+        judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(varied)), None
     with progress_bar(f"auditing {log.name}") as progress:
         found = audit(
-            model,
+            varied,
             judged_log,
             tolerance=tolerance,
             work=work,
@@ -193,7 +201,7 @@ def command(
         from deltac.diagnosis.explain.explain import explain_residual
 
         with progress_bar("seeking causes") as progress:
-            explanations.append(explain_residual(model, log, mapping=mapping, progress=progress))
+            explanations.append(explain_residual(varied, log, mapping=mapping, progress=progress))
     deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
 
 

@@ -41,7 +41,7 @@ LIMITS: tuple[str, ...] = (
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Report):
-    """What a test of a motion came to.
+    """The outcome of a test of a motion.
 
     kind        "consistent", "integration-error", "equation-error" or "unresolved"
     confidence  "high", "medium" or "low"

@@ -3,8 +3,10 @@
 Accelerations solve M u̇ = f, with constraints G u̇ = −γ too. Double precision loses as many digits as the
 condition numbers of M and of G M⁻¹ Gᵀ have, both scaled to a unit diagonal (van der Sluis 1969): a body of a
 milligram that carries one of a thousand tons leaves none. The condition is only a bound, and a solution may
-be better. So from `SUSPECT` on every instruction is done again in `DIGITS` decimal digits, and what is told
-is the error itself.
+be better. Digits are lost in sums as well, whatever the condition: for a grain of sand that moves at
+kilometres a second, m v × v is not quite zero, and turns the grain. That shows where the last bits of the
+state are changed (`noise`). So from `SUSPECT` or `NOISY` on every instruction is done again in `DIGITS`
+decimal digits, and what is told is the error itself.
 """
 
 from __future__ import annotations
@@ -26,6 +28,9 @@ DIGITS = 60
 
 SUSPECT = 1e7
 """Condition number, scaled to a unit diagonal, from which the digits are counted: 10⁻⁹ may be lost there."""
+
+NOISY = 1e-7
+"""Scatter of the accelerations, from which the digits are counted: a tenth of what is told."""
 
 NEARBY = 1e-2
 """How far away accelerations are looked at where they vanish, to know what is small."""
@@ -55,17 +60,46 @@ def _ratio(values: Any) -> float:
     return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
+def noise(accelerations: Callable[[Array], Array], M: Array, x: Array) -> float:
+    """How far accelerations (p,) scatter when the last bits of the state x change.
+
+    Relative as in `acceleration_error`; NaN where they are not finite.
+    """
+    rng = np.random.default_rng(1)
+
+    def norm(a: Array) -> float:
+        return float(np.sqrt(abs(a @ M @ a)))
+
+    with np.errstate(all="ignore"):
+        here = accelerations(x)
+        ulp = np.finfo(float).eps
+        shaken = [accelerations(x * (1.0 + ulp * rng.integers(-2, 3, len(x)))) for _ in range(4)]
+        apart, size = max(norm(a - here) for a in shaken), norm(here)
+        if apart > NOISY * size:  # perhaps an equilibrium
+            near = accelerations(x + NEARBY * rng.uniform(-1.0, 1.0, len(x)))
+            size = max(size, SMALL * norm(near))
+        return apart / size if size > 0.0 else 0.0
+
+
 def acceleration_error(
-    motion: EquationsOfMotion, rows: Sequence[int], t: float, q: Array, u: Array, p: ArrayLike = ()
+    motion: EquationsOfMotion,
+    rows: Sequence[int],
+    t: float,
+    q: Array,
+    u: Array,
+    p: ArrayLike = (),
+    *,
+    suspect: bool = False,
 ) -> float:
     """The error that double precision makes of the accelerations, of independent rows of constraints.
 
     It is in the energy norm, √(eᵀM e), which knows no units, and relative to the accelerations or, where
-    these vanish, to those `NEARBY`. Zero where the condition gives no reason to look; NaN where it cannot be
-    told: a law is not defined there, or knows no more digits.
+    these nearly vanish, to a `SMALL` share of those `NEARBY`. Zero where the condition gives no reason to
+    look, and nothing else makes it `suspect`; NaN where it cannot be told: a law is not defined there, or
+    knows no more digits.
     """
     M, _, _, G, _ = motion.ties(t, q, u, p)
-    if not np.isfinite(M).all() or condition(M, G[list(rows)]) < SUSPECT:
+    if not np.isfinite(M).all() or not (suspect or condition(M, G[list(rows)]) >= SUSPECT):
         return 0.0
     system = motion.system
     udot, mass = system.once(("digits", tuple(rows)), lambda: _functions(motion, rows))
@@ -99,14 +133,14 @@ def _relative_error(udot: Any, mass: Any, given: list[Any]) -> float:
                 t, q, u, p = given
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
                 [near] = exactly(udot, [t, q, u, p])
-                size = norm(near) if SMALL * norm(near) > size else size
+                size = max(size, SMALL * norm(near))
             return float(error / size) if size else 0.0
         except (ArithmeticError, ValueError, TypeError, KeyError):
             return float("nan")
 
 
 SMALL = 1e-3
-"""A share from which errors and accelerations are looked at twice."""
+"""A share of the accelerations: errors above it are looked at twice, and what is below it nearly vanishes."""
 
 
 def exactly(f: ca.Function, arguments: Sequence[Any]) -> list[Any]:

@@ -20,7 +20,8 @@ from deltac.dynamics.testing_functions import (
     testing_functions,
 )
 from deltac.energy.discrete import discrete_work
-from deltac.energy.ledger import Ledger
+from deltac.energy.ledger import Ledger, worst_rows
+from deltac.energy.one_pass import in_one_pass
 from deltac.energy.prepare import checked_samples, violations
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
@@ -33,7 +34,7 @@ from deltac.energy.terms import (
     residual_kernel,
     variants,
 )
-from deltac.energy.works import Work, exchanged, in_loop, of_potential, widened
+from deltac.energy.works import Work, certain, exchanged, in_loop, of_potential, widened
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
@@ -57,6 +58,7 @@ def balance(
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | None = None,
+    keep: int | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory.
 
@@ -70,6 +72,11 @@ def balance(
         testing: names of testing functions; by default those integrated in the loop, or all.
         coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
             those in which the run's integrals were taken.
+        keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
+            parts of the run those where |ΔC| is largest, the first and the last. Works, ΔC, bars and
+            the energy exchanged are taken over all rows, and violations are the largest since the row
+            before. A long log of equidistant samples takes a fraction of the time and of the memory so. By
+            default all rows.
 
     Returns:
         The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
@@ -82,6 +89,10 @@ def balance(
     mechanism = load_model(model).mechanism
     _require_trajectory(run)
     method = _method(run, work)
+    if keep is not None and keep < 1:
+        raise ArgumentsError(
+            f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
+        )
     noted = run.provenance.coordinates
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)
@@ -94,16 +105,27 @@ def balance(
     samples, basis = checked_samples(mechanism, rows, log)
     symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
     _check_division(symbols, samples)
-    sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
-    places = kernels.at_samples.output_slices.items()
-    here = {name: sampled[where][:, rows.own] for name, where in places}
+    passed = None
+    if keep is not None and method == "samples" and not run.integrals.keys() & BOOKED:
+        evaluation = _evaluation(kernels.at_samples, log, reused=False)
+        passed = in_one_pass(samples, *evaluation, symbols, kernels, functions, keep)
+    t = run.t
+    if passed is None:
+        sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
+        known = sampled[-kernels.between.n_out :]
+        evaluate, rated = _evaluation(kernels.between, log)
+        leading = slice(len(kernels.channels), None)
+        found = integrate_pieces(samples, rows.starts, evaluate, known, rated, leading)
+        own, places = rows.own, np.arange(len(t))
+    else:
+        sampled, found, own, places = passed.known, passed.integral, slice(None), passed.rows
+        t = t[places]
+    here = {
+        name: sampled[where][:, own] for name, where in kernels.at_samples.output_slices.items()
+    }
     power = dict(zip(kernels.powers, (*here["conservative"], *here["channels"])))
-    known = sampled[-kernels.between.n_out :]
-    evaluate, rated = _evaluation(kernels.between, log)
-    leading = slice(len(kernels.channels), None)
-    found = integrate_pieces(samples, rows.starts, evaluate, known, rated, leading)
     sums = {
-        name: [Work(found.value[rows.own, k], found.bar[rows.own, k]) for k in _range(where)]
+        name: [Work(found.value[own, k], found.bar[own, k]) for k in _range(where)]
         for name, where in kernels.between.output_slices.items()
     }
     parts = Energies(*here["energies"])
@@ -127,7 +149,8 @@ def balance(
                 flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
                 flowed, bar = integrals[name].value, integrals[name].bar
-                flowed = flowed + _projected(run, potential=function.name != "liu-huston")
+                if passed is None:
+                    flowed = flowed + _projected(run, potential=function.name != "liu-huston")
             if method != "in-loop":
                 flowed = flowed + jumped.functions.get(function.name, 0.0)
             delta_c[name] = E - E[0] - (flowed - flowed[0])
@@ -150,18 +173,27 @@ def balance(
                 works[name] = in_loop(value, quadrature[name], unaccounted)
         for name in kernels.conservative:
             driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
-            works[name] = of_potential(potential[name], None if driven is None else works[driven])
+            explicit = None if driven is None else works[driven]
+            works[name] = of_potential(potential[name], explicit, places)
         works = {name: works[name] for name in kernels.powers}
-    flows = [exchanged(w, power[name], run.t) for name, w in works.items()]
-    energy_exchanged = sum(flows) + jumped.exchanged + float(np.ptp(parts.K) + np.ptp(parts.V))
-    scale = energy_exchanged + sum(float(np.abs(e).max()) for e in here["energies"])
-    rounding = EPS * scale * (4.0 + np.sqrt(np.arange(len(run))))
+    if passed is None:
+        flows = [exchanged(w, power[name], t) for name, w in works.items()]
+        energies = np.vstack([here["energies"], parts.K])
+        least, largest = energies.min(axis=1), energies.max(axis=1)
+    else:
+        flows = [certain(passed.flow[name], w) for name, w in works.items()]
+        least, largest = passed.least, passed.largest
+    energy_exchanged = (
+        sum(flows) + jumped.exchanged + float((largest - least)[-2:].sum())
+    )  # V and K
+    scale = energy_exchanged + float(np.maximum(np.abs(least), np.abs(largest))[:-1].sum())
+    rounding = EPS * scale * (4.0 + np.sqrt(places))
     bars = {name: bar + rounding for name, bar in bars.items()}
     impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
     for name in dict.fromkeys((*impulsive, *jumped.work)):
-        added = Work.exact(jumped.work.get(name, np.zeros(len(run))), "events")
+        added = Work.exact(jumped.work.get(name, np.zeros(len(t))), "events")
         works[name] = works[name] + added if name in works else added
-        power.setdefault(name, np.zeros(len(run)))
+        power.setdefault(name, np.zeros(len(t)))
         basis.setdefault(name, "measured")
     works |= {name: Work(value, rounding, "booked") for name, value in corrected.items()}
     if method == "in-loop" and "wang" in delta_c:
@@ -170,8 +202,9 @@ def balance(
         missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
         works |= widened(free, missing)
     momentum, momentum_bar = _momenta(kernels, here["momentum"], sums["force"], jumped.momentum)
-    return Ledger(
-        t=run.t,
+    violation = violations(mechanism, run)
+    ledger = Ledger(
+        t=t,
         method=method,
         K2=parts.K2,
         K1=parts.K1,
@@ -186,13 +219,20 @@ def balance(
         energy_exchanged=energy_exchanged,
         momentum=momentum,
         momentum_bar=momentum_bar,
-        violation=violations(mechanism, run),
+        violation=violation if passed is None else {},
         basis={
             **{n: "measured" if n in run.forces else "computed" for n in kernels.powers},
             **basis,
         },
         rule="discrete" if discrete is not None else found.rule,
     )
+    if keep is None:
+        return ledger
+    if passed is None:
+        places = worst_rows(ledger, np.arange(len(run)), len(run), keep)
+        ledger = ledger.at(places)
+    violation = {n: np.maximum.reduceat(v, places) for n, v in violation.items()}
+    return replace(ledger, violation=violation)
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
@@ -283,6 +323,8 @@ def _chosen(
 ) -> Sequence[str]:
     if isinstance(testing, str):
         testing = (testing,)
+    if testing is not None and not len(testing):
+        raise ArgumentsError("testing: no function is named; leave it out to have all of them")
     if method == "in-loop":
         chosen = (
             [n for n in TESTING_FUNCTIONS if n in run.integrals] if testing is None else testing
@@ -315,6 +357,8 @@ ENERGY_CORRECTION = ChannelName("correction", "energy")
 """The integral that holds the latter's part of both, and the channel of that work."""
 
 PROJECTION = ChannelName("correction", "projection")
+
+BOOKED = {ENERGY_CORRECTION, *CORRECTIONS}
 
 
 def _corrections(mechanism: Mechanism, run: Trajectory) -> dict[ChannelName, Array]:
@@ -363,10 +407,12 @@ def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str
     return {name: found[p][0] if p.stop - p.start == 1 else found[p].T for name, p in places}
 
 
-def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, ...]]:
+def _evaluation(
+    kernel: Kernel, log: LoggedForces, *, reused: bool = True
+) -> tuple[Powers, tuple[str, ...]]:
     """A kernel as a function of times and quantities there, (rows, m), and what it needs rates of.
 
-    A result is to be used before the next call in the same thread, which overwrites it.
+    Where memory is `reused`, a result is overwritten by the next call in the same thread.
     """
     rated = ("u",) if "udot" in kernel.input_names else ()
     buffers = threading.local()
@@ -374,7 +420,8 @@ def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, .
     def evaluate(t: Array, between: Between) -> Array:
         if getattr(buffers, "size", None) != len(t):
             buffers.size = len(t)
-            buffers.x, buffers.y = (np.empty((n, len(t))) for n in (kernel.n_in, kernel.n_out))
+            buffers.x = np.empty((kernel.n_in, len(t)))
+            buffers.y = np.empty((kernel.n_out, len(t))) if reused else None
         x = buffers.x
         for name, where in kernel.input_slices.items():
             if name == "t":

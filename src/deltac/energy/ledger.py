@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.caching import FrozenDict
@@ -119,6 +120,15 @@ class Ledger(
         """ΔC (T,) of a testing function with the work of corrections counted as error, not as force."""
         return self.delta_c[name] + self.corrections
 
+    def at(self, rows: NDArray[np.intp]) -> Ledger:
+        """The same at some of its rows; what was taken over all of them stays."""
+        arrays: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("t", "K2", "K1", "K0")}
+        groups: dict[str, Any] = {
+            group: {name: values[rows] for name, values in getattr(self, group).items()}
+            for group in _WHAT.keys() - {"work_from"}
+        }
+        return replace(self, **arrays, **groups)
+
     def to_frame(self) -> polars.DataFrame:
         """All of it as a table, a row a sample."""
         import polars
@@ -212,6 +222,19 @@ class Ledger(
             ),
         )
         yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
+
+
+def worst_rows(ledger: Ledger, places: NDArray[np.intp], rows: int, keep: int) -> NDArray[np.intp]:
+    """Of each of about `keep` equal parts of a log the row where |ΔC| is largest; the ends too.
+
+    `places` are those of the ledger's rows in the log, which has so many `rows`.
+    """
+    size = -(-rows // keep)
+    worst = np.max([np.abs(d) for d in ledger.delta_c.values()], axis=0)
+    order = np.lexsort((-worst, places // size))
+    first = np.concatenate([[True], np.diff((places // size)[order]) > 0])
+    ends = np.flatnonzero((places == 0) | (places == rows - 1))
+    return np.unique(np.concatenate([order[first], ends]))
 
 
 _WHAT = {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.energy.balance import balance
-from deltac.energy.ledger import Ledger
+from deltac.energy.ledger import Ledger, worst_rows
 from deltac.energy.works import Work, exchanged
 from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
@@ -68,8 +68,8 @@ def balance_chunks(
             )
         state = state or _Carry()
         carried = state.advance(ledger, core)
-        picked = _picked(carried, chunk.first_row + core, chunk.rows, kept)
-        parts.append(_take(carried, picked))
+        picked = worst_rows(carried, chunk.first_row + core, chunk.rows, kept)
+        parts.append(carried.at(picked))
         rows.append(_rows(chunk.run, core[picked]))
         happened |= {(event.t, event.names): event for event in chunk.run.events}
     if state is None:
@@ -114,26 +114,7 @@ class _Carry:
                 float(np.min([values[core].min(), *extremes])),
                 float(np.max([values[core].max(), *extremes])),
             ]
-        return replace(_take(ledger, core), **groups)
-
-
-def _picked(ledger: Ledger, places: NDArray[np.intp], rows: int, kept: int) -> NDArray[np.intp]:
-    """Of each of about `kept` equal parts of the log the row where |ΔC| is largest; the ends too."""
-    size = -(-rows // kept)
-    worst = np.max([np.abs(d) for d in ledger.delta_c.values()], axis=0)
-    order = np.lexsort((-worst, places // size))
-    first = np.concatenate([[True], np.diff((places // size)[order]) > 0])
-    ends = np.flatnonzero((places == 0) | (places == rows - 1))
-    return np.unique(np.concatenate([order[first], ends]))
-
-
-def _take(ledger: Ledger, rows: NDArray[np.intp]) -> Ledger:
-    arrays: dict[str, Any] = {n: getattr(ledger, n)[rows] for n in ("t", "K2", "K1", "K0")}
-    groups: dict[str, Any] = {
-        group: {name: values[rows] for name, values in getattr(ledger, group).items()}
-        for group in _CARRIED + _BARS + _PLAIN
-    }
-    return replace(ledger, **arrays, **groups)
+        return replace(ledger.at(core), **groups)
 
 
 def _joined(parts: Sequence[Ledger]) -> Ledger:

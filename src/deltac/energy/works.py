@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.mechanism.channels import ByChannel, ChannelName
@@ -41,18 +42,24 @@ class Work:
     way: str = "samples"
 
     @staticmethod
-    def exact(value: Array, way: str, size: float = 0.0) -> Work:
-        """A work known but for rounding; `size` is that of the numbers it is a difference of."""
-        steps = 4.0 + np.sqrt(np.arange(len(value)))
+    def exact(
+        value: Array, way: str, size: float = 0.0, rows: NDArray[np.intp] | None = None
+    ) -> Work:
+        """A work known but for rounding.
+
+        `size` is that of the numbers it is a difference of; `rows` are the samples' places in the run, if
+        they are not all of them.
+        """
+        steps = 4.0 + np.sqrt(np.arange(len(value)) if rows is None else rows)
         return Work(value, EPS * (float(np.abs(value).max()) + size) * steps, way)
 
     def __add__(self, other: Work) -> Work:
         return Work(self.value + other.value, self.bar + other.bar, self.way)
 
 
-def of_potential(V: Array, explicit: Work | None) -> Work:
+def of_potential(V: Array, explicit: Work | None, rows: NDArray[np.intp] | None = None) -> Work:
     """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero."""
-    lost = Work.exact(V[0] - V, "potential", float(np.abs(V).max()))
+    lost = Work.exact(V[0] - V, "potential", float(np.abs(V).max()), rows)
     return lost if explicit is None else lost + explicit
 
 
@@ -88,10 +95,24 @@ def exchanged(work: Work, power: Array, t: Array) -> float:
     By trapezoids, less what the work may be off in the whole run. Where the work is known without the powers
     at the samples, an interval counts no more than `LIKELY` times the work that was done in it.
     """
-    flow = 0.5 * np.diff(t) * (np.abs(power[1:]) + np.abs(power[:-1]))
-    if work.way in ("potential", "in-loop"):
-        flow = np.minimum(flow, LIKELY * np.abs(np.diff(work.value)))
-    return max(0.0, float(flow.sum()) - float(np.ptp(work.bar)))
+    known = np.diff(work.value) if work.way in ("potential", "in-loop") else None
+    return certain(float(flowed(power, np.diff(t), known)), work)
+
+
+def certain(flow: float, work: Work) -> float:
+    """What of ∫|P| dt is certain (J): less what the work may be off in the whole run."""
+    return max(0.0, flow - float(np.ptp(work.bar)))
+
+
+def flowed(power: Array, width: Array | float, work: Array | None = None) -> Array:
+    """∫|P| dt along the last axis, by trapezoids; bounded by the `work` in each interval if given."""
+    size = np.abs(power)
+    if work is None and np.ndim(width) == 0:
+        return np.asarray(width * (size.sum(axis=-1) - 0.5 * (size[..., 0] + size[..., -1])))
+    flow = 0.5 * width * (size[..., 1:] + size[..., :-1])
+    if work is not None:
+        flow = np.minimum(flow, LIKELY * np.abs(work))
+    return np.asarray(flow.sum(axis=-1))
 
 
 def unresolved(works: ByChannel, bars: ByChannel, energy: float) -> tuple[ChannelName, ...]:

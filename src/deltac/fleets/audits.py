@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob as globbing
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from deltac.arguments import checked
-from deltac.errors import FileError, InputError, UnknownName, closest
+from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.files import read_text
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
@@ -24,7 +25,7 @@ from deltac.fleets.verdicts import AuditTask, verdicts
 from deltac.interrupts import interruptible
 from deltac.isolation import Failure
 from deltac.models import Model, ModelLike, load_model
-from deltac.trajectories.formats.files import FORMATS, is_log_folder
+from deltac.trajectories.formats.files import FORMATS, is_log_folder, read_raw
 from deltac.trajectories.formats.mapping import as_mapping
 
 OUTCOME: dict[str, str] = {
@@ -44,6 +45,12 @@ OUTCOME: dict[str, str] = {
     "details": TEXT,
 }
 """What the table says of every log or episode; see docs/fleets.md."""
+
+AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
+"""Suffixes that other things than logs have as well."""
+
+SMALL = 1 << 20
+"""Size (bytes) up to which files of such suffixes are looked into."""
 
 LOGS, EPISODES = 8, 256
 """Logs, and episodes of a log, in a piece, at most."""
@@ -104,40 +111,61 @@ class AuditPiece:
 # --- which logs -----------------------------------------------------------------------------------
 
 
-def find_logs(logs: Iterable[str | Path] | str | Path) -> list[str]:
+def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[str]]:
     """The logs that are meant: paths, folders, patterns (``logs/**/*.parquet``), URLs that fsspec knows.
 
-    A path that is not there is a log, too: its row says so. Raises InputError where a pattern matches none.
+    A path that is not there is a log, too: its row says so. Whatever is named, or matches a pattern, is one;
+    what else lies in a folder is told besides. Raises InputError where a pattern matches none.
     """
     many = [logs] if isinstance(logs, str | Path) else list(logs)
     found: list[str] = []
+    skipped: list[str] = []
     for one in map(str, many):
         if "://" in one:
             found += _remote(one)
-        elif Path(one).is_dir() and not is_log_folder(Path(one)):
-            found += sorted(str(p) for p in Path(one).iterdir() if p.suffix.lower() in FORMATS)
-        elif globbing.has_magic(one) and not Path(one).exists():
+        elif os.path.isdir(one) and not is_log_folder(Path(one)):
+            for path in sorted(p for p in Path(one).iterdir() if p.name[0] != "."):
+                if _is_log(path):
+                    found.append(str(path))
+                else:
+                    skipped.append(f"{path}/" if path.is_dir() else str(path))
+        elif globbing.has_magic(one) and not os.path.exists(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
                 raise FileError(
                     f"{one}: no file matches; quote the pattern, and look at its folder"
                 )
-            found += [name for name in matches if Path(name).is_file()]
+            found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
         else:
             found.append(one)
     if not found:
         raise FileError(
             f"{', '.join(map(str, many))}: no logs there; expected files {', '.join(FORMATS)}"
+            + (f"; found {listed(skipped)}" if skipped else "")
         )
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(found)), list(dict.fromkeys(skipped))
+
+
+def _is_log(path: Path) -> bool:
+    """Whether an entry of a folder claims to be a log: by its suffix, or by a table of numbers in it."""
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        return is_log_folder(path)
+    if suffix not in AMBIGUOUS or not path.exists() or path.stat().st_size > SMALL:
+        return suffix in FORMATS
+    try:
+        columns = read_raw(path).columns.values()
+    except InputError:
+        return False
+    return len(columns) > 1 and all(len(column) > 1 for column in columns)
 
 
 def is_fleet(logs: Sequence[str]) -> bool:
     """Whether these are a folder of logs, a pattern, or in a store, and so a fleet even if they are few."""
     return any(
         "://" in one
-        or (Path(one).is_dir() and not is_log_folder(Path(one)))
-        or (globbing.has_magic(one) and not Path(one).exists())
+        or (os.path.isdir(one) and not is_log_folder(Path(one)))
+        or (globbing.has_magic(one) and not os.path.exists(one))
         for one in logs
     )
 
@@ -238,13 +266,14 @@ def folder_of(plan: AuditPlan, out: str | Path | None) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class AuditPlan:
-    """The logs of a fleet with their addresses."""
+    """The logs of a fleet with their addresses, and what lies beside them and is none."""
 
     name: str
     told: dict[str, Any]
     task: AuditTask
     logs: tuple[Log, ...]
     addresses: tuple[str, ...]
+    skipped: tuple[str, ...]
 
     def pieces(self, missing: Sequence[int], workers: int) -> Iterator[Work]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""
@@ -268,7 +297,8 @@ class AuditPlan:
 
     def run(self, folder: Path, execution: Execution, **options: Any) -> Fleet:
         """Do what is missing."""
-        store = Store.make(folder, "audit", self.name, self.told, {self.name: self.told["model"]})
+        models = {self.name: self.told["model"]}
+        store = Store.make(folder, "audit", self.name, self.told, models, self.skipped)
         return run_fleet(
             store,
             self.addresses,
@@ -309,7 +339,8 @@ def plan_audits(
     bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
     task = AuditTask(bare, float(tolerance), work, known, strict)
     found: list[Log] = []
-    for source in find_logs(logs):
+    sources, skipped = find_logs(logs)
+    for source in sources:
         fingerprint = _fingerprint(source)
         names = episode_names(source)
         found += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
@@ -326,7 +357,7 @@ def plan_audits(
         own = seed.copy()
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
-    return AuditPlan(name, told, task, tuple(found), tuple(addresses))
+    return AuditPlan(name, told, task, tuple(found), tuple(addresses), tuple(skipped))
 
 
 def write_case(plan: AuditPlan, address: str, path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.arguments import checked
+from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store
 from deltac.results import Report, Section, Table, number, percent
@@ -30,6 +31,9 @@ EXIT_CODES = {
 OUTSIDE = "outside of the table"
 """Where rows are that the plan does not have."""
 
+OF_AUDITS = ("log", "episode", "verdict", "relative", "energy_error", "findings", "code")
+"""Columns of the worst audits that are listed."""
+
 SHOWN = 10
 """Worst cases that are listed."""
 
@@ -48,6 +52,7 @@ class Fleet(Report):
         others: how many rows of an earlier plan, version or model the folder holds besides.
         exit_codes: those that rows have, each once.
         worst: the worst rows: failed ones, then by the energy error as a fraction.
+        skipped: what lies in the folders of logs and is none.
     """
 
     kind: str
@@ -60,6 +65,7 @@ class Fleet(Report):
     others: int
     exit_codes: tuple[int, ...]
     worst: tuple[Mapping[str, Any], ...]
+    skipped: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -145,8 +151,13 @@ class Fleet(Report):
         if self.worst:
             names = [n for n in self.worst[0] if n not in ("address", "message")]
             heads = (*names, "address")
+            if self.kind == "audit":  # whose rows are known by their logs
+                heads = tuple(n for n in names if n in OF_AUDITS)
             rows = tuple(tuple(shown_cell(row.get(n), n) for n in heads) for row in self.worst)
             yield Table(heads, rows)
+            bad = sum(n for verdict, n in self.verdicts.items() if verdict != "consistent")
+            if bad > len(rows):
+                yield f"These are {len(rows)} of {bad}; the table has all."
         reasons = {row["message"]: None for row in self.worst if row.get("verdict") == FAILED}
         for message in list(reasons)[:3]:
             yield f"Failed: {message}"
@@ -155,6 +166,8 @@ class Fleet(Report):
                 f"{self.aside} were set aside, since their process died, took too long or went wrong; "
                 f"{self.folder}/aside has the error of each and the command that runs it alone."
             )
+        if self.skipped:
+            yield f"No logs, and left out: {listed(self.skipped)}"
         if self.others:
             yield f"{self.others} other rows, of an earlier plan, version or model, are {OUTSIDE}."
         yield f"Table: {self.folder / RESULTS}"
@@ -266,6 +279,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int, others: int) ->
         others=others,
         exit_codes=_exit_codes(frame),
         worst=_worst(frame, SHOWN),
+        skipped=tuple(map(str, store.head.get("skipped", ()))),
     )
 
 

@@ -64,7 +64,7 @@ class Store:
     """A folder of results.
 
     head: what it is of, as in its fleet.json: kind ("sweep" or "audit"), name, plan, digests of the models by
-        name, versions.
+        name, what was left out since it is no log, versions.
     """
 
     folder: Path
@@ -94,7 +94,12 @@ class Store:
 
     @staticmethod
     def make(
-        folder: Path, kind: str, name: str, plan: Any, models: Mapping[str, str] | None = None
+        folder: Path,
+        kind: str,
+        name: str,
+        plan: Any,
+        models: Mapping[str, str] | None = None,
+        skipped: Sequence[str] = (),
     ) -> Store:
         """The folder to write to, made where it is not there; nothing that it holds is changed.
 
@@ -106,6 +111,7 @@ class Store:
             "name": name,
             "plan": plan,
             "models": dict(models or {}),
+            "skipped": list(skipped),
             "versions": versions(),
         }
         store = Store(folder, head)

@@ -74,7 +74,7 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
         )
     path, told = with_base(source)
     base = told or base
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
         model, assumed, urdf = _urdf(mujoco, path, base)

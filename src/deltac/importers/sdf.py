@@ -12,16 +12,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import FileError, InputError, ModelError, closest, shown
-from deltac.files import read_text
+from deltac.errors import ModelError, closest, shown
 from deltac.importers.report import ImportReport, Remark
-from deltac.importers.urdf import axis_turn, check_depth
+from deltac.importers.urdf import axis_turn, xml_root
 from deltac.mechanism import joints
 from deltac.mechanism.bodies import Body, body
 from deltac.mechanism.constraints import Holonomic, gear
@@ -45,17 +43,7 @@ def read_sdf(path: Path) -> tuple[Mechanism, ImportReport]:
 
     Raises InputError for a file that is none, has no or several models, or what cannot be read as a tree.
     """
-    try:
-        text = read_text(path, "model")
-    except InputError as error:
-        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ModelError(f"model file {path.name!r} has a document type; SDFormat needs none")
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ModelError(f"model file {path.name!r} is no XML: {error}") from None
-    check_depth(root, path.name)
+    root = xml_root(path)
     models = [*root.findall("model"), *root.findall("world/model")]
     if root.tag != "sdf" or len(models) != 1:
         raise ModelError(

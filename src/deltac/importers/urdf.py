@@ -109,17 +109,7 @@ class Urdf:
 
 def read_urdf(path: Path) -> Urdf:
     """The links of a file; InputError names the link and the value of what no body can have."""
-    try:
-        text = read_text(path, "model")
-    except InputError as error:
-        raise FileError(f"model file {path.name!r} cannot be read: {error}") from None
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ModelError(f"model file {path.name!r} has a document type; a URDF file needs none")
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ModelError(f"MuJoCo cannot compile {path.name}: it is no XML: {error}") from None
-    check_depth(root, path.name)
+    root = xml_root(path)
     if any("xacro" in element.tag for element in root.iter()):
         raise ModelError(
             f"model file {path.name!r} holds macros of xacro; expand them: xacro {path.name} > expanded.urdf "
@@ -156,13 +146,25 @@ def transmissions(root: ElementTree.Element) -> Iterator[Remark]:
         )
 
 
-def check_depth(root: ElementTree.Element, file: str) -> None:
-    """InputError for elements in elements, deeper than the limit."""
+def xml_root(path: Path) -> ElementTree.Element:
+    """The root of a model file; InputError for what is no XML, has entities, or is nested too deep."""
+    where = f"model file {path.name!r}"
+    try:
+        text = read_text(path, "model")
+    except InputError as error:
+        raise FileError(f"{where} cannot be read: {error}") from None
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise ModelError(f"{where} has a document type; URDF and SDFormat need none")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ModelError(f"{where} is no XML: {error}") from None
     limits, level = Limits.current(), [root]
     for _ in range(limits.nesting):
         level = [child for element in level for child in element]
     if level:
-        limits.refuse("nesting", f"model file {file!r}: its elements are nested deeper")
+        limits.refuse("nesting", f"{where}: its elements are nested deeper")
+    return root
 
 
 def _inertia(link: ElementTree.Element, where: str) -> LinkInertia:

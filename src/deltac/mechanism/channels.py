@@ -47,9 +47,8 @@ class ChannelName(str):
         """Join the two, checked."""
         if kind not in KINDS:
             raise UnknownName(
-                f"channel {f'{kind} {element}'.strip()!r}: {kind!r} is no kind of channel"
-                f"{closest(kind, KINDS)}. "
-                "A channel is named '<kind> <element>', for example 'damper elbow'."
+                f"channel {f'{kind} {element}'.strip()!r}: expected '<kind> <element>', for example "
+                f"'damper elbow'; {kind!r} is no kind of channel{closest(kind, KINDS)}"
             )
         if not element and kind != "gravity":
             raise ModelError(

@@ -180,7 +180,7 @@ def _cover(
 
 @checked
 def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
-    """Own coordinates in which hinges in series with parallel axes are told by absolute angles.
+    """Coordinates that describe hinges in series with parallel axes by absolute angles.
 
     The coordinate of such a hinge (named as the joint) is the angle of its child against the ground (or
     against the first body that does not turn about that axis), rad; all other coordinates stay as

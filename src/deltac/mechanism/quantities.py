@@ -41,7 +41,10 @@ def part_name(name: Any, what: str) -> str:
 
 def vector(value: Sequence[Any], where: str) -> Vector:
     """Three quantities; InputError names `where` when there are not three."""
-    entries = () if isinstance(value, str) or not hasattr(value, "__len__") else tuple(value)
+    single = (
+        isinstance(value, str) or not hasattr(value, "__len__") or getattr(value, "ndim", 1) == 0
+    )
+    entries = () if single else tuple(value)
     if len(entries) != 3:
         raise ModelError(f"{where}: expected three components, found {value!r}")
     x, y, z = (as_law(entry, f"{where}, component {c}") for entry, c in zip(entries, "xyz"))
@@ -97,6 +100,8 @@ def as_rotation(value: Any, where: str) -> Matrix:
 def rotation_matrix(axis: str | Sequence[float], angle: float) -> Matrix:
     """The matrix of a turn by `angle` (rad, right-handed) about `axis`: for joints, shapes, loops."""
     n = unit_vector(axis, "rotation")
+    if not math.isfinite(angle):
+        raise ModelError(f"rotation: the angle is {angle}; expected a finite number of radians")
     half = 0.5 * float(angle)
     w, s = math.cos(half), math.sin(half)
     return _from_quaternion([w, s * n[0], s * n[1], s * n[2]], "rotation")

@@ -33,6 +33,10 @@ class State:
     u: NDArray[np.float64]
 
 
+LARGEST = 1e100
+"""Coordinates and speeds: centrifugal forces, products of three of them, are still within doubles."""
+
+
 def make_state(
     joints: Sequence[Joint],
     scope: Scope,
@@ -71,7 +75,8 @@ def _fill(
     if given is None:
         return _checked_finite(values, entries, what), set()
     if not isinstance(given, Mapping):
-        entire = list(given) if isinstance(given, Iterable) else given
+        single = getattr(given, "ndim", 1) == 0 or not isinstance(given, Iterable)
+        entire = given if single else list(given)
         array = _array(entire, f"{what}s of the state")
         if array.shape != values.shape:
             raise StateError(
@@ -104,7 +109,7 @@ def _fill(
 
 def _suspect_degrees(entry: Entry, value: float) -> None:
     """Warn of an angle beyond a turn that is a round number: 60 rad is seldom meant, 60° often."""
-    if entry.unit == "rad" and abs(value) > 2 * math.pi and value % 5 == 0:
+    if entry.unit == "rad" and abs(value) > 2 * math.pi and math.isfinite(value) and value % 5 == 0:
         warnings.warn(
             f"coordinate {entry.name!r} of the state is {value:g} rad, {value / (2 * math.pi):.3g} turns; if "
             f"degrees were meant, write math.radians({value:g})",
@@ -138,6 +143,11 @@ def _checked_finite(
         if not math.isfinite(value):
             raise StateError(
                 f"{what} {entry.name!r} of the state is {value}; expected a finite number"
+            )
+        if abs(value) > LARGEST:
+            raise StateError(
+                f"{what} {entry.name!r} of the state is {value:g}; expected at most {LARGEST:g} in size, "
+                "whose energies are within double precision"
             )
     return values
 

@@ -1,4 +1,4 @@
-"""Recorders: a running simulator of someone else's becomes a trajectory."""
+"""Recorders: runs of other simulators as trajectories."""
 
 from __future__ import annotations
 

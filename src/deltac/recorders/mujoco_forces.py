@@ -34,9 +34,6 @@ Forces: TypeAlias = dict[str, Array]
 SOLVED = 1e-12
 """A residual of the constraint solver below this, relative to the forces, is not recorded."""
 
-OCCASIONAL = ("applied", "contact", "limit", "friction", "constraint")
-"""Kinds of channels that are there only if they acted; all others are always recorded."""
-
 SOLVER = "correction solver"
 """The force that the constraint solver left unbalanced: M q̈ + c − Σ forces."""
 

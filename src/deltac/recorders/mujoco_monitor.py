@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import ModelError, RecordingError
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
@@ -24,6 +25,12 @@ Data: TypeAlias = Any
 
 GROUPS = ("actuator all", "constraint all", "applied all")
 """Of actuators; of contacts, limits, friction loss and equalities; all others but springs and dampers."""
+
+TERMS = (
+    "qfrc_actuator", "qfrc_constraint", "qfrc_smooth", "qfrc_bias", "qfrc_spring", "qfrc_damper"
+)  # fmt: skip
+SIGNS = np.array([[1.0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [-1, 0, 1, 1, -1, -1]])
+"""The groups as sums of forces in mjData: all that accelerates but bias, springs, dampers and actuators."""
 
 PASSIVE = "applied passive"
 """Springs and dampers that the mechanism does not have."""
@@ -49,6 +56,8 @@ class MujocoMonitor:
         self._missing = self._not_imported(known)
         groups = (*GROUPS, PASSIVE) if self._missing else GROUPS
         self._groups = dict.fromkeys(groups, np.zeros(model.nv))
+        self._sums = np.zeros((len(groups), model.nv))
+        self._terms = np.zeros((len(TERMS), model.nv))
         self._stages = model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4
         self._state = int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self._user = int(self._mujoco.mjtState.mjSTATE_USER)
@@ -121,8 +130,8 @@ class MujocoMonitor:
         if self._stages:
             self._jump()
             return self._row_of_stages(t)
-        self._read(data)
-        return monitor.take(t, data.qpos, data.qvel, None, self._groups.values())
+        forces = (self._summed(data),) if self._plain else self._read(data).values()
+        return monitor.take(t, data.qpos, data.qvel, None, forces)
 
     def _row_of_stages(self, t: float) -> bool:
         """The row of the present state, with accelerations and forces of a forward pass there."""
@@ -147,7 +156,18 @@ class MujocoMonitor:
             return self.monitor.update(t, here.qpos, here.qvel, here.qacc, self._groups)
         return self.monitor.take(t, here.qpos, here.qvel, here.qacc, self._groups.values())
 
-    def _read(self, data: Data) -> None:
+    @property
+    def _plain(self) -> bool:
+        """Whether the groups are sums of forces in mjData with the same signs for all speeds."""
+        return not (self._compensated or self._missing)
+
+    def _summed(self, data: Data) -> Array:
+        """The groups one after the other, `_read` in two calls of NumPy: these are all of its time."""
+        np.concatenate([getattr(data, name) for name in TERMS], out=self._terms.reshape(-1))
+        np.dot(SIGNS, self._terms, out=self._sums)
+        return self._sums.reshape(-1)
+
+    def _read(self, data: Data) -> dict[str, Array]:
         """The groups of forces in mjData, of the forward pass that it holds."""
         other = data.qfrc_smooth + data.qfrc_bias
         other -= data.qfrc_spring
@@ -166,6 +186,7 @@ class MujocoMonitor:
             lacking = [force for name, force in forces.items() if name in self._missing]
             self._plastic = np.array(data.plastic)  # as it is in the next pass
             groups[PASSIVE] = np.sum([*lacking, np.zeros(self._model.nv)], axis=0)
+        return groups
 
     def _not_imported(self, known: set[ChannelName]) -> frozenset[str]:
         """Channels of springs and dampers that MuJoCo has and the mechanism does not."""

@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -33,17 +32,16 @@ from deltac.errors import (
 )
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
-from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.state import State
 from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
-    OCCASIONAL,
     Elements,
     Forces,
     discrete,
     generalized_forces,
     mass_times,
 )
+from deltac.recorders.recorder import OCCASIONAL, Recorder
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any
@@ -114,8 +112,12 @@ def record_mujoco(model: Model, data: Data, channels: str = "all") -> MujocoReco
     return MujocoRecorder(model, data, channels)
 
 
-class MujocoRecorder:
-    """Rows of a running MuJoCo simulation; made by `record_mujoco`."""
+class MujocoRecorder(Recorder):
+    """Rows of a running MuJoCo simulation; made by `record_mujoco`.
+
+    What all rows hold depends on whether an implicit integrator corrected any step. So they are kept as
+    `_Row`s until the trajectory is asked for.
+    """
 
     def __init__(self, model: Model, data: Data, channels: str = "all") -> None:
         mujoco = simulator("mujoco", "mujoco")
@@ -126,6 +128,7 @@ class MujocoRecorder:
                 "the model lets bodies fall asleep, and what MuJoCo holds of those is old: switch it off "
                 "(model.opt.enableflags &= ~mujoco.mjtEnableBit.mjENBL_SLEEP)"
             )
+        super().__init__(coordinate_names(model), speed_names(model))
         self._mujoco = mujoco
         self._model, self._data = model, data
         self._elements = Elements.of(model, grouped=channels == "grouped")
@@ -135,17 +138,6 @@ class MujocoRecorder:
         self._varied: dict[str, NDArray[np.bool_]] = {}
         self._off = 0.0
         self._keep()
-
-    def __enter__(self) -> MujocoRecorder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing to release; the trajectory stays available."""
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -217,20 +209,19 @@ class MujocoRecorder:
             self._mujoco.mj_copyData(present, self._model, self._before)
             self._set_inputs(present)
             rows.append(self._replay(present))
-        builder = TrajectoryBuilder(coordinate_names(self._model), speed_names(self._model))
+        self._builder = TrajectoryBuilder(coordinate_names(self._model), speed_names(self._model))
+        implicit = any(row.corrected for row in rows)
+        for row in rows:
+            forces = {**row.forces, IMPLICIT: row.correction} if implicit else row.forces
+            self._instant(
+                row.t, row.q, row.u, row.step_acceleration if implicit else row.qacc, forces
+            )
         if not rows:  # it broke off in its first step: there is the start, and why
             start = self._before
             if not np.isfinite([*start.qpos, *start.qvel]).all():
                 raise RecordingError(f"nothing was recorded: {message}")
-            builder.add(float(start.time), np.array(start.qpos), np.array(start.qvel))
-            return builder.trajectory(self._provenance(False, (), message))
-        implicit = any(row.corrected for row in rows)
-        for row in rows:
-            forces = {**row.forces, IMPLICIT: row.correction} if implicit else row.forces
-            builder.add(
-                row.t, row.q, row.u, row.step_acceleration if implicit else row.qacc, forces
-            )
-        return builder.trajectory(self._provenance(implicit, builder.channels, message))
+            self._instant(float(start.time), start.qpos, start.qvel, None, {})
+        return self._trajectory(self._provenance(implicit, message))
 
     def _keep(self) -> None:
         """Keep all of the present state, warm start and contact memory included."""
@@ -292,8 +283,8 @@ class MujocoRecorder:
                     "make a new recorder where you set the state"
                 )
 
-    def _provenance(self, implicit: bool, channels: tuple[str, ...], message: str) -> Provenance:
-        model = self._model
+    def _provenance(self, implicit: bool, message: str) -> Provenance:
+        model, channels = self._model, self._builder.channels
         solver = next(n for n, v in integrator_names().items() if v == model.opt.integrator)
         steps = self._steps or {float(model.opt.timestep)}
         return Provenance(
@@ -305,8 +296,8 @@ class MujocoRecorder:
             message=message,
             stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
             held=tuple(channels if solver != "rk4" else self._varied_channels(channels)),
-            looked_for=tuple(OCCASIONAL),
-            acted=tuple(n for n in channels if ChannelName.parse(n).kind in OCCASIONAL),
+            looked_for=OCCASIONAL,
+            acted=self._acted,
             strengths=motor_strengths(model),
             notes={"replay": f"every step was replayed; largest difference {self._off:.3g}"},
         )

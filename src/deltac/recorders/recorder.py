@@ -21,7 +21,7 @@ from deltac.trajectories import Provenance, Trajectory
 Forces = dict[str, Array]
 
 OCCASIONAL = ("applied", "contact", "limit", "friction", "constraint")
-"""Kinds of channels that are there only if they acted."""
+"""Kinds of channels that are there only if they acted; all others are always recorded."""
 
 HELD = (
     "state before each step, with the forces that the step used, which were held over it, and udot the "

@@ -50,7 +50,7 @@ class Fix(Record, omit=("text",)):
 
 @dataclass(frozen=True, repr=False)
 class Repair(Report, also=("right",)):
-    """What a search for a mistake in equations of motion came to.
+    """The outcome of a search for a mistake in equations of motion.
 
     file, function   what was searched
     residual         size of the residual, 1 being the size of an equation's terms; rounding when right

@@ -9,6 +9,7 @@ import contextlib
 import inspect
 import json
 import sys
+import types
 from collections.abc import Callable
 from typing import Any
 
@@ -75,7 +76,9 @@ def _sorted(value: Any, task: dict[str, Any], nq: int, nu: int) -> list[float]:
 
 
 def _answer(task: dict[str, Any], states: dict[str, Any]) -> list[list[float]] | str:
-    namespace: dict[str, Any] = {"__name__": "equations"}
+    module = types.ModuleType("equations")
+    sys.modules["equations"] = module  # dataclasses look their module up
+    namespace = vars(module)
     if task["folder"]:
         sys.path.insert(0, task["folder"])
     try:

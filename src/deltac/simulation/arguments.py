@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.caching import derived
-from deltac.dynamics.digits import acceleration_error
+from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
@@ -132,7 +132,7 @@ def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None)
 
 
 class IllConditionedWarning(UserWarning):
-    """Accelerations that double precision makes of a mechanism have few digits."""
+    """Accelerations of a mechanism have few correct digits in double precision."""
 
 
 INACCURATE, LOST = 1e-6, 0.1
@@ -140,18 +140,25 @@ INACCURATE, LOST = 1e-6, 0.1
 
 
 def _check_digits(
-    mechanism: Mechanism, vary: Sequence[str], rows: Sequence[int], state: State, p: Array
+    mechanism: Mechanism,
+    vary: Sequence[str],
+    rows: Sequence[int],
+    state: State,
+    p: Array,
+    *,
+    suspect: bool,
 ) -> None:
     """StateError for accelerations without a digit, `IllConditionedWarning` for few."""
     free = mechanism.free
     motion = equations_of_motion(mechanism, vary)
-    error = acceleration_error(motion, rows, state.t, state.q[free.q], state.u[free.u], p)
+    q, u = state.q[free.q], state.u[free.u]
+    error = acceleration_error(motion, rows, state.t, q, u, p, suspect=suspect)
     if not error > INACCURATE:
         return
-    M = motion.ties(state.t, state.q[free.q], state.u[free.u], p)[0]
+    M = motion.ties(state.t, q, u, p)[0]
     words = (
         f"the accelerations of {mechanism.name!r} at the start are wrong by {error:.1g} of themselves in "
-        f"double precision: {_contrast(mechanism, M)}"
+        f"double precision: {_contrast(mechanism, M, tied=bool(rows))}"
     )
     remedy = (
         "Fasten what weighs nothing beside the rest (a fixed joint), or give it the mass of what it "
@@ -162,13 +169,18 @@ def _check_digits(
     warn_user(f"{words}. Nor can the run be better. {remedy}", IllConditionedWarning)
 
 
-def _contrast(mechanism: Mechanism, M: Array) -> str:
+def _contrast(mechanism: Mechanism, M: Array, *, tied: bool) -> str:
     """Which speeds move hardly any inertia of their own, in words."""
     names = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
     size = np.sqrt(np.diagonal(M))
     values, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
     share = np.abs(motions[:, 0])
     which = [repr(names[int(k)]) for k in np.argsort(-share)[:3] if share[k] > 0.1 * share.max()]
+    if values[0] > 1e-6 and not tied:
+        return (
+            "a body is very small beside the distances and speeds at which it moves, or large forces "
+            "cancel"
+        )
     if values[0] > 1e-6:  # it is the constraints
         return "constraints tie bodies of too different masses, or nearly the same motions"
     return (
@@ -206,7 +218,10 @@ def check_accelerations(
         (M,) = evaluate_at(_inertias(flow), state.t, x0, p)
         if error := singular_inertia(mechanism, M.reshape(n, n)):
             raise error
-        _check_digits(mechanism, vary, rows, state, p)
+        suspect = False
+        if flow.traced and controller is None and len(x0[u_part]) == n:
+            suspect = noise(_at_start(flow, state.t, p), M.reshape(n, n), x0) > NOISY
+        _check_digits(mechanism, vary, rows, state, p, suspect=suspect)
     bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
@@ -215,6 +230,12 @@ def check_accelerations(
             f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
             ": a law is not defined there, or equations by hand give no number"
         )
+
+
+def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:
+    """The accelerations as a function of the state."""
+    function, u_part = _accelerations(flow), flow.parts[1]
+    return lambda x: np.asarray(evaluate_at(function, t, x, p)[0][u_part])
 
 
 @derived

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from deltac.errors import WrongType
 from deltac.mechanism.laws import Law, rate, with_values
 
 if TYPE_CHECKING:
@@ -42,6 +43,14 @@ class MechanismNames:
         """The names and units of a mechanism's coordinates and speeds."""
         if isinstance(mechanism, MechanismNames):
             return mechanism
+        from deltac.mechanism.mechanism import Mechanism
+
+        if not isinstance(mechanism, Mechanism):
+            raise WrongType(
+                f"mechanism_names: found {type(mechanism).__name__}, expected a Mechanism; "
+                "deltac.load_model(…).mechanism is that of a file. The order of arguments is "
+                "read_trajectory(log, mapping, mechanism)"
+            )
         from deltac.mechanism.forces import JointTorque
 
         return cls(

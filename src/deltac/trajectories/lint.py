@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.arguments import checked
-from deltac.errors import LogError
+from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.rates import rotation_matrices, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
@@ -97,6 +98,10 @@ def suspicions(
 
     `mechanism_names` tells angles from lengths; without it both are thought of.
     """
+    if not isinstance(run, Trajectory):
+        raise WrongType(
+            f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
+        )
     names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
     found = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:
@@ -265,14 +270,14 @@ def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
     told = 0.5 * np.diff(run.t)[:, None] * (run.u[1:, j : j + 3] + run.u[:-1, j : j + 3])
     stored = run.q[:, i : i + 4]
     readings = [
-        (_fit(_rotation_vectors(p, frame)[near], told[near]), order, frame, p)
+        (_fit(rotation_vectors(p, frame)[near], told[near]), order, frame, p)
         for order, p in (("wxyz", stored), ("xyzw", stored[:, [3, 0, 1, 2]]))
         for frame in ("body", "world")
     ]
     better = (reading for reading in readings if reading[0].beats(readings[0][0]))
     fit, order, frame, p = next(better, readings[0])
     found = tuple(_of_turning(joint, fit, order, frame)) if fit.good else ()
-    return _Turning(joint, fit, _matrices(p), found)
+    return _Turning(joint, fit, rotation_matrices(p), found)
 
 
 def _of_turning(joint: str, fit: _Fit, order: str, frame: str) -> Iterator[Suspicion]:
@@ -334,32 +339,6 @@ def _velocity_frame(run: Trajectory, turn: _Turning) -> Iterator[Suspicion]:
             "body components",
             "store the velocity of the origin in the parent's (world) components",
         )
-
-
-def _rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
-    """Rotation vectors (T−1, 3) from each sample to the next, body or parent's components."""
-    a, b = p[:-1], p[1:]
-    w = np.sum(a * b, axis=1)
-    sign = -1.0 if frame == "body" else 1.0
-    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] + sign * np.cross(a[:, 1:], b[:, 1:])
-    v, w = v * np.where(w < 0.0, -1.0, 1.0)[:, None], np.abs(w)
-    length = np.linalg.norm(v, axis=1)
-    scale = np.divide(2.0 * np.arctan2(length, w), length, out=np.zeros_like(w), where=length > 0.0)
-    result: FloatArray = v * scale[:, None]
-    return result
-
-
-def _matrices(p: FloatArray) -> FloatArray:
-    """Rotation matrices (T, 3, 3), body to parent; the identity where a quaternion is zero."""
-    length = np.linalg.norm(p, axis=1)
-    usable = np.where((length > 0.0)[:, None], p, [1.0, 0.0, 0.0, 0.0])
-    w, x, y, z = (usable / np.linalg.norm(usable, axis=1)[:, None]).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 # -- times ---------------------------------------------------------------------------------------

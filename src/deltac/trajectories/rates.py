@@ -60,9 +60,9 @@ def with_accelerations(run: Trajectory) -> Trajectory:
 
 
 def derived_error(run: Trajectory, what: str = "u") -> FloatArray | None:
-    """The estimated largest errors (nu,) of derived "u" or "udot"; None when it was measured."""
+    """The estimated largest errors (nu,) of derived "u" or "udot", zero where measured; None if all are."""
     errors = run.provenance.derived.get(what)
-    return None if not errors else np.array([errors[name] for name in run.speeds], np.float64)
+    return None if not errors else np.array([errors.get(name, 0.0) for name in run.speeds])
 
 
 def angular_velocity(p: FloatArray, pdot: FloatArray) -> FloatArray:
@@ -79,6 +79,32 @@ def continuous(p: FloatArray) -> FloatArray:
     sign = np.concatenate([[1.0], np.cumprod(np.where(jumps, -1.0, 1.0))])
     result: FloatArray = p * sign[:, None]
     return result
+
+
+def rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
+    """Rotation vectors (T−1, 3) from each quaternion (T, 4) to the next, "body" or "world" components."""
+    a, b = p[:-1], p[1:]
+    w = np.sum(a * b, axis=1)
+    sign = -1.0 if frame == "body" else 1.0
+    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] + sign * np.cross(a[:, 1:], b[:, 1:])
+    v, w = v * np.where(w < 0.0, -1.0, 1.0)[:, None], np.abs(w)
+    length = np.linalg.norm(v, axis=1)
+    scale = np.divide(2.0 * np.arctan2(length, w), length, out=np.zeros_like(w), where=length > 0.0)
+    result: FloatArray = v * scale[:, None]
+    return result
+
+
+def rotation_matrices(p: FloatArray) -> FloatArray:
+    """Rotation matrices (T, 3, 3), body to parent; the identity where a quaternion is zero."""
+    length = np.linalg.norm(p, axis=1)
+    usable = np.where((length > 0.0)[:, None], p, [1.0, 0.0, 0.0, 0.0])
+    w, x, y, z = (usable / np.linalg.norm(usable, axis=1)[:, None]).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def _speeds(t: FloatArray, q: FloatArray, kinematics: Kinematics, count: int) -> FloatArray:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import checks
+from deltac.diagnosis.audit.acted import as_acted
 from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
@@ -120,7 +121,15 @@ def gather(
     between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
     if not doubted and not (given and measured) and not between:
         step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
-    found: list[Finding] = [_interpolated()] if between and not (given and measured) else []
+    found: list[Finding] = []
+    if step is not None and not step.closes and log.consecutive is log.run:
+        acted = as_acted(mechanism, log.run)
+        if acted is not None:
+            run, found = acted
+            log = balanced(mechanism, run, work, log.findings, log.comparisons)
+            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+    if between and not (given and measured):
+        found.append(_interpolated())
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
         found.append(finding)

@@ -166,7 +166,7 @@ UNSEEN = 0.3
 def explain_residual(
     model: Any, log: Any, *, mapping: Any = None, progress: Progress | None = None
 ) -> Explanation:
-    """Name the few changes of a model that explain what a log leaves of its equations of motion.
+    """Find the few changes of a model that explain the residual of its equations along a log.
 
     Springs and dampers are taken from the model, also where the log holds them, so that what model
     and run have differently is found; all other logged forces are taken as they are, and channels among

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import inspect
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +51,7 @@ def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Ca
 
 def _of_library(path: Path, name: str) -> Callable[..., Any]:
     """The function ``void f(double t, const double *q, const double *u, double *udot)`` of a library."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise FileError(f"equations {path}:{name}: no file {path}")
     try:
         function = getattr(ctypes.CDLL(str(path.resolve())), name)

@@ -7,6 +7,7 @@ is found from what it gives: the rate of a coordinate is the value of its speed.
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import tempfile
 import weakref
@@ -45,7 +46,7 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any
     """
     file = Path(path)
     fmpy = _fmpy()
-    if not file.is_file():
+    if not os.path.isfile(file):
         raise FileError(f"{path}: no such file")
     try:
         with zipfile.ZipFile(file) as archive:

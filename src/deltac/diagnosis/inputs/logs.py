@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -21,7 +22,7 @@ from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.parquet import parquet_facts
-from deltac.trajectories.formats.reading import LEFT_OUT
+from deltac.trajectories.formats.reading import FRAMES, LEFT_OUT
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import row_name
 
@@ -146,7 +147,7 @@ def read_log(
     if not isinstance(source, str | Path):
         return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
     path = Path(source)
-    if path.suffix.lower() == ".parquet" and path.is_file():
+    if path.suffix.lower() == ".parquet" and os.path.isfile(path):
         rows, columns = _size(path)
         if rows * columns > LARGE:
             part = max(4, PART // columns // 4 * 4)
@@ -168,6 +169,11 @@ def _whole(
     if told := given.provenance.notes.get(LEFT_OUT):
         what = "rows in which a value is missing were left out"
         findings.append(Finding("left-out", what, told, "Nothing, if samples were lost"))
+    if told := given.provenance.notes.get(FRAMES):
+        what = (
+            "velocities of a floating body are in other components than deltac's, and were turned"
+        )
+        findings.append(Finding("frames", what, told, "Nothing, if the log is meant so"))
     _refuse_garbage(run)
     if not measured:
         return balanced(mechanism, run, work, tuple(findings))

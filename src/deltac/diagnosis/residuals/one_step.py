@@ -1273,6 +1273,12 @@ def _judged(
         growth * fitted[n] * work(np.concatenate([p.column_forces[n] for p in parts]))
         for n in SECOND
     )
+    # So do forces of other rows, which the ledger takes as they were logged.
+    absorbed += sum(
+        abs(c.get(n, 0.0))
+        * work(np.concatenate([forces(p, p.forces.get(n, 0.0 * p.w)) for p in parts]))
+        for n in sorted({n for p in parts for n in p.forces})
+    )
     hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     mechanism = model.mechanism

@@ -22,6 +22,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, LogError, ModelError, StateError
+from deltac.limits import Limits
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
@@ -147,6 +148,11 @@ def draw(
     """`random_states` of a mechanism that is written out already."""
     if count < 1:
         raise InputError(f"count is {count}; expected one state or more")
+    if seed < 0:
+        raise InputError(f"seed is {seed}; expected a whole number, 0 or more")
+    if len(window) != 2 or not -np.inf < window[0] <= window[1] < np.inf:
+        raise InputError(f"window is {window}; expected a first and a last time, s")
+    Limits.current().check("rows", count, "random states:")
     rng = np.random.default_rng(seed)
     found: list[States] = []
     for done in range(ROUNDS):

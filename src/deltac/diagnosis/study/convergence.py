@@ -130,14 +130,16 @@ def observed_order(
     """
     h = np.asarray(steps, dtype=np.float64)
     y = np.asarray(values, dtype=np.float64)
-    if h.ndim != 1 or len(y) != len(h) or not len(h):
+    if h.ndim != 1 or not y.ndim or len(y) != len(h) or not len(h):
         raise InputError(f"found {h.size} steps and values of shape {y.shape}; expected one each")
     if not (np.isfinite(h).all() and (h > 0.0).all() and (np.diff(h) < 0.0).all()):
         raise InputError(f"steps are {list(h)}; expected positive numbers, the coarsest first")
     if not np.isfinite(y).all():
         raise InputError("the values are not all finite; leave out the runs that failed")
-    floors = np.broadcast_to(np.asarray(floor, dtype=np.float64), h.shape)
-    return towards_zero(h, y.reshape(len(h), -1), floors)
+    floors = np.asarray(floor, dtype=np.float64)
+    if floors.ndim and floors.shape != h.shape:
+        raise InputError(f"floor has the shape {floors.shape}; expected a number, or one a step")
+    return towards_zero(h, y.reshape(len(h), -1), np.broadcast_to(floors, h.shape))
 
 
 def towards_zero(h: Array, y: Array, floors: Array) -> Convergence:
@@ -147,7 +149,7 @@ def towards_zero(h: Array, y: Array, floors: Array) -> Convergence:
 
 
 def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
-    clear = sizes > CLEAR * floors
+    clear = sizes / CLEAR > floors
     if not clear.any():
         return Convergence("at its floor", limit=0.0, limit_error=float(floors.min()))
     if len(h) == 1:

@@ -69,6 +69,30 @@ def lagrange(samples: Samples, known: Array) -> Array:
     return total
 
 
+class EvenSums:
+    """`lagrange` of equidistant samples, `width` (s) apart: the same weights everywhere but near the ends."""
+
+    def __init__(self, width: float) -> None:
+        self.width = width
+        places = np.arange(SAMPLED) - np.arange(SAMPLED - 1.0)[:, None]
+        self._weights = lagrange_kernel(SAMPLED)(z=places, width=width)["weights"]
+        self._middle = SAMPLED // 2 - 1
+        self._matrix = cumulating_matrix(self._weights[self._middle], BAND)
+
+    def sums(self, powers: Array, spacing: int) -> Array:
+        """∫ from the first sample on (m, T) of powers (m, T ≥ `SAMPLED`) at samples of that `spacing`."""
+        found = np.empty_like(powers)
+        found[:, 0] = 0.0
+        reach, count = self._middle, powers.shape[1]
+        starts = powers[:, :SAMPLED] @ self._weights[:reach].T
+        np.cumsum(starts, axis=1, out=found[:, 1 : reach + 1])
+        cumulated_windows(powers, self._matrix, found[:, reach : count - reach])
+        ends = powers[:, -SAMPLED:] @ self._weights[reach + 1 :].T
+        found[:, count - reach :] = found[:, [count - reach - 1]] + np.cumsum(ends, axis=1)
+        found *= spacing
+        return found
+
+
 def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> None:
     """`lagrange` of some rows, which lie side by side, from start to end."""
     window = min(SAMPLED, len(t))
@@ -258,7 +282,7 @@ def _chosen(
         )
         first = _estimated(sampled, thinned, leading)
         flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[leading])
-        if first.bar[-1, leading].max() <= EPS * np.sqrt(len(samples.t)) * flow:
+        if exact_to_rounding(first.bar[-1, leading].max(), flow, len(samples.t)):
             return first
     high, low = (_estimated(interpolated(window), thinned, leading) for window in (4, 2))
     best = high if high.bar[-1, leading].sum() <= low.bar[-1, leading].sum() else low
@@ -302,13 +326,31 @@ def _estimated(
             # Sums over intervals: in a cumulated error contributions may cancel by chance.
             finer[k] = np.abs(np.diff(error)).sum()
             coarser[k] = np.abs(np.diff(half[k, ::2] - quarter[k])).sum()
-            ratio = coarser[k] / finer[k] if finer[k] > 0.0 else coarser[k]
-            even /= np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**rule.order / 4.0))
+            even /= reduction(finer[k], coarser[k], rule.order)
         even.take(index, out=bar[k])
 
     spread(estimate, range(len(fine)))
-    order = 0.0
-    if quarter is not None:
-        lost, more = (float(total[leading].sum()) for total in (finer, coarser))
-        order = float(np.log2(max(more, TINY) / max(lost, TINY)))
+    order = observed_order(finer[leading], coarser[leading]) if quarter is not None else 0.0
     return Integral(fine.T, bar.T, rule.name, order)
+
+
+def reduction(finer: Array, coarser: Array, order: int) -> Array:
+    """What the difference between all and every second sample is divided by.
+
+    `finer` is the sum of such differences over all intervals, `coarser` that between every second and every
+    fourth sample; no more than what a rule of that `order` can have.
+    """
+    ratio = np.divide(
+        coarser, finer, out=np.array(coarser, dtype=float), where=np.asarray(finer) > 0
+    )
+    return np.asarray(np.sqrt(np.clip(ratio / 4.0, 1.0, 2.0**order / 4.0)))
+
+
+def observed_order(finer: Array, coarser: Array) -> float:
+    """The order in the spacing that such differences of several columns show together."""
+    return float(np.log2(max(float(coarser.sum()), TINY) / max(float(finer.sum()), TINY)))
+
+
+def exact_to_rounding(bar: float, flow: float, count: int) -> bool:
+    """Whether the bar of integrals over so many samples is rounding; `flow` is that of the powers' sizes."""
+    return bool(bar <= EPS * np.sqrt(count) * flow)

@@ -147,7 +147,7 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
         return found
     indexed = _indexed(program.source)
     for name, value in scope.items():
-        if name not in indexed:
+        if name not in indexed and not _of_the_state(program, value):
             continue
         if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 36:
             for k in np.ndindex(value.shape):
@@ -172,6 +172,14 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
     return found
 
 
+def _of_the_state(program: Program, value: Any) -> bool:
+    """Whether an array has coordinates or speeds alone: entries that nothing uses may be forgotten."""
+    if not isinstance(value, np.ndarray) or value.ndim != 1:
+        return False
+    state = {id(program.tape.values[k]) for k in program.trace.inputs[1:]}
+    return all(isinstance(x, Slot) and id(program.tape.values[x.index]) in state for x in value)
+
+
 def _count(program: Program, value: Slot) -> bool:
     """Whether a number counts things: an integer that is none of the parameters that were varied."""
     slot, group = value.index, program.samples.group
@@ -179,8 +187,8 @@ def _count(program: Program, value: Slot) -> bool:
     return whole and bool(group[-1] > 0) and float(np.ptp(program.tape.values[slot])) == 0.0
 
 
-def _attributes(value: Any) -> Iterator[tuple[str, Any]]:
-    """Attributes of an object of the user's that hold numbers or arrays, by their names."""
+def _attributes(value: Any, deep: bool = True) -> Iterator[tuple[str, Any]]:
+    """Attributes of an object of the user's, and of its parts, that hold numbers or arrays."""
     if isinstance(value, Object | UserModule):
         held = dict(value.names if isinstance(value, UserModule) else value.attributes)
         if isinstance(value, Object) and value.cls is not None:
@@ -188,6 +196,8 @@ def _attributes(value: Any) -> Iterator[tuple[str, Any]]:
         for name, one in held.items():
             if isinstance(one, Slot | np.ndarray) and name.isidentifier():
                 yield name, one
+            elif isinstance(one, Object) and deep:
+                yield from ((f"{name}.{inner}", x) for inner, x in _attributes(one, deep=False))
 
 
 def array_names(program: Program, instance: Instance) -> dict[str, Any]:

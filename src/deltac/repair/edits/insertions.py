@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -50,6 +50,9 @@ SUM_TRIPLE = 12
 MOST_SUMMED, MOST_PAIRS = 3000, 40
 """Products of which two are added, and pairs of them that are tried."""
 
+VECTORS = 5
+"""Vectors in scope of which scalar products are taken."""
+
 FEWEST = 6
 """States that tell a sum of two products from chance."""
 
@@ -89,7 +92,7 @@ class Vocabulary:
         }
         key = (id(owner), tuple(variables), tuple(expressions))
         if key not in self._atoms:
-            sines = self._sines(variables, expressions)
+            sines = self._sines(variables, expressions, instance.scope)
             self._atoms[key] = (
                 self._side(variables, expressions, sines, varying=True),
                 self._side(variables, expressions, {}, varying=False),
@@ -160,8 +163,10 @@ class Vocabulary:
 
     _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
 
-    def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
-        """Differences of coordinates and of speeds, and sines and cosines, that are not there yet."""
+    def _sines(
+        self, variables: dict[str, int], expressions: dict[str, int], scope: Mapping[str, Any]
+    ) -> dict[str, Array]:
+        """Differences of coordinates and of speeds, sines, cosines, scalar products, not there yet."""
         program = self.program
         nq = 1 + len(program.samples.q)
         angles, speeds = (
@@ -186,7 +191,37 @@ class Vocabulary:
                     for other, j in angles[i + 1 :]:
                         x = values(program, k) - values(program, j)
                         made[f"{called}({text} - {other})"] = function(x)
+        made |= self._dots({**program.trace.scope, **scope})
         return {text: x for text, x in made.items() if text not in expressions}
+
+    def _dots(self, scope: Mapping[str, Any]) -> dict[str, Array]:
+        """Scalar products of the vectors that depend on the state, as this source writes them."""
+        program = self.program
+        vectors = {
+            name: np.array([values(program, x.index) for x in held])
+            for name, held in scope.items()
+            if isinstance(held, np.ndarray) and held.ndim == 1 and 2 <= len(held) <= 4
+            if all(isinstance(x, Slot) for x in held) and name.isidentifier()
+            if any(program.tape.varying[x.index] for x in held)
+        }
+        dot = next((s for s in map(program.source.segment, _callees(program)) if _is_dot(s)), None)
+        if len(vectors) > VECTORS:
+            return {}
+        return {
+            f"{dot}({a}, {b})" if dot else f"{a} @ {b}": np.sum(x * y, axis=0)
+            for (a, x), (b, y) in itertools.combinations_with_replacement(vectors.items(), 2)
+            if len(x) == len(y)
+        }
+
+
+def _callees(program: Program) -> Iterator[ast.expr]:
+    return (node.func for node in program.source.nodes if isinstance(node, ast.Call))
+
+
+def _is_dot(callee: str) -> bool:
+    """Whether a text is that of a function np.dot, and not of a method."""
+    prefix, _, name = callee.rpartition(".")
+    return name == "dot" and prefix in ("", "np", "numpy", "jnp", "anp")
 
 
 _RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast.Mult: 2}
@@ -475,6 +510,7 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
             blocks.append((np.arange(A)[:, None], (-1,)))
             i, j = (x.ravel() for x in np.indices((n, n)))
             blocks.append((np.stack([i, j], axis=1)[i != j], (1, -1)))
+            blocks.append((np.stack([i, j, j], axis=1)[i != j], (1, -1, -1)))  # I/r², k/r²
     with np.errstate(all="ignore"):
         made = []
         for indices, powers in blocks:

@@ -152,10 +152,17 @@ def _arrays(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]
                 words = f"{short(own)} should be inverted: {short(text)}"
                 yield Candidate(place, text, words, "function", 1.4, None)
     if value.ndim == 1 and simple:
+        inverse = _inverse(program)
         for text, matrix in array_names(program, instances[0]).items():
             if matrix.shape == (len(value), len(value)):
-                words = f"{short(own)} lacks the factor {text}"
-                yield Candidate(place, f"{text} @ {own}", words, "factor", 1.35, None)
+                inverted = [f"{inverse}({text})"] if inverse is not None else []
+                for factor in (text, *inverted):
+                    words = f"{short(own)} lacks the factor {factor}"
+                    yield Candidate(place, f"{factor} @ {own}", words, "factor", 1.35, None)
+    if simple and not isinstance(node, ast.Call):
+        for callee in _mapping(program, value.shape):
+            text = f"{callee}({own})"
+            yield Candidate(place, text, f"{own} should be {text}", "function", 1.35, None)
     if value.ndim == 1 and isinstance(node, ast.BinOp | ast.Name | ast.UnaryOp):
         for text in _forgotten(program):
             for symbol in "-+":
@@ -168,6 +175,18 @@ def _arrays(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]
                 yield Candidate(place, text, words, "name", 1.1, None)
 
 
+def _mapping(program: Program, shape: tuple[int, ...]) -> list[str]:
+    """Functions of one argument that this source applies to an array of a shape, and that keep it."""
+    source, instances = program.source, program.trace.instances
+    found: dict[str, None] = {}
+    for place, node in enumerate(source.nodes):
+        if isinstance(node, ast.Call) and len(node.args) == 1 and not node.keywords:
+            parts = [instances.get(k, ()) for k in (place, source.number[id(node.args[0])])]
+            if all(some and np.shape(some[0].value) == shape for some in parts):
+                found[source.segment(node.func)] = None
+    return [name for name in found if name.rpartition(".")[2] not in ("array", "asarray", "copy")]
+
+
 def _forgotten(program: Program) -> Iterator[str]:
     """Calls of functions and methods of the source that nothing calls, with arguments of their own names."""
     source = program.source
@@ -175,7 +194,7 @@ def _forgotten(program: Program) -> Iterator[str]:
     for place, node in enumerate(source.nodes):
         if (
             not isinstance(node, ast.FunctionDef)
-            or node.name in called
+            or node.name in {*called, *source.qualified.split(".")}
             or node.name.startswith("__")
         ):
             continue
@@ -208,8 +227,9 @@ def _subscripts(program: Program, place: int, node: ast.Subscript) -> Iterator[C
         for text in (f"sum({own}[{k}:])", f"sum({own}[: {k} + 1])", f"sum({own}[{k} + 1 :])"):
             words = f"{program.source.segment(node)} should be {text}"
             yield Candidate(place, text, words, "term", 1.4, None)
+    yield from _permuted(program, place, node)
     own = program.source.segment(node)
-    for text in _other_slices(program, node):
+    for text in (*_other_slices(program, node), *_other_bases(program, place, node)):
         if text != own:
             yield Candidate(place, text, f"{own} should be {text}", "index", 1.05, None)
     for spot, kind in _index_parts(node.slice):
@@ -219,6 +239,30 @@ def _subscripts(program: Program, place: int, node: ast.Subscript) -> Iterator[C
             found = _rewritten(program, place, node, changed, "index", _index_cost(spot, new))
             if found is not None:
                 yield found
+
+
+def _permuted(program: Program, place: int, node: ast.Subscript) -> Iterator[Candidate]:
+    """The variables that index an array in another order: D[i][k][j] or D[i, k, j] for D[i][j][k]."""
+    parent = program.source.nodes[program.source.parent[place]]
+    if isinstance(parent, ast.Subscript) and parent.value is node:
+        return
+    changed = copy.deepcopy(node)
+    names: list[ast.Name] = []
+    inner: ast.expr = changed
+    while isinstance(inner, ast.Subscript):
+        part = inner.slice
+        names += [e for e in (part.elts if isinstance(part, ast.Tuple) else [part])
+                  if isinstance(e, ast.Name)]  # fmt: skip
+        inner = inner.value
+    own = [n.id for n in names]
+    if not 2 <= len(own) <= 3:
+        return
+    for order in dict.fromkeys(itertools.permutations(own)):
+        for name, meant in zip(names, order):
+            name.id = meant
+        found = _rewritten(program, place, node, changed, "index", 1.1)
+        if found is not None:
+            yield found
 
 
 def _other_slices(program: Program, node: ast.Subscript) -> list[str]:
@@ -235,6 +279,17 @@ def _other_slices(program: Program, node: ast.Subscript) -> list[str]:
         and source.segment(other.value) == base
     ]
     return list(dict.fromkeys(found))
+
+
+def _other_bases(program: Program, place: int, node: ast.Subscript) -> Iterator[str]:
+    """The same part of other arrays of this scope."""
+    instances = program.trace.instances.get(place, [])
+    base, own = program.source.segment(node.value), program.source.segment(node)
+    if instances and isinstance(instances[0].value, np.ndarray):
+        arrays = array_names(program, instances[0])
+        for text, other in arrays.items():
+            if text != base and base in arrays and other.shape == arrays[base].shape:
+                yield text + own[len(base) :]
 
 
 def _index_parts(node: ast.expr) -> Iterator[tuple[ast.expr, str]]:

@@ -58,6 +58,7 @@ def substitutions(program: Program, place: int) -> Iterator[Candidate]:
         case ast.Call():
             yield from _functions(program, place, node)
         case ast.Name() | ast.Attribute() | ast.Subscript():
+            yield from _transposed(program, place, node)
             yield from _names(program, place, node)
         case ast.Constant():
             yield from _constants(program, place, node)
@@ -224,6 +225,26 @@ def _names(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
         cost = 1.0 if near else 1.15 if stem(text) == stem(own) else 1.3
         kind = "index" if near and isinstance(node, ast.Subscript) else "name"
         yield Candidate(place, text, f"{own} should be {text}", kind, cost, changes)
+
+
+def _transposed(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
+    """A square matrix transposed: each entry is read where its mirror image was."""
+    tape = program.tape
+    changes: dict[int, Change] = {}
+    for instance in program.trace.instances[place]:
+        held = instance.value
+        if not isinstance(held, np.ndarray) or held.ndim != 2 or held.shape[0] != held.shape[1]:
+            return
+        for (i, j), entry in np.ndenumerate(held):
+            mirror = held[j, i]
+            if not (isinstance(entry, Slot) and isinstance(mirror, Slot)):
+                return
+            if tape.operations[mirror.index] is not identity or tape.nodes[entry.index] != place:
+                return
+            if i != j:
+                changes[entry.index] = Change(identity, tape.inputs[mirror.index])
+    own = program.source.segment(node)
+    yield Candidate(place, f"{own}.T", f"{own} should be transposed", "order", 1.0, changes)
 
 
 def _constants(program: Program, place: int, node: ast.Constant) -> Iterator[Candidate]:

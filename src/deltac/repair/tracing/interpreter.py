@@ -15,6 +15,7 @@ import inspect
 import json
 import operator
 import sysconfig
+import tomllib
 import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -113,6 +114,15 @@ DERIVING = {
     "elementwise_grad", "make_vjp", "make_jvp", "hessian_vector_product",
 }  # fmt: skip
 """What makes another function of a function: its derivatives, or the function of a batch."""
+
+PARSERS: dict[str, Callable[[str], Any]] = {
+    "json.loads": json.loads,
+    "tomllib.loads": tomllib.loads,
+}
+"""What turns a text within the file into numbers."""
+
+SETTERS = {"setattr", "__setattr__"}
+"""Functions that set an attribute: object.__setattr__ is how a frozen dataclass sets what it computes."""
 
 HARMLESS = {
     "logging",
@@ -435,6 +445,7 @@ class _Reader:
                 try:
                     self.statement(statement, scope)
                 except Refused:
+                    self.forget(statement)
                     if name in module.outside:
                         module.names[name] = self.live(module.outside[name], name)
                     elif not isinstance(statement, ast.Expr):
@@ -448,6 +459,14 @@ class _Reader:
             module.pending.discard(name)
             self.module, self.node = outer, outer_node
         return module.names[name]
+
+    def forget(self, statement: ast.stmt) -> None:
+        """Drop what was noted of a statement that is not read: its edits would show nothing."""
+        for node in ast.walk(statement):
+            self.result.instances.pop(self.main.numbers.get(id(node), -1), None)
+            key = ("literal", self.literal_place(node))
+            for name in [n for n, origin in self.result.origins.items() if origin == key]:
+                del self.result.origins[name], self.result.parameters[name]
 
     def elsewhere(self, module: UserModule, name: str, node: ast.AST) -> Any:
         """A name that the module's text does not set: of a star import, a live module, or Python's own."""
@@ -785,9 +804,12 @@ class _Reader:
             return total
         if last == "wraps":
             return Foreign("functools.identity")
-        if last == "field":
-            factory = named.get("default_factory")
-            return _Factory(factory) if factory is not None else named.get("default")
+        if last in ("MappingProxyType", "cast"):
+            return arguments[-1]
+        if last in ("field", "ib", "attrib", "Field"):  # of dataclasses, attrs, pydantic
+            factory = named.get("default_factory", named.get("factory"))
+            default = named.get("default", arguments[0] if arguments else None)
+            return default if factory is None else _Factory(factory)
         if last == "map":
             return [
                 self.call(arguments[0], list(parts), {})
@@ -808,7 +830,7 @@ class _Reader:
                     return arguments[2]
                 return False
             return True if last == "hasattr" else found
-        if last == "setattr":
+        if last in SETTERS:
             self.set_attribute(arguments[0], arguments[1], arguments[2], self.node)
             return None
         if last == "vars":
@@ -825,8 +847,8 @@ class _Reader:
             return value
         if last == "errstate":
             return None
-        if function.name == "json.loads":
-            return self.live(json.loads(arguments[0]), "json")
+        if function.name in PARSERS:
+            return self.live(PARSERS[function.name](arguments[0]), last)
         if last == "get_logger" or last == "getLogger":
             return Foreign("logging.logger")
         if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
@@ -1174,7 +1196,7 @@ class _Reader:
         function = self.expression(s.value.func, scope, noted=False)
         if isinstance(function, Foreign) and function.name.partition(".")[0] in HARMLESS:
             return
-        if isinstance(function, Foreign) and function.name.rpartition(".")[2] not in ("setattr",):
+        if isinstance(function, Foreign) and function.name.rpartition(".")[2] not in SETTERS:
             self.refuse(s, f"{ast.unparse(s)[:60]} is called for a side effect")
         self.called(s.value, scope)
         scope.version += 1
@@ -1434,7 +1456,11 @@ class _Reader:
                 return self.call(self.attribute(value, dunder, self.node), [other], {})
         if isinstance(op, ast.BitOr) and isinstance(left, dict):
             return left | right
-        return OPERATORS[type(op)](*(library.arrayed(v) for v in (left, right)))
+        left, right = library.arrayed(left), library.arrayed(right)
+        if isinstance(op, ast.Mult) and isinstance(left, np.matrix) | isinstance(right, np.matrix):
+            arrays = isinstance(left, np.ndarray) and isinstance(right, np.ndarray)
+            return (library.product if arrays else np.multiply)(left, right)
+        return OPERATORS[type(op)](left, right)
 
     def elements(self, parts: list[ast.expr], scope: Scope) -> Iterator[Any]:
         """The values of a sequence's parts, stars unpacked."""
@@ -1611,7 +1637,7 @@ class _Reader:
         if isinstance(value, np.ndarray) and value.dtype == object:
             if not all(isinstance(x, Slot | int | float | np.number) for x in value.flat):
                 return value
-            read = objects([None] * value.size).reshape(value.shape)
+            read = np.empty_like(value)
 
             def copy() -> Any:
                 for k in np.ndindex(value.shape):

@@ -12,7 +12,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, ValuesView
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -81,16 +81,23 @@ class Plain:
     function: Callable[..., Any]
 
     def __call__(self, tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        """Call it; lists of numbers count as arrays."""
+        """Call it; lists of numbers count as arrays, whole numbers as axes, sizes and counts."""
         named = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
-        return self.function(*(_sequence(a) for a in arguments), **named)
+        return self.function(*(_sequence(_whole(a)) for a in arguments), **named)
+
+
+def _whole(value: Any) -> Any:
+    """A whole number of the source as Python's own; everything else as it is."""
+    counts = isinstance(value, Slot) and isinstance(value.tape.exact[value.index], int)
+    return plain(value) if counts else value
 
 
 def _sequence(value: Any) -> Any:
-    """An array; arrays of different shapes, which np.concatenate and its like join, as a list of them."""
+    """An array; arrays of different shapes, and matrices, as a list of them: np.concatenate joins them."""
     if isinstance(value, list | tuple):
         parts = [arrayed(part) for part in value]
-        if len({np.shape(part) for part in parts if isinstance(part, np.ndarray)}) > 1:
+        arrays = [part for part in parts if isinstance(part, np.ndarray)]
+        if len({part.shape for part in arrays}) > 1 or any(type(a) is np.matrix for a in arrays):
             return parts
     return arrayed(value)
 
@@ -112,6 +119,7 @@ RENAMED = {
     "if_else": "where", "fmax": "maximum", "fmin": "minimum", "Abs": "abs", "Max": "maximum",
     "Min": "minimum", "Matrix": "array", "DM": "array", "SX": "array", "asarray": "array",
     "ascontiguousarray": "array", "asfarray": "array", "asanyarray": "array", "row_stack": "vstack",
+    "fromiter": "array", "mat": "matrix", "asmatrix": "matrix", "bmat": "block",
     "acosh": "arccosh", "asinh": "arcsinh", "atanh": "arctanh", "norm_2": "norm", "select": "where",
     "bitwise_or": "logical_or", "concat": "concatenate", "matrix_transpose": "transpose",
     "permute_dims": "transpose", "true_divide": "divide", "float_power": "power",
@@ -177,9 +185,7 @@ def _plain_python(module: str, name: str) -> Any:
         return None  # the reader's own affair
     if module == "operator" and name in _OPERATORS:
         return Elementary(_OPERATORS[name])
-    return lambda tape, arguments, named: found(
-        *(plain(a) if isinstance(a, Slot) and _counting(a) else a for a in arguments), **named
-    )
+    return lambda tape, arguments, named: found(*(_whole(a) for a in arguments), **named)
 
 
 _OPERATORS = {
@@ -189,10 +195,6 @@ _OPERATORS = {
     "truediv": "divide",
     "neg": "negative",
 }
-
-
-def _counting(slot: Slot) -> bool:
-    return isinstance(slot.tape.exact[slot.index], int)
 
 
 def known(value: Any) -> Any:
@@ -225,10 +227,12 @@ def attribute(base: Any, name: str) -> Any:
             return base if name == "real" else base.T if name == "mT" else getattr(base, name)
         if name == "at":
             return At(base)
+        if isinstance(base, np.matrix) and name in ("I", "A", "A1"):
+            if name == "I":
+                return np.asmatrix(_inverse(base.flat[0].tape, [np.asarray(base)], {}))
+            return np.asarray(base) if name == "A" else np.asarray(base).ravel()
         if name in METHODS:
             return _method(base, name)
-        if name == "A1":
-            return base.ravel()
     if isinstance(base, Elementary) and name in ("outer", "reduce", "accumulate"):
         return _ufunc(base, name)
     if isinstance(base, Slot):
@@ -363,6 +367,11 @@ def _made(name: str) -> Call:
     return call
 
 
+def _matrix(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+    """np.matrix, whose * is the product of matrices."""
+    return np.asmatrix(_array(tape, arguments, {}))
+
+
 def _eye(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
     sizes = [plain(a) for a in arguments[:2]]
     rows, columns = sizes[0], sizes[-1]
@@ -370,8 +379,8 @@ def _eye(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
 
 
 def _array(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    found = arrayed(arguments[0], copy=True)
-    return found
+    value = arguments[0]
+    return arrayed(list(value) if isinstance(value, Iterator | ValuesView) else value, copy=True)
 
 
 def _block(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
@@ -394,7 +403,9 @@ def _einsum(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
 
 def _solve(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
     A, b = (arrayed(a) for a in arguments[:2])
-    rows = A.shape[0]
+    if isinstance(b, np.matrix):
+        return np.asmatrix(_solve(tape, [A, np.asarray(b)], {}))
+    A, rows = np.asarray(A), A.shape[0]
     if A.shape != (rows, rows) or b.shape[:1] != (rows,):
         raise NotUnderstood(f"a matrix of shape {A.shape} and a right side of shape {b.shape}")
     if b.ndim == 2:
@@ -631,6 +642,7 @@ SPECIAL: dict[str, Call] = {
     "eye": _eye,
     "identity": _eye,
     "array": _array,
+    "matrix": _matrix,
     "copy": _array,
     "block": _block,
     "einsum": _einsum,

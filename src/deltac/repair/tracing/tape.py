@@ -106,6 +106,7 @@ class Tape:
     varying: list[bool] = field(default_factory=list)
     node: int | None = None
     width: int = 1
+    _known: dict[tuple[Any, ...], int] = field(default_factory=dict)
     _after: dict[int, tuple[int, ...]] = field(default_factory=dict)
     _before: dict[tuple[int, ...], frozenset[int]] = field(default_factory=dict)
 
@@ -118,8 +119,15 @@ class Tape:
         return self._append(None, (), value, exact, varying)
 
     def record(self, operation: Operation, *inputs: Any) -> Slot:
-        """Compute and note an operation on slots and numbers."""
+        """Compute and note an operation on slots and numbers.
+
+        What one node computes again of the same slots is the same number: a property that is asked for
+        three times can be edited as one.
+        """
         slots = tuple(self.slot(value).index for value in inputs)
+        key = (operation, slots, self.node)
+        if key in self._known:
+            return Slot(self, self._known[key])
         exact = None
         literal = [self.exact[k] for k in slots]
         if all(value is not None for value in literal):
@@ -131,7 +139,9 @@ class Tape:
                 exact = None
         with np.errstate(all="ignore"):
             value = operation(*(self.values[k] for k in slots))
-        return self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
+        made = self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
+        self._known[key] = made.index
+        return made
 
     def slot(self, value: Any) -> Slot:
         """A value as a slot; numbers become constants."""
@@ -139,7 +149,10 @@ class Tape:
             return value
         if isinstance(value, bool | int | float | np.generic):
             number = value.item() if isinstance(value, np.generic) else value
-            return self.given(np.float64(number), exact=number, varying=False)
+            key = (type(number), number, self.node)
+            if key not in self._known:
+                self._known[key] = self.given(np.float64(number), exact=number, varying=False).index
+            return Slot(self, self._known[key])
         raise TapeError(f"arithmetic with {type(value).__name__}")
 
     def _append(
@@ -233,7 +246,7 @@ class Tape:
             )
         return replace(
             self, operations=operations, inputs=inputs, values=values, exact=exact, varying=varying,
-            _after={}, _before={},
+            _known={}, _after={}, _before={},
         )  # fmt: skip
 
 

@@ -252,6 +252,10 @@ def _in_comments(lines: Sequence[str], separator: str, width: int) -> list[list[
 def _names_and_units(headers: list[list[str]], width: int) -> tuple[list[str], dict[str, str]]:
     """Names from one line or several (joined by dots), and units where the last line holds such."""
     units = [""] * width
+    for row in [row for row in headers[1:] if _declares(row)]:  # Simulink's Data Inspector
+        headers.remove(row)
+        if any(cell.lower().startswith("unit") for cell in row):
+            units = [cell.partition(":")[2].strip() for cell in row]
     if len(headers) > 1 and _all_units(headers[-1]):
         units = [text.strip("[]()") for text in headers.pop()]
     index = ""
@@ -269,6 +273,12 @@ def _names_and_units(headers: list[list[str]], width: int) -> tuple[list[str], d
     if index:
         names[0] = index
     return names, {name: unit for name, unit in zip(names, units) if unit and unit != "-"}
+
+
+def _declares(fields: Sequence[str]) -> bool:
+    """Whether a line says the same of all columns: ``Unit: rad,Unit: rad/s``."""
+    heads = {field.partition(": ")[0] for field in fields if field}
+    return len(heads) == 1 and sum(": " in field for field in fields) > 1
 
 
 def _all_units(fields: Sequence[str]) -> bool:

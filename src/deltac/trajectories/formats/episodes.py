@@ -13,6 +13,18 @@ from deltac.trajectories.formats.raw import RawLog
 COLUMNS = ("episode", "episode_index", "episode_id", "demo", "trial", "trajectory_id")
 """Columns that number the episodes of rows: deltac's and Gymnasium's, LeRobot's, …."""
 
+ENDS = (
+    "terminals",
+    "timeouts",
+    "terminations",
+    "truncations",
+    "terminated",
+    "truncated",
+    "dones",
+    "done",
+)
+"""Columns that are one in the last row of an episode: D4RL's, Gymnasium's."""
+
 GROUP = re.compile(r"(?:.*/)?((?:demo|episode|ep|traj|trajectory|rollout|trial)_?\d+)/")
 """Groups of HDF5 files that hold one each: robomimic's and robosuite's data/demo_0, Minari's episode_0, …."""
 
@@ -30,6 +42,15 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
                     raw, columns={n: c[number == value] for n, c in others.items()}
                 )
                 for value in dict.fromkeys(number.tolist())
+            }
+    ends = [raw.columns[c] for c in raw.columns if c.rpartition("/")[2].lower() in ENDS]
+    if ends and len({len(end) for end in ends}) == 1:
+        number = np.concatenate([[0], np.cumsum(np.any(np.array(ends) == 1.0, axis=0))[:-1]])
+        if number[-1] and np.bincount(number).min() > 1:
+            others = {n: c for n, c in raw.columns.items() if len(c) == len(number)}
+            return {
+                str(value): replace(raw, columns={n: c[number == value] for n, c in others.items()})
+                for value in range(int(number[-1]) + 1)
             }
     found: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
     for name, values in raw.columns.items():

@@ -2,7 +2,8 @@
 
 deltac's own have the arrays of `to_arrays` and the header as the text dataset ``deltac``. In other
 programs' files each dataset is a column named by its path, ``group/dataset``, the fields of a table
-are columns of their own, and an attribute ``units`` (or ``unit``) is taken at its word. What lies
+are columns of their own, and an attribute ``units`` (or ``unit``) is taken at its word; attributes that are
+numbers may say the time between rows. What lies
 in other files (external links and storage, virtual datasets) is not followed.
 """
 
@@ -14,6 +15,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import numpy as np
 
 from deltac.errors import LogError, PackageError, shown
 from deltac.files import opened
@@ -90,6 +93,9 @@ def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def _gather(collector: Collector, log: Opened, group: Any, prefix: str, depth: int) -> None:
     log.check_depth(depth)
+    for key, value in group.attrs.items():
+        if isinstance(value, np.number | int | float):
+            collector.scalars[f"{prefix}{key}"] = float(value)
     for key, item in log.members(group):
         name = prefix + key
         if not hasattr(item, "shape"):

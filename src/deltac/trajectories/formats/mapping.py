@@ -20,6 +20,8 @@
     [speeds]
     elbow = { column = "Elbow speed", unit = "deg/s" }
 
+    "base.vx" = { column = "v_b[0]", frame = "body" }   # components of a floating body's velocity
+
     [accelerations]
 
     [forces."actuator elbow"]              # a channel: the generalized force on each speed
@@ -31,6 +33,7 @@ name if that is one of the log schema, and is ignored otherwise.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,7 +68,8 @@ _TABLES = {
     "integrals": "integral",
 }
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
-_SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset")
+_SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset", "frame")
+_FRAMES = ("world", "body")
 _ORDERS = ("wxyz", "xyzw")
 
 
@@ -74,7 +78,8 @@ class Source:
     """Where the values of one column of the log schema come from.
 
     `column` of the file, or a `constant`, or for the time the `step` from row to row; `unit` as written, None
-    where the mapping does not say; `where` names the place in the mapping for messages.
+    where the mapping does not say; `where` names the place in the mapping for messages. `frame`: the
+    components that a floating body's velocity has, "world" or "body", where they are not the schema's.
     """
 
     column: str | None = None
@@ -84,6 +89,7 @@ class Source:
     offset: float = 0.0
     where: str = "the mapping"
     step: float | None = None
+    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,7 @@ class LogMapping:
 
 def read_mapping(path: str | Path) -> LogMapping:
     """Read a mapping file; InputError names the file, the line and the key."""
-    if not Path(path).exists():
+    if not os.path.exists(path):
         raise LogError(f"{path}: no such mapping file")
     try:
         text = read_text(path)
@@ -223,7 +229,13 @@ class _Parser:
             raise self.error(f"{key}.sign", f"found {sign}, expected 1 or -1")
         constant = self.number(key, value, "constant", 0.0) if "constant" in value else None
         offset = self.number(key, value, "offset", 0.0)
-        return Source(value.get("column"), constant, written, sign, offset, where, step)
+        frame = value.get("frame", "")
+        if frame and (frame not in _FRAMES or not key.startswith(("speeds.", "accelerations."))):
+            raise self.error(
+                f"{key}.frame",
+                f"found {shown(frame)}, expected 'world' or 'body', of speeds or accelerations",
+            )
+        return Source(value.get("column"), constant, written, sign, offset, where, step, frame)
 
     def units(self) -> dict[str, str]:
         units = self.table("units")

@@ -1,4 +1,4 @@
-"""MATLAB's .mat files: versions 4 to 7 are parsed by `mat5`, version 7.3 by h5py.
+"""MATLAB's .mat files: versions 4 to 7 are parsed by `mat5`, version 7.3 by h5py, Octave's text here.
 
 Read are numeric arrays and structures of them, at any depth: ``s.joint.q`` is the column of that
 name, so that structures ``q`` and ``u`` with one field for each coordinate give the columns of the
@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from deltac.errors import FileError, LogError
-from deltac.files import read_bytes
+from deltac.files import read_bytes, read_text
 from deltac.isolation import apart
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
 from deltac.trajectories.formats.mat5 import MatlabObject, variables
@@ -72,6 +72,8 @@ def read_mat(path: Path) -> RawLog:
     """The arrays of deltac's own logs, or what another program's variables hold."""
     with path.open("rb") as file:
         start = file.read(520)
+    if start.startswith(b"#"):
+        return _octave(read_text(path))
     modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
     found = _hdf5_variables(path) if modern else dict(variables(read_bytes(path)))
     if isinstance(header := found.get("deltac"), str):
@@ -82,6 +84,28 @@ def read_mat(path: Path) -> RawLog:
         return collector.log()
     for name, value in labelled(found).items():
         _flatten(collector, name, value)
+    return collector.log()
+
+
+def _octave(text: str) -> RawLog:
+    """What Octave saves by default: text, of each variable its name, type and size, then its rows.
+
+    GNU Octave's manual, section "Simple File I/O".
+    """
+    collector = Collector()
+    for part in re.split(r"^# name: ", text, flags=re.MULTILINE)[1:]:
+        name, _, rest = part.partition("\n")
+        header = dict(re.findall(r"^# (\w+): (.*)$", rest, flags=re.MULTILINE))
+        numbers = [line for line in rest.splitlines() if line.strip() and line[0] != "#"]
+        try:
+            if header.get("type") not in ("matrix", "scalar"):
+                raise TypeError(f"is of type {header.get('type')}, which is not read")
+            values = np.array([[float(x) for x in line.split()] for line in numbers])
+            if values.shape != tuple(int(header.get(k, 1)) for k in ("rows", "columns")):
+                raise TypeError("has another size than it announces")
+            collector.add(name.strip(), values)
+        except (TypeError, ValueError) as error:
+            collector.skip(name.strip(), str(error))
     return collector.log()
 
 
@@ -161,8 +185,10 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
             else:
                 _flatten(collector, f"{name}.{key}", rows)
     elif isinstance(value, list):
+        told = [item.get("Name") for item in value if isinstance(item, Mapping)]
+        named = all(isinstance(text, str) for text in told) and len(set(told)) == len(value)
         for index, item in enumerate(value):
-            _flatten(collector, f"{name}[{index}]", item)
+            _flatten(collector, name if named else f"{name}[{index}]", item)
     elif isinstance(value, str):
         collector.skip(name, "is text, not numbers")
     else:

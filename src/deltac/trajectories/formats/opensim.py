@@ -8,6 +8,7 @@ rotational coordinates alone, so that their units must be known from a mechanism
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -60,7 +61,7 @@ def read_opensim(path: Path) -> RawLog:
 
 def is_opensim_folder(path: Path) -> bool:
     """Whether a folder holds the files of one run: one of its motion, others of what belongs to it."""
-    return path.is_dir() and len(found := _parts(path)) > 1 and len(_motions(found)) == 1
+    return os.path.isdir(path) and len(found := _parts(path)) > 1 and len(_motions(found)) == 1
 
 
 def read_opensim_folder(path: Path) -> RawLog:

@@ -33,6 +33,7 @@ class RawLog:
     in_degrees  the file says that its angles are in degrees, but not which columns are angles
     skipped     what else is in the file -> a message that says why it is no column of numbers
     scalars     single numbers in the file, such as a step
+    resampled   name -> what is to be told of a column that was interpolated to the times of others
     """
 
     columns: Mapping[str, FloatArray]
@@ -43,6 +44,7 @@ class RawLog:
     in_degrees: bool = False
     skipped: Mapping[str, str] = field(default_factory=dict)
     scalars: Mapping[str, float] = field(default_factory=dict)
+    resampled: Mapping[str, str] = field(default_factory=dict)
 
 
 EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
@@ -243,7 +245,11 @@ def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(texts, str) or not all(isinstance(text, str) for text in listed_texts):
             continue
         names = [text.strip() for text in listed_texts]
+        stem = _plain(key).removesuffix("names").removesuffix("name")
+        of_stem = {name for name in found if stem and stem in _plain(name)} - {key}
         for name, table in found.items():
+            if of_stem and name not in of_stem:
+                continue  # joint_names are none of root_quat, though there are four
             fits = (
                 isinstance(table, np.ndarray) and table.ndim == 2 and table.shape[1] == len(names)
             )

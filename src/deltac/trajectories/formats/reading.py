@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -12,17 +12,27 @@ import numpy.typing as npt
 
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
 from deltac.mechanism.laws import Law, at_times
-from deltac.trajectories.columns import Kinematics, MechanismNames, si_unit, speed_of_force
+from deltac.trajectories.columns import (
+    QUATERNION,
+    Kinematics,
+    MechanismNames,
+    si_unit,
+    speed_of_force,
+    speeds_of,
+)
 from deltac.trajectories.formats.mapping import LogMapping, Source
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.recognition import Recognised, is_time, recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
-from deltac.trajectories.rates import derived_speeds
+from deltac.trajectories.rates import derived_speeds, rotation_matrices
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
 """The note of provenance that says which rows were left out."""
+
+FRAMES = "frames"
+"""The note of provenance that says in which components velocities are that were turned."""
 
 BY_LAW = "by the laws of prescribed joints"
 """The note of provenance that names the columns which the log lacks and the mechanism tells."""
@@ -45,7 +55,9 @@ class ColumnReading:
     `column` is its name in the file (empty for a constant, and for times that are counted, where the number
     is the row's), `meaning` its name in the log schema
     (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
-    from, or why the column is not used. Where no column holds it, `law` tells its values at the times.
+    from, or why the column is not used. `frame`: the components that a floating body's velocity has, "body"
+    or "world", where they are not the schema's. Where no column holds it, `law` tells its values at the
+    times.
     """
 
     column: str
@@ -54,6 +66,7 @@ class ColumnReading:
     factor: float = 1.0
     offset: float = 0.0
     note: str = ""
+    frame: str = ""
     law: Law | None = None
 
 
@@ -142,16 +155,29 @@ def to_trajectory(
         ignored = [name for name in ignored if name not in columns]
     derived: dict[str, dict[str, float]] = {}
     units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
-    missing = not any(name.startswith("u.") for name in columns)
-    if derive and missing and "time" in columns and any(n.startswith("q.") for n in columns):
-        speeds, derived["u"] = derived_speeds(columns, names)
-        columns |= speeds
+    columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
+    told = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}
+    if told:
+        notes[FRAMES] = "; ".join(f"{name} in {frame} components" for name, frame in told.items())
+    resampled = {
+        raw.resampled[r.column] for r in readings if r.meaning and r.column in raw.resampled
+    }
+    if derive and "time" in columns and any(n.startswith("q.") for n in columns):
+        wanted = set(_derivable(columns, names))
+        if wanted:
+            speeds, errors = derived_speeds(columns, names)
+            columns |= {name: values for name, values in speeds.items() if name in wanted}
+            derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in wanted}
     if names is not None:
         columns = _ordered(columns, names)
     run = from_columns(columns)
     simulator = mapping.simulator if mapping is not None else run.provenance.simulator
     source = Provenance(
-        simulator, derived=derived, converted=tuple(units), ignored=tuple(ignored), notes=notes
+        simulator,
+        derived=derived,
+        converted=(*units, *sorted(resampled)),
+        ignored=tuple(ignored),
+        notes=notes,
     )
     return replace(run, provenance=source)
 
@@ -202,6 +228,75 @@ def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArra
     return columns
 
 
+def _derivable(columns: Collection[str], names: MechanismNames | None) -> list[str]:
+    """Columns of speeds that are derived: all where there are none, those of a pose without velocities."""
+    coordinates = [name.removeprefix("q.") for name in columns if name.startswith("q.")]
+    speeds = names.speeds if names is not None else speeds_of(coordinates)
+    if not any(name.startswith("u.") for name in columns):
+        return [f"u.{name}" for name in speeds]
+    return _unlogged(columns, names) if names is not None else []
+
+
+def _unlogged(columns: Collection[str], names: MechanismNames) -> list[str]:
+    """Speeds of a floating body, or of all other joints, whose coordinates are known and of which none is."""
+    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
+    found = []
+    for stem in (*floating, ""):  # "" is what belongs to none of these
+
+        def own(name: str, stem: str = stem) -> bool:
+            return name.startswith(stem) if stem else not name.startswith(tuple(floating))
+
+        speeds = [f"u.{name}" for name in names.speeds if own(name)]
+        known = all(f"q.{name}" in columns for name in names.coordinates if own(name))
+        if known and not any(speed in columns for speed in speeds):
+            found += speeds
+    return found
+
+
+def in_schema_frames(
+    columns: dict[str, FloatArray], frames: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Velocities, accelerations and forces of floating bodies, from the frames in which a log has them.
+
+    `frames`: column of the schema -> "body" or "world". Linear ones go to world components, angular ones to
+    those of the body; accelerations are the rates of the components that are logged.
+
+    Raises LogError where components of one vector are of different frames, or no quaternion is known.
+    """
+    result = dict(columns)
+    usual = {"v": "world", "w": "body"}
+    vectors = dict.fromkeys((name[:-2], name[-2]) for name in frames)
+    for stem, letter in vectors:  # "u.base.", "v"
+        parts = [f"{stem}{letter}{axis}" for axis in "xyz"]
+        told = {frames.get(part, usual.get(letter, "")) for part in parts}
+        joint = stem.rstrip(".").rpartition(".")[2]
+        quaternion = [f"q.{joint}.{part}" for part in QUATERNION]
+        if (
+            len(told) > 1
+            or not all(n in columns for n in (*parts, *quaternion))
+            or letter not in usual
+        ):
+            raise LogError(
+                f"a frame is said of {parts[0]!r} and its like; expected one frame for the three components "
+                "of a floating body's velocity, vx, vy, vz or wx, wy, wz, and the columns of its quaternion"
+            )
+        if told == {usual[letter]}:
+            continue
+        R = rotation_matrices(np.column_stack([columns[name] for name in quaternion]))
+        vector = np.column_stack([columns[part] for part in parts])
+        if letter == "v" and stem.startswith("udot."):
+            speeds = stem.replace("udot.", "u.", 1)
+            v, w = (
+                np.column_stack([columns[f"{speeds}{c}{axis}"] for axis in "xyz"]) for c in "vw"
+            )
+            if frames.get(f"{speeds}wx") == "world":
+                w = np.einsum("tji,tj->ti", R, w)
+            vector = vector + np.cross(w, v)
+        turned = np.einsum("tij,tj->ti" if letter == "v" else "tji,tj->ti", R, vector)
+        result |= dict(zip(parts, turned.T, strict=True))
+    return result
+
+
 def _strict(raw: RawLog, mapping: LogMapping | None) -> bool:
     """Whether nothing but the names of the schema says what the columns are."""
     return mapping is None and not raw.plain_names
@@ -237,14 +332,19 @@ def _sources(
             if found.target in sources or found.column in taken:
                 continue
             if found.certain:
-                sources[found.target] = Source(found.column or None, step=found.step)
+                sources[found.target] = Source(
+                    found.column or None, step=found.step, frame=found.frame
+                )
             else:
                 guesses[found.target] = found
     if names is None and _strict(raw, mapping):
         return sources, missing  # from_columns says what is missing
+    derivable = _unlogged(sources, names) if names is not None and mapping is None else ()
     for target in _needed(names, any(target.startswith("u.") for target in sources)):
         known = names is not None and target in names.laws
-        if target not in sources and target not in missing and not known:
+        if target in derivable or known:
+            continue
+        if target not in sources and target not in missing:
             missing[target] = _missing(target, raw, sources, guesses.get(target))
     if not missing and not any(target.startswith("q.") for target in sources):
         missing["q"] = LogError(
@@ -372,7 +472,10 @@ def _reading(
         value = factor * (source.sign * source.constant + source.offset)
         return ColumnReading("", target, written or "", 0.0, value, "constant")
     offset = factor * source.offset
-    return ColumnReading(column, target, written or "", factor * source.sign, offset, note)
+    if source.frame:
+        note = f"{note}; in {source.frame} components"
+    factor *= source.sign
+    return ColumnReading(column, target, written or "", factor, offset, note, source.frame)
 
 
 def _factor(target: str, written: str, si: str | None, source: Source, column: str) -> float:
@@ -471,6 +574,8 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
             entry = f"column = {_quoted(column)}" + (
                 f", unit = {_quoted(unit_text)}" if unit_text else ""
             )
+            if one is not None and one.column == column and one.frame:
+                entry += f", frame = {_quoted(one.frame)}"
             why = one.why if one is not None else "a name of its format"
             sure = source is not None or (one is not None and one.certain)
             told = why if sure else f"guessed: {why}"

@@ -16,13 +16,14 @@ import os
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 
 from deltac.trajectories.columns import ANGULAR, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.formats.floating import AGREES, Floating, floating_base, moving_poses
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.units import column_unit, converts, unit, without_unit
 from deltac.trajectories.trajectory import FloatArray
@@ -60,9 +61,12 @@ NEUTRAL = frozenset(
     "actual real "
     "signal signals values series simlog simout logsout out log jointset rx ry rz px py pz linear sensor "
     "jointstates "
-    "jointstate body link motor dof lin".split()
+    "jointstate body link motor dof dofs lin".split()
 )
 """Words that say nothing of it."""
+
+PLACES = frozenset("position pos translation trans location origin xyz".split())
+"""Words of where a body is, without which three columns beside a quaternion are no position."""
 
 TIMES = frozenset(
     "time t ts times tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo "
@@ -117,7 +121,8 @@ class Recognised:
     """A column that is taken for `target`, a column of the log schema, and why.
 
     A guess, which is not `certain`, is only written into a draft. `step` (s): the time between rows, where
-    the times follow from that.
+    the times follow from that. `frame`: "world" or "body", whose components a floating body's velocity has,
+    where it is not the schema's.
     """
 
     target: str
@@ -125,6 +130,7 @@ class Recognised:
     why: str
     certain: bool = True
     step: float | None = None
+    frame: str = ""
 
 
 def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
@@ -144,9 +150,11 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     times = list(_times(raw, named))
     if len(times) == 1:
         take(iter(times))
+    take(_floating(raw, names, found, times))
     take(_unique(_by_words(named, _joints(names)), raw, names))
     take(_by_width(raw, names))
     take(_numbered(named, names))
+    take(_alike(raw, named, names, found))
     take(_unique(_sole(raw, named, names, taken), raw, names))
     take(_state_vectors(raw, names, found))
     take(_moving_times(raw, names, found))
@@ -156,7 +164,9 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     take(_unique(_by_words(named, _aliases(names), certain=False), raw, names))
     take(_slips(named, names, found, taken))
     take(_moving(raw, names, found, taken))
-    if not all(target in found for target in _targets(names)["udot"]):
+    frames = {one.frame for one in found.values() if one.target.startswith(("u.", "udot."))}
+    known = all(target in found for target in _targets(names)["udot"])
+    if not known or (frames > {""} and not any(found[t].frame for t in _targets(names)["udot"])):
         return [one for one in found.values() if not one.target.startswith("udot.")]
     return list(found.values())
 
@@ -184,15 +194,16 @@ def _components(raw: RawLog) -> dict[str, str]:
 
 def _common_path(columns: Sequence[str]) -> str:
     """What all names with a path have before them: the name of a variable, a topic, or a model."""
-    paths = [column for column in columns if re.search(r"[^./][./]", column)]
+    paths = [column for column in columns if re.search(r"[^./][./]|: ", column)]
     common = os.path.commonprefix(paths) if len(paths) > 1 else ""
-    return common[: max(common.rfind("."), common.rfind("/")) + 1]
+    return common[: max(map(common.rfind, ".:/")) + 1]
 
 
 @lru_cache(4096)
 def _words(name: str) -> tuple[str, ...]:
     """The words of a name, in small letters."""
     text = unicodedata.normalize("NFC", re.sub(r"['′]", " prime ", name.replace("(t)", "")))
+    text = "".join(str(unicodedata.digit(c, c)) for c in text)  # θ₁
     plain = []
     for letter in text:
         parts = unicodedata.normalize("NFD", letter)
@@ -212,7 +223,7 @@ def _times(raw: RawLog, named: Named) -> Iterator[Recognised]:
     times = [
         column
         for column, words in named.items()
-        if any(map(_is_time, words)) and _increases(raw.columns[column])
+        if any(map(_is_time, (*words, _last_part(column)))) and _increases(raw.columns[column])
     ]
     exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(named[c])]
     several = exact or times
@@ -249,30 +260,39 @@ def _step(
 
     It is sure if the motion agrees; steps of physics may be so many times shorter as another number says.
     """
-    if "time" in found:
-        return
-    plain = {"".join(_words(name.rpartition(".")[2])): value for name, value in raw.scalars.items()}
-    skips = [value for word, value in plain.items() if word in SKIPS and value > 1.0]
-    steps = [
-        (word, step)
-        for word, value in plain.items()
-        if value > 0.0 and (step := {word in STEPS: value, word in RATES: 1.0 / value}.get(True))
-    ]
+    steps = [] if "time" in found else _steps(raw)
     if not steps:
         return
-    word, step = steps[0]
     columns = {one.target: one.column for one in found.values()}
     rows = len(raw.columns[next(iter(columns.values()))]) if columns else 0
-    for many in (1.0, *skips):
-        misfit = _misfit(many * step * np.arange(float(rows)), columns, raw, names)
-        if misfit is not None and misfit < _AGREES:
-            told = f"{word!r} and how the coordinates move"
-            yield Recognised(
-                "time", "", f"rows are {many * step:g} s apart, by {told}", True, many * step
-            )
+    for word, step in steps:
+        misfit = _misfit(step * np.arange(float(rows)), columns, raw, names)
+        if misfit is not None and misfit < AGREES:
+            yield _counted(word, step)
             return
-    told_step = step * (skips[0] if skips else 1.0)
-    yield Recognised("time", "", f"rows are {told_step:g} s apart, by {word!r}", False, told_step)
+    word, step = steps[min(1, len(steps) - 1)]
+    yield Recognised("time", "", f"rows are {step:g} s apart, by {word!r}", False, step)
+
+
+def _counted(word: str, step: float) -> Recognised:
+    why = f"rows are {step:g} s apart, by {word!r} and how the coordinates move"
+    return Recognised("time", "", why, True, step)
+
+
+def _steps(raw: RawLog) -> list[tuple[str, float]]:
+    """What single numbers say of the time between rows (s), and their names.
+
+    Steps of physics may be so many times shorter as another number says.
+    """
+    plain = [(_words(name.rpartition(".")[2]), value) for name, value in raw.scalars.items()]
+    skips = [value for words, value in plain if value > 1.0 and "".join(words) in SKIPS]
+    steps = []
+    for words, value in plain:
+        ends = {"".join(words[k:]) for k in range(len(words))}  # sim_dt, control_freq
+        step = value if ends & STEPS else 1.0 / value if ends & RATES and value > 0.0 else 0.0
+        if 0.0 < step < np.inf:
+            steps += [("_".join(words), many * step) for many in (1.0, *skips)]
+    return steps
 
 
 # --- names of joints -----------------------------------------------------------------------------
@@ -402,6 +422,43 @@ def _unglued(word: str) -> list[str]:
     return [stem, *["dot"] * dots]
 
 
+UNREAL = frozenset(
+    "desired des ref reference target targets cmd command commanded setpoint goal plan planned error err std "
+    "var cov covariance min max limit limits prev previous next last offset bias".split()
+)
+"""Words of columns that are nothing that happened."""
+
+
+def _alike(
+    raw: RawLog, named: Named, names: MechanismNames, found: Mapping[str, Recognised]
+) -> Iterator[Recognised]:
+    """Columns that name a coordinate beside words that all of these have, which then tell nothing.
+
+    They are sure where the coordinates move as their speeds say.
+    """
+    joints = list(_joints(names))
+    parts = {
+        column: tuple(part for word in readings[0] for part in _unglued(word))
+        for column, readings in named.items()
+        if any(_without(readings[0], joint.words) is not None for joint in joints)
+    }
+    if len(parts) < 2:
+        return
+    several = {word for joint in joints for word in joint.words}
+    common = set.intersection(*map(set, parts.values())) - _KNOWN - UNREAL - several
+    plain: Named = {
+        column: (tuple(word for word in words if word not in common),)
+        for column, words in parts.items()
+    }
+    several_found = list(_unique(_by_words(plain, iter(joints)), raw, names))
+    columns = {one.target: one.column for one in (*several_found, *found.values()) if one.certain}
+    t = _in_si(raw, columns["time"], "s") if columns.get("time") else None
+    misfit = _misfit(t, columns, raw, names) if t is not None else None
+    sure = misfit is not None and misfit < AGREES
+    for one in several_found:
+        yield replace(one, certain=one.certain and sure)
+
+
 def _unique(
     candidates: Iterator[tuple[int, Recognised]], raw: RawLog, names: MechanismNames
 ) -> Iterator[Recognised]:
@@ -429,6 +486,10 @@ def _sole(
     """Columns that say only what they are: of the one joint, or of the one that turns, or slides."""
     joints = [j for j in _joints(names) if "q" in j.targets and "u" in j.targets]
     joints = [j for j in joints if j.targets["q"].startswith("q.")]
+    letters = {
+        word for readings in named.values() for word in readings[0] if word in ("x", "y", "z")
+    }
+    places = letters if len(letters) > 1 else set()  # of a point, not of a joint
     for column, readings in named.items():
         parts = [part for word in readings[0] for part in _unglued(word)]
         kind = _kind(
@@ -451,8 +512,15 @@ def _sole(
         ]
         if len(fitting) != 1 and len(joints) == 1 and told is None and "v" in telling:
             fitting = joints
+        if (
+            places
+            and telling & places
+            and told is None
+            and "rad" in {si_unit(joint.targets["q"], names) for joint in fitting}
+        ):
+            continue
         sure = len(fitting) == 1
-        if len(joints) == 1 and told is None:
+        if len(joints) == 1 and told is None and not (places and telling & places):
             fitting = joints  # a pendulum's x may be its angle, or how far its bob is
         if len(fitting) == 1:
             what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"
@@ -486,17 +554,14 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
     Arrays of joints may leave out the one that floats.
     """
     groups = _groups(raw)
-    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
     for kind, keys in _LAYOUTS:
-        every = _targets(names)[kind]
-        rest = [t for t in every if not any(f".{joint}" in t for joint in floating)]
-        for targets in (every, rest) if len(floating) == 1 else (every,):
+        for targets in _widths(names, kind):
             fitting = [
                 (group, columns)
                 for group, columns in groups.items()
-                if _key(group) in keys
-                and len(columns) == len(targets)
+                if len(columns) == len(targets)
                 and columns != ["a"]  # alone it is anything
+                and (_key(group) in keys or (len(columns) > 1 and _array_kind(group) == kind))
             ]
             if len(fitting) == 1:
                 group, columns = fitting[0]
@@ -505,6 +570,20 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
                         target, column, f"in the model's order, by the width of {group!r}"
                     )
                 break
+
+
+def _widths(names: MechanismNames, kind: str) -> list[list[str]]:
+    """All columns of a kind, and those without the one joint that floats."""
+    every = _targets(names)[kind]
+    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
+    rest = [t for t in every if not any(f".{joint}" in t for joint in floating)]
+    return [every, rest] if len(floating) == 1 and rest else [every]
+
+
+def _array_kind(group: str) -> str | None:
+    """What an array of all joints is by the words of its name: ``dofs_position``."""
+    words = _words(re.split(r"[./]", group)[-1])
+    return _kind(words) if set(words) - NEUTRAL else None
 
 
 def _groups(raw: RawLog) -> dict[str, list[str]]:
@@ -541,19 +620,20 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
         if len(places) == 1 and len(words) > 1:
             k = places[0]
             groups.setdefault((*words[:k], "#", *words[k + 1 :]), {})[int(words[k])] = column
-    targets = _targets(names)
-    by_kind: dict[str, list[dict[int, str]]] = {}
+    by_kind: dict[str, list[tuple[list[str], dict[int, str]]]] = {}
     for words, columns in groups.items():
         kind = _kind([word for word in words if word != "#"])
         first = min(columns)
         if kind is None or first > 1 or sorted(columns) != list(range(first, first + len(columns))):
             continue
-        if len(columns) == len(targets[kind]):
-            by_kind.setdefault(kind, []).append(columns)
-    for kind, several in by_kind.items():
+        fitting = [targets for targets in _widths(names, kind) if len(targets) == len(columns)]
+        if fitting:
+            by_kind.setdefault(kind, []).append((fitting[0], columns))
+    for several in by_kind.values():
         if len(several) == 1:
-            ordered = [several[0][number] for number in sorted(several[0])]
-            for target, column in zip(targets[kind], ordered, strict=True):
+            targets, columns = several[0]
+            ordered = [columns[number] for number in sorted(columns)]
+            for target, column in zip(targets, ordered, strict=True):
                 yield Recognised(target, column, "in the model's order, by its number")
 
 
@@ -613,8 +693,6 @@ def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: s
 
 # --- what the motion tells -------------------------------------------------------------------------
 
-_AGREES = 0.1
-"""How much of their changes coordinates may differ from the integrals of their speeds."""
 _LOOKED_AT = 4000
 """Rows that this is looked at in."""
 _MOST_PAIRED = 60
@@ -646,7 +724,7 @@ def _misfit(
         parts = [columns.get(f"q.{name}", "") for name in coordinates[first : first + 4]]
         if all(part in raw.columns for part in parts):
             norm = sum(raw.columns[part][rows] ** 2 for part in parts)
-            if not np.nanmax(np.abs(norm - 1.0)) < _AGREES:
+            if not np.nanmax(np.abs(norm - 1.0)) < AGREES:
                 return np.inf
     return apart / change if change > 0.0 else None
 
@@ -657,12 +735,156 @@ def _in_si(raw: RawLog, column: str, si: str | None) -> FloatArray:
     return factor * raw.columns[column]
 
 
+def _floating(
+    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised], times: Sequence[Recognised]
+) -> Iterator[Recognised]:
+    """The one body that floats, by how it moves, and the joints in the same arrays."""
+    joints = [name.removesuffix(".qw") for name in names.coordinates if name.endswith(".qw")]
+    if len(joints) != 1 or f"{joints[0]}.vx" not in names.speeds:
+        return
+    for clock, t in _clocks(raw, found, times):
+        columns = [c for c, x in raw.columns.items() if len(x) == len(t) and c != clock.column]
+        rows = slice(0, _LOOKED_AT)
+        table = np.column_stack([_factor(raw, c) * raw.columns[c][rows] for c in columns])
+        known = ~np.isnan(table).any(axis=1)
+        letters = [_last_letter(c) for c in columns]
+        places = {k for k, c in enumerate(columns) if PLACES & set(_words(without_unit(c)))}
+        vectors = _vectors(columns, letters)
+        scaled = (  # whole milliseconds and the like are told once the log is read
+            floating_base(factor * t[rows][known], table[known], vectors) for factor in _SECONDS
+        )
+        base = next((one for one in scaled if one is not None), None)
+        if base is not None:
+            yield clock
+            yield from _of_floating(base, joints[0], columns, t, raw, names)
+            return
+        poses = list(moving_poses(table[known], letters, places))
+        if len(poses) == 1:
+            why = "the one pose that moves"
+            parts = (*(f"q{c}" for c in "wxyz"), *"xyz")
+            for part, place in zip(parts, poses[0], strict=True):
+                yield Recognised(f"q.{joints[0]}.{part}", columns[place], why)
+            return
+
+
+def _vectors(columns: Sequence[str], letters: Sequence[str]) -> list[range]:
+    """Three consecutive columns that are a vector by their names: of an array, or by x, y and z."""
+    arrays = [re.sub(r"\[\d+\]$", "", column) for column in columns]
+    found = []
+    for k in range(len(columns) - 2):
+        array = arrays[k]
+        whole = arrays[k : k + 3] == [array] * 3 and arrays.count(array) == 3
+        if whole or list(letters[k : k + 3]) == ["x", "y", "z"]:
+            found.append(range(k, k + 3))
+    return found
+
+
+def _last_part(column: str) -> tuple[str, ...]:
+    """The last part of a path, where it is a time whatever stands before."""
+    parts = map(_words, reversed(re.split(r"[./]", column)))
+    words = next((words for words in parts if not set(words) <= NEUTRAL), ())
+    return words if words in (("t",), ("time",)) else ()
+
+
+_SECONDS = (1.0, 1e-3, 1e-6, 1e-9)
+"""Units that times without a unit may have, s."""
+
+
+def _last_letter(column: str) -> str:
+    words = _words(without_unit(column))
+    return words[-1][-1] if words else ""
+
+
+def _clocks(
+    raw: RawLog, found: Mapping[str, Recognised], times: Sequence[Recognised]
+) -> Iterator[tuple[Recognised, FloatArray]]:
+    """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
+    if "time" in found:
+        yield found["time"], _in_si(raw, found["time"].column, "s")
+        return
+    lengths = [len(values) for values in raw.columns.values()]
+    rows = max(set(lengths), key=lengths.count, default=0)
+    for word, step in _steps(raw):
+        yield _counted(word, step), step * np.arange(float(rows))
+    why = "by it the floating body moves as its speeds say"
+    for column in dict.fromkeys([*(one.column for one in times), *raw.columns]):
+        if _increases(raw.columns[column]):
+            yield Recognised("time", column, why), _in_si(raw, column, "s")
+
+
+def _of_floating(
+    base: Floating,
+    joint: str,
+    columns: Sequence[str],
+    t: FloatArray,
+    raw: RawLog,
+    names: MechanismNames,
+) -> Iterator[Recognised]:
+    """Columns of a floating body, and those of the joints that stand in its arrays."""
+    why = f"as the body moves: {base}"
+    frames = {
+        "v": "body" if base.linear_frame == "body" else "",
+        "w": "world" if base.angular_frame == "world" else "",
+    }
+    places = {
+        **{f"q.{joint}.{c}": k for c, k in zip("xyz", base.position)},
+        **{f"q.{joint}.q{c}": k for c, k in zip("wxyz", base.quaternion)},
+        **{f"u.{joint}.v{c}": k for c, k in zip("xyz", base.linear)},
+        **{f"u.{joint}.w{c}": k for c, k in zip("xyz", base.angular)},
+    }
+    targets = {target: columns[k] for target, k in places.items()}
+    of_speed = {
+        target.removeprefix("u."): frames[target.rpartition(".")[2][0]]
+        for target in targets
+        if target.startswith("u.")
+    }
+    nameless = all(re.fullmatch(r"column \d+", column) for column in columns)
+    groups = {"the table": list(columns)} if nameless else _groups(raw)
+    group_of = {column: group for group, several in groups.items() for column in several}
+    first_q, first_u = (group_of[columns[k]] for k in (base.quaternion[0], base.angular.start))
+    taken = set(targets.values())
+    rest_q, rest_u = (
+        [c for c in groups[group] if c not in taken and c in columns]
+        for group in (first_q, first_u)
+    )
+    every = _targets(names)
+    q, u = ([t for t in every[kind] if t not in targets] for kind in ("q", "u"))
+    if first_q == first_u:
+        orders = ([*q, *u], [x for pair in zip(q, u) for x in pair], [*u, *q])
+        options = [dict(zip(order, rest_q)) for order in orders if len(order) == len(rest_q)]
+    else:
+        fits = len(q) == len(rest_q) and len(u) == len(rest_u)
+        options = [dict(zip([*q, *u], [*rest_q, *rest_u]))] if fits else []
+    misses = [_misfit(t, option, raw, names) for option in options]
+    for option, miss in zip(options, misses):
+        if miss is None or miss < AGREES:
+            targets |= option
+            break
+    for target, column in targets.items():
+        frame = of_speed.get(target.removeprefix("u."), "")
+        yield Recognised(target, column, why, frame=frame)
+    inverse = {column: target for target, column in targets.items()}
+    speeds = [inverse.get(column, "") for column in groups[first_u]]
+    if first_u == first_q or not all(speed.startswith("u.") for speed in speeds):
+        return
+    for kind in ("udot", "force"):  # arrays of the speeds' width are in their order
+        keys = dict(_LAYOUTS)[kind]
+        same = [g for g, c in groups.items() if _key(g) in keys and len(c) == len(speeds)]
+        for column, target in zip(groups[same[0]] if len(same) == 1 else (), speeds):
+            speed = target.removeprefix("u.")
+            of = _of_speed(speed, names)[kind]
+            yield Recognised(
+                of, column, f"in the order of the speeds; {why}", frame=of_speed.get(speed, "")
+            )
+
+
 def _orders(names: MechanismNames) -> Iterator[tuple[str, list[str]]]:
     """The usual orders of a state vector."""
     targets = _targets(names)
     q, u = targets["q"], targets["u"]
     yield "coordinates and speeds", [*q, *u]
     if len(q) == len(u):
+        yield "coordinates, speeds and accelerations", [*q, *u, *targets["udot"]]
         yield "each coordinate with its speed", [t for pair in zip(q, u) for t in pair]
         yield "speeds and coordinates", [*u, *q]
 
@@ -703,7 +925,11 @@ def _state_vectors(
                 if (m := _misfit(_in_si(raw, c, "s"), mapped, raw, names)) is not None
             ]
             misfit = min(found_misfits, default=None)
-            if misfit is not None and misfit < _AGREES:
+            if misfit is not None and "udot" in targets[-1]:  # speeds must move so, too
+                rates = {t: mapped[_next(t)] for t in mapped if t.startswith(("q.", "u."))}
+                clock = _in_si(raw, columns[0] if after else times[0], "s")
+                misfit = max(misfit, _misfit(clock, rates, raw, names) or 0.0)
+            if misfit is not None and misfit < AGREES:
                 agreeing.append((mapped, f"{why} and how they move", group))
             elif name == "coordinates and speeds" and misfit != np.inf:
                 (named if _key(group) in _STATES and not after else guessed).append(
@@ -720,6 +946,12 @@ def _state_vectors(
             yield Recognised(target, column, why, certain=bool(sure) and same)
 
 
+def _next(target: str) -> str:
+    """The column of the rate of a coordinate or a speed of its name."""
+    kind, _, name = target.partition(".")
+    return f"u.{name}" if kind == "q" else f"udot.{name}"
+
+
 def _moving_times(
     raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
 ) -> Iterator[Recognised]:
@@ -732,7 +964,7 @@ def _moving_times(
         for column, values in raw.columns.items()
         if column not in columns.values() and _increases(values)
         if (misfit := _misfit(_in_si(raw, column, "s"), columns, raw, names)) is not None
-        and misfit < _AGREES
+        and misfit < AGREES
     ]
     if fitting:
         first = raw.columns[fitting[0]]
@@ -771,7 +1003,7 @@ def _moving(
     def follows(a: str, b: str) -> bool:
         apart = float(np.nansum(np.abs(changes[a] - integrals[b])))
         size = float(np.nansum(np.abs(changes[a])) + np.nansum(np.abs(integrals[b])))
-        return a != b and apart < 0.5 * _AGREES * size
+        return a != b and apart < 0.5 * AGREES * size
 
     rates = {a: [b for b in free if follows(a, b)] for a in free}
     found_pairs = [(a, several[0]) for a, several in rates.items() if len(several) == 1]

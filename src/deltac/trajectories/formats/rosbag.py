@@ -1,34 +1,55 @@
-"""Bags of ROS: joint states from ``.mcap`` files, ``.bag`` files of ROS 1, and folders of ROS 2.
+"""Bags of ROS: messages from ``.mcap`` files, ``.bag`` files of ROS 1, and folders of ROS 2.
 
-Read are messages of type ``sensor_msgs/JointState``: a column a joint, ``position.<joint>``,
+Joint states (``sensor_msgs/JointState``) are a column a joint, ``position.<joint>``,
 ``velocity.<joint>``, ``effort.<joint>``, and ``time``, the header's stamp (where that is zero, the time of
 the recording) in seconds since the first message. Of several topics, or several sets of joints on one topic,
 each has its own columns, ``<topic>.position.<joint>``, since their messages come at times of their own.
-Other types are skipped by name. Nothing of a bag is run: definitions of messages are data.
+
+Of every other small message with a stamp, such as odometry, poses and transforms, each number is a column,
+``<topic>.pose.pose.position.x``; a transform is named by its frames, ``tf.odom>base_link.rotation.w``. They
+are interpolated to the times of the joint states, by cubic splines, unless they are of these times. Nothing
+of a bag is run: definitions of messages are data.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from contextlib import redirect_stdout
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from deltac.errors import FileError, LogError, PackageError
 from deltac.isolation import apart
 from deltac.limits import Limits
 from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
+from deltac.trajectories.rates import continuous
+from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 _PARTS = ("position", "velocity", "effort")
+_LARGEST = 4096
+"""Bytes of a message: larger ones are pictures and clouds of points."""
+
+_LONGEST = 32
+"""Entries of an array in a message that are a column each; covariances have 36."""
+
+_COVERED = 0.9
+"""Share of the joint states' time that another topic must cover to be read beside them."""
+
+Message: TypeAlias = tuple[str, str, int, "Callable[[], Any] | None"]
+"""Topic, type, time of recording (ns), and what decodes it (None where it is too large)."""
 
 
 @dataclass
-class _Series:
+class _Joints:
     """Messages of one topic about the same joints."""
 
     topic: str
@@ -37,14 +58,29 @@ class _Series:
     values: dict[str, list[Any]] = field(default_factory=lambda: {part: [] for part in _PARTS})
 
 
+@dataclass
+class _Numbers:
+    """The numbers of a topic's messages, or of one transform, by their paths in it."""
+
+    stamps: list[int] = field(default_factory=list)
+    rows: list[dict[str, float]] = field(default_factory=list)
+
+    def table(self) -> tuple[npt.NDArray[np.int64], dict[str, FloatArray]]:
+        """Stamps that increase (T,), ns, and the columns that are in all messages."""
+        stamps, first = np.unique(np.array(self.stamps, dtype=np.int64), return_index=True)
+        names = [name for name in self.rows[0] if all(name in row for row in self.rows)]
+        values = np.array([[self.rows[k][name] for name in names] for k in first])
+        return stamps, dict(zip(names, values.T, strict=True))
+
+
 def is_bag_folder(path: Path) -> bool:
     """Whether a folder is a bag of ROS 2."""
-    return path.is_dir() and (path / "metadata.yaml").is_file()
+    return os.path.isfile(path / "metadata.yaml")
 
 
 @apart
 def read_bag(path: Path) -> RawLog:
-    """The joint states of a bag: a .mcap or .bag file, or a folder of ROS 2."""
+    """Joint states, odometry, poses, transforms of a bag: a .mcap or .bag file, or a folder of ROS 2."""
     # Readers print what they stumble over; a command's standard output is its own.
     with damage_named("bag"), redirect_stdout(io.StringIO()):
         messages = _of_mcap(path) if path.suffix.lower() == ".mcap" else _of_rosbags(path)
@@ -58,37 +94,31 @@ def _size(path: Path) -> int:
     return size
 
 
-def _of_mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
-    """Topic, type, time of recording (ns) and decoded message (None for other types)."""
+def _of_mcap(path: Path) -> Iterator[Message]:
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
         raise _needs_package(error) from None
+    decoders = DecoderFactory()
+
+    def decoded(channel: Any, schema: Any, data: bytes) -> Any:
+        if channel.message_encoding == "json":
+            return json.loads(data, object_hook=lambda found: SimpleNamespace(**found))
+        decode = decoders.decoder_for(channel.message_encoding, schema)
+        if decode is None:
+            raise LogError(f"messages encoded as {channel.message_encoding!r} are not read")
+        return decode(data)
+
     with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
-        summary = reader.get_summary()
-        topics = {c.topic: s.name for c, s in _channels(summary)} if summary is not None else {}
-        wanted = [topic for topic, kind in topics.items() if kind in JOINT_STATE]
-        yield from (
-            (topic, kind, 0, None) for topic, kind in topics.items() if kind not in JOINT_STATE
-        )
-        if topics and not wanted:
-            return
-        for schema, channel, message, decoded in reader.iter_decoded_messages(
-            topics=wanted or None
-        ):
-            kind = schema.name if schema is not None else ""
-            yield channel.topic, kind, message.log_time, decoded if kind in JOINT_STATE else None
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            kind, data = schema.name if schema is not None else "", message.data
+            small = kind in JOINT_STATE or len(data) <= _LARGEST
+            decode = (lambda c=channel, s=schema, d=data: decoded(c, s, d)) if small else None
+            yield channel.topic, kind, message.log_time, decode
 
 
-def _channels(summary: Any) -> Iterator[tuple[Any, Any]]:
-    for channel in summary.channels.values():
-        if channel.schema_id in summary.schemas:
-            yield channel, summary.schemas[channel.schema_id]
-
-
-def _of_rosbags(path: Path) -> Iterator[tuple[str, str, int, Any]]:
+def _of_rosbags(path: Path) -> Iterator[Message]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -96,19 +126,11 @@ def _of_rosbags(path: Path) -> Iterator[tuple[str, str, int, Any]]:
         raise _needs_package(error) from None
     store = get_typestore(Stores.ROS2_HUMBLE)  # for bags that hold no definitions
     with AnyReader([path], default_typestore=store) as reader:
-        for connection in reader.connections:
-            if connection.msgtype not in JOINT_STATE:
-                yield connection.topic, connection.msgtype, 0, None
-        wanted = [c for c in reader.connections if c.msgtype in JOINT_STATE]
-        if not wanted:
-            return
-        for connection, time, data in reader.messages(connections=wanted):
-            yield (
-                connection.topic,
-                connection.msgtype,
-                time,
-                reader.deserialize(data, connection.msgtype),
-            )
+        for connection, time, data in reader.messages():
+            kind = connection.msgtype
+            small = kind in JOINT_STATE or len(data) <= _LARGEST
+            decode = (lambda d=data, k=kind: reader.deserialize(d, k)) if small else None
+            yield connection.topic, kind, time, decode
 
 
 def _needs_package(error: ImportError) -> PackageError:
@@ -117,48 +139,175 @@ def _needs_package(error: ImportError) -> PackageError:
     )
 
 
-def _log(messages: Iterator[tuple[str, str, int, Any]], size: int) -> RawLog:
+def _log(messages: Iterator[Message], size: int) -> RawLog:
     collector, budget = Collector(), Budget(size)
-    series: dict[tuple[str, tuple[str, ...]], _Series] = {}
-    count = 0
-    for topic, kind, time, message in messages:
-        if message is None:
-            if topic not in collector.skipped:
-                collector.skip(topic, f"has messages of type {kind}; joint states are read")
-            continue
-        joints = tuple(message.name)
-        one = series.setdefault((topic, joints), _Series(topic, joints))
-        stamp = message.header.stamp
-        nanoseconds = getattr(stamp, "nanosec", getattr(stamp, "nsec", 0))
-        one.stamps.append(int(stamp.sec) * 10**9 + int(nanoseconds) or int(time))
-        for part in _PARTS:
-            one.values[part].append(np.asarray(getattr(message, part), dtype=np.float64))
-        count += 1
+    joints: dict[tuple[str, tuple[str, ...]], _Joints] = {}
+    others: dict[str, _Numbers] = {}
+    for count, (topic, kind, time, decode) in enumerate(messages, 1):
         Limits.current().check("rows", count, "the bag has")
-        budget.take(8 * (1 + 3 * len(joints)))
-    if not series:
+        if topic in collector.skipped:
+            continue
+        message = None
+        if decode is None:
+            collector.skip(topic, f"has messages of type {kind} of more than {_LARGEST} bytes")
+        elif kind in JOINT_STATE:
+            message = decode()
+            names = tuple(message.name)
+            one = joints.setdefault((topic, names), _Joints(topic, names))
+            one.stamps.append(_stamp(message) or int(time))
+            for part in _PARTS:
+                one.values[part].append(np.asarray(getattr(message, part), dtype=np.float64))
+            budget.take(8 * (1 + 3 * len(names)))
+        else:
+            with suppress(Exception):  # types that the bag does not define
+                message = decode()
+            found = list(_stamped(topic, message))
+            if not found:
+                collector.skip(topic, f"has messages of type {kind}, without a stamp or numbers")
+            for name, stamp, numbers in found:
+                series = others.setdefault(name, _Numbers())
+                series.stamps.append(stamp or int(time))
+                series.rows.append(numbers)
+                budget.take(100 * (1 + len(numbers)))
+    if any(len(set(one.joints)) < len(one.joints) for one in joints.values()):
+        raise FileError("a joint state names a joint twice")
+    tables = {name: one.table() for name, one in others.items() if len(one.stamps) > 3}
+    if not joints and not tables:
         raise LogError(
-            "the bag has no messages of type sensor_msgs/JointState. Topics: "
+            "the bag has no joint states, odometry, poses or other stamped numbers. Topics: "
             + ("; ".join(collector.skipped.values()) or "none")
         )
-    if any(len(set(one.joints)) < len(one.joints) for one in series.values()):
-        raise FileError("a joint state names a joint twice")
-    start = min(min(one.stamps) for one in series.values())
-    for one in series.values():
-        prefix = "" if len(series) == 1 else f"{one.topic.strip('/')}"
-        if sum(other.topic == one.topic for other in series.values()) > 1:
+    if len(joints) != 1:
+        return _apart(collector, joints, tables)
+    return _beside(collector, next(iter(joints.values())), tables)
+
+
+Tables: TypeAlias = Mapping[str, tuple[npt.NDArray[np.int64], dict[str, FloatArray]]]
+"""Topic -> stamps, ns, and columns."""
+
+
+def _apart(
+    collector: Collector, joints: Mapping[tuple[str, tuple[str, ...]], _Joints], tables: Tables
+) -> RawLog:
+    """Several sets of joints, each at times of its own; or none, but the topic with the most numbers."""
+    if not joints:
+        main = max(tables, key=lambda name: len(tables[name][1]))
+        stamps, columns = tables[main]
+        collector.add("time", (stamps - stamps[0]) / 1e9, "s")
+        for name, values in columns.items():
+            collector.add(f"{main}.{name}", values)
+        rest = {name: table for name, table in tables.items() if name != main}
+        return _merged(collector, stamps, main, rest)
+    start = min(min(one.stamps) for one in joints.values())
+    for one in joints.values():
+        prefix = one.topic.strip("/")
+        if sum(other.topic == one.topic for other in joints.values()) > 1:
             prefix += f"({', '.join(one.joints[:2])}{', …' if len(one.joints) > 2 else ''})"
-        _add(collector, one, f"{prefix}." if prefix else "", start)
+        _add(collector, one, f"{prefix}.", start)
+    for topic in tables:
+        collector.skip(topic, "is read beside one set of joints; there are several")
     return collector.log()
 
 
-def _add(collector: Collector, one: _Series, prefix: str, start: int) -> None:
-    """The columns of one series, in the order of its stamps; a message that is sent again stands once."""
-    order = np.argsort(np.array(one.stamps), kind="stable")
-    stamps = np.array(one.stamps)[order]
-    new = np.concatenate([[True], np.diff(stamps) > 0])
-    rows = order[new]
-    collector.add(f"{prefix}time", (stamps[new] - start) / 1e9, "s")
+def _beside(collector: Collector, one: _Joints, tables: Tables) -> RawLog:
+    """The only set of joints, and other topics at its times."""
+    stamps = _add(collector, one, "", min(one.stamps))
+    return _merged(collector, stamps, one.topic, tables)
+
+
+def _merged(
+    collector: Collector, stamps: npt.NDArray[np.int64], main: str, tables: Tables
+) -> RawLog:
+    """The log with other topics at the times of the main one, which ends where these end."""
+    columns: dict[str, FloatArray] = {}
+    told: dict[str, str] = {}
+    first, last = 0, len(stamps)
+    for topic, (times, found) in tables.items():
+        a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
+        if b - a < max(4.0, _COVERED * len(stamps)):
+            collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
+            continue
+        first, last = max(first, int(a)), min(last, int(b))
+        for name, values in found.items():
+            column = f"{topic}.{name}"
+            columns[column] = values
+        if not np.isin(stamps[a:b], times).all():
+            told |= {f"{topic}.{n}": f"{topic}: interpolated to the times of {main}" for n in found}
+    for name, array in collector.arrays.items():
+        collector.arrays[name] = array[first:last]
+    at = stamps[first:last]
+    for topic, (times, found) in tables.items():
+        if f"{topic}.{next(iter(found), '')}" in columns:
+            for name, values in _interpolated(times, found, at).items():
+                collector.add(f"{topic}.{name}", values)
+    log = collector.log()
+    return RawLog(log.columns, units=log.units, skipped=log.skipped, resampled=told)
+
+
+def _interpolated(
+    times: npt.NDArray[np.int64], columns: Mapping[str, FloatArray], at: npt.NDArray[np.int64]
+) -> dict[str, FloatArray]:
+    """Columns at other times, by cubic splines; as they are at times of their own."""
+    if np.isin(at, times).all():
+        rows = np.searchsorted(times, at)
+        return {name: values[rows] for name, values in columns.items()}
+    from scipy.interpolate import CubicSpline
+
+    smooth = dict(columns)
+    for name in columns:  # quaternions p and −p are one turn
+        stem = name.removesuffix(".w")
+        parts = [f"{stem}.{letter}" for letter in "wxyz"]
+        if stem != name and all(part in columns for part in parts):
+            p = continuous(np.column_stack([columns[part] for part in parts]))
+            smooth |= dict(zip(parts, p.T, strict=True))
+    seconds, wanted = (times - times[0]) / 1e9, (at - times[0]) / 1e9
+    values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(wanted)
+    return dict(zip(smooth, values.T, strict=True))
+
+
+def _stamped(topic: str, message: Any) -> Iterator[tuple[str, int, dict[str, float]]]:
+    """Name, stamp (ns) and numbers of a message with a header, or of each transform in one."""
+    name = topic.strip("/")
+    for transform in getattr(message, "transforms", ()):
+        frames = f"{transform.header.frame_id}>{transform.child_frame_id}"
+        numbers = dict(_numbers(transform.transform, ""))
+        yield f"{name}.{frames}", _stamp(transform), numbers
+    if hasattr(message, "header") and (numbers := dict(_numbers(message, ""))):
+        yield name, _stamp(message), numbers
+
+
+def _stamp(message: Any) -> int:
+    stamp = message.header.stamp
+    nanoseconds = getattr(stamp, "nanosec", getattr(stamp, "nsec", 0))
+    return int(stamp.sec) * 10**9 + int(nanoseconds)
+
+
+def _numbers(message: Any, path: str) -> Iterator[tuple[str, float]]:
+    """The numbers of a message by their paths: fields joined by dots, entries of short arrays by places."""
+    fields = [*getattr(type(message), "__slots__", ()), *getattr(message, "__dict__", {})]
+    for name in dict.fromkeys(fields):
+        value, where = getattr(message, name), f"{path}.{name}" if path else name
+        if name in ("header", "stamp") or "covariance" in name:
+            continue
+        if isinstance(value, bool | int | float | np.number):
+            yield where, float(value)
+        elif isinstance(value, list | tuple | np.ndarray) and len(value) <= _LONGEST:
+            for k, entry in enumerate(value):
+                if isinstance(entry, int | float | np.number):
+                    yield f"{where}[{k}]", float(entry)
+                else:
+                    yield from _numbers(entry, f"{where}[{k}]")
+        elif hasattr(value, "__dict__") or hasattr(type(value), "__slots__"):
+            yield from _numbers(value, where)
+
+
+def _add(collector: Collector, one: _Joints, prefix: str, start: int) -> npt.NDArray[np.int64]:
+    """The columns of one set of joints, in the order of its stamps, which it returns.
+
+    A message that is sent again stands once.
+    """
+    stamps, rows = np.unique(np.array(one.stamps, dtype=np.int64), return_index=True)
+    collector.add(f"{prefix}time", (stamps - start) / 1e9, "s")
     for part in _PARTS:
         values = one.values[part]
         lengths = {len(values[row]) for row in rows}
@@ -170,3 +319,4 @@ def _add(collector: Collector, one: _Series, prefix: str, start: int) -> None:
         table = np.array([values[row] for row in rows])
         for joint, column in zip(one.joints, table.T, strict=True):
             collector.add(f"{prefix}{part}.{joint}", column)
+    return stamps

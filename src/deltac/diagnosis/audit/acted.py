@@ -1,0 +1,157 @@
+"""Forces as they acted: a log may hold the command, before an actuator delayed or limited it.
+
+Where one force alone acts on a speed and is logged, the motion tells what acted: the logged force and what
+the equations miss. Set beside the logged one, row by row, it shows a delay (the same, some rows later) and a
+limit (the same, up to a largest value). Either is believed where it takes off nearly all that was missing; a
+wrong parameter of the model is no such function of the logged force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.residuals.one_step import Model
+from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+LEFT = 0.02
+"""What a delay or a limit may leave of what is missing."""
+
+FARTHEST = 0.05
+"""The longest delay that is looked for, as a share of the log."""
+
+MOST_ROWS = 4000
+"""Rows that are looked at."""
+
+LEAST_ROWS = 50
+
+
+@dataclass(frozen=True)
+class Acted:
+    """How a channel's force followed its logged one: `rows` later, between `least` and `most` (N, N·m)."""
+
+    channel: ChannelName
+    rows: int = 0
+    least: float = -np.inf
+    most: float = np.inf
+
+
+def as_acted(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]] | None:
+    """The log with forces as they acted, and what they are; None where they are as logged.
+
+    `run` has consecutive rows. Its works and integrals, which are of the logged forces, are left out.
+    """
+    alone = _alone(mechanism, run)
+    if not alone or len(run) < LEAST_ROWS or run.works or run.integrals:
+        return None
+    required = _required(mechanism, run)
+    found = []
+    for name, speed, place in alone:
+        found += _compared(name, run.forces[name][: len(required), speed], required[:, place])
+    if not found:
+        return None
+    late = max(0, max(a.rows for a in found))
+    early = max(0, max(-a.rows for a in found))
+    forces = dict(run.forces)
+    for a in found:
+        forces[a.channel] = np.clip(np.roll(run.forces[a.channel], a.rows, axis=0), a.least, a.most)
+    kept = slice(late, len(run) - early)
+    part = run.between(run.t[kept][0], run.t[kept][-1])
+    part = replace(part, forces={name: values[kept] for name, values in forces.items()})
+    step = float(np.median(np.diff(run.t)))
+    return part, [_told(a, step) for a in found]
+
+
+def _alone(mechanism: Mechanism, run: Trajectory) -> list[tuple[ChannelName, int, int]]:
+    """Channels that alone act on one free speed: name, the speed's place among all and among free ones."""
+    free = {int(k): i for i, k in enumerate(mechanism.free.u)}
+    acting = {name: np.flatnonzero(np.ptp(force, axis=0)) for name, force in run.forces.items()}
+    counts = np.bincount(np.concatenate([*acting.values(), []]).astype(int), minlength=1)
+    return [
+        (name, int(k[0]), free[int(k[0])])
+        for name, k in acting.items()
+        if len(k) == 1 and int(k[0]) in free and counts[k[0]] == 1
+    ]
+
+
+def _required(mechanism: Mechanism, run: Trajectory) -> Array:
+    """What the motion misses in each interval (T − 1, n), N or N·m, by the accelerations at its ends."""
+    model = Model(mechanism, run)
+    free, rows = mechanism.free, slice(0, min(len(run), MOST_ROWS))
+    t, q, u = run.t[rows], run.q[rows][:, free.q], run.u[rows][:, free.u]
+    values = list(model.log.values(run).values())
+    F = np.concatenate(values, axis=1)[rows] if values else np.zeros((len(t), 0))
+    mean = 0.5 * (
+        model.acceleration(t[:-1], q[:-1], u[:-1], F[:-1])
+        + model.acceleration(t[1:], q[1:], u[1:], F[:-1])
+    )
+    missing = np.diff(u, axis=0) / np.diff(t)[:, None] - mean
+    return np.asarray(np.einsum("tij,tj->ti", model.inertia(t[:-1], q[:-1]), missing))
+
+
+def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:
+    """The delay or limit that takes off nearly all that is missing beside one logged force (T,)."""
+
+    def left(acted: Array, rows: slice = slice(None)) -> float:
+        return float(np.sqrt(np.mean((logged + missing - acted)[rows] ** 2)))
+
+    was = left(logged)
+    farthest = max(1, int(FARTHEST * len(logged)))
+    inner = slice(farthest, len(logged) - farthest)
+    delays = {k: left(np.roll(logged, k), inner) for k in range(-farthest, farthest + 1)}
+    k = min(delays, key=delays.__getitem__)
+    if delays[k] < LEFT * delays[0]:
+        return [Acted(name, rows=k)]
+    least, most = float(logged.min()), float(logged.max())
+    for _ in range(3):  # one bound after the other
+        most = _best(lambda x, low: left(np.clip(logged, low, x)), least, (0.0, most))
+        least = _best(lambda x, high: left(np.clip(logged, x, high)), most, (least, 0.0))
+    if left(np.clip(logged, least, most)) < LEFT * was:
+        return [Acted(name, least=least, most=most)]
+    return []
+
+
+def _best(
+    left: Callable[[float, float], float], other: float, between: tuple[float, float]
+) -> float:
+    """The bound that leaves least beside the other one; it may have several minima."""
+    from scipy.optimize import minimize_scalar
+
+    if between[1] <= between[0]:
+        return between[0]
+    grid = np.linspace(*between, 41)
+    best = int(np.argmin([left(x, other) for x in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    near = {"xatol": 1e-6 * (bounds[1] - bounds[0])}
+    found = minimize_scalar(left, bounds=bounds, args=(other,), method="bounded", options=near)
+    # Limits are round numbers: the roundest that leaves hardly more is the one.
+    rounded = [float(f"{found.x:.{digits}g}") for digits in (1, 2, 3, 4)]
+    good = [x for x in rounded if left(x, other) <= 1.1 * found.fun]
+    return good[0] if good else float(found.x)
+
+
+def _told(a: Acted, step: float) -> Finding:
+    if a.rows:
+        when = "later" if a.rows > 0 else "earlier"
+        return Finding(
+            "force-delayed",
+            f"the force of {a.channel!r} acted {abs(a.rows)} rows ({abs(a.rows) * step:.4g} s) {when} than "
+            "the log says",
+            "moved by that, it leaves less than a fiftieth of what was missing",
+            "It was moved. Log the force that acts, behind the delay of the actuator or of the communication",
+            element=a.channel,
+            factor=a.rows * step,
+        )
+    return Finding(
+        "force-limited",
+        f"the force of {a.channel!r} acted between {a.least:.3g} and {a.most:.3g} only; the log has more",
+        "limited to that, it leaves less than a fiftieth of what was missing",
+        "It was limited. Log the force that acts, behind the limits of the actuator, not the command",
+        element=a.channel,
+    )

@@ -1,0 +1,73 @@
+"""Logs of commands in place of the forces that acted; the cart-pole's own equations are the oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from tests.systems.cart_pole import CartPole, rk4
+
+STEP, ROWS, HELD = 0.002, 1500, 5
+Actuator = Callable[[np.ndarray], np.ndarray]
+
+
+def commanded(
+    system: CartPole, actuator: Callable[[list[float]], float], damping: float = 1.5
+) -> dc.Trajectory:
+    """A log of the commands of a controller of 100 Hz; `actuator` makes a force of those so far."""
+    q, u = np.array([0.1, -0.4]), np.array([0.3, 1.0])
+    command, said, rows = 0.0, [], []
+    for k in range(ROWS):
+        if k % HELD == 0:
+            command = 12.0 * (0.4 * np.sin(2.0 * k * STEP) - q[0]) - damping * u[0]
+        said.append(command)
+        rows.append((k * STEP, *q, *u, command))
+        force = actuator(said)
+        f = lambda t, q, u, F=force: system.acceleration(t, q, u, F)  # noqa: E731
+        q, u = rk4(f, k * STEP, q, u, STEP)
+    table = np.array(rows)
+    named = ("time", "q.slide", "q.hinge", "u.slide", "u.hinge", "force.actuator motor.slide")
+    return dc.read_trajectory(dict(zip(named, table.T)), mechanism_names=system.mechanism())
+
+
+def test_a_delay_of_many_rows() -> None:
+    system = CartPole()
+    run = commanded(system, lambda said: said[max(len(said) - 9, 0)])
+    found = dc.audit(system.mechanism(), run)
+    [told] = [f for f in found.verdict.findings if f.code == "F-FORCE-DELAYED"]
+    assert told.factor == pytest.approx(8 * STEP)  # whole rows
+    assert found.verdict.kind == "consistent"
+
+
+def test_a_limit() -> None:
+    system = CartPole()
+    run = commanded(system, lambda said: float(np.clip(said[-1], -2.0, 3.0)))
+    assert np.ptp(run.forces["actuator motor"]) > 6.0  # more than acted
+    found = dc.audit(system.mechanism(), run)
+    [told] = [f for f in found.verdict.findings if f.code == "F-FORCE-LIMITED"]
+    assert "between -2 and 3" in told.what
+    assert found.verdict.kind == "consistent"
+
+
+@pytest.mark.parametrize(
+    ("run_by", "actuator"),
+    [
+        (
+            {"slide": 0.0},
+            lambda said: said[-1],
+        ),  # beside a controller without damping: almost a delay
+        ({"pole": 0.7}, lambda said: said[-1]),
+        ({}, lambda said: 0.8 * said[-1]),
+        ({}, lambda said: said[-1] + 0.5),
+    ],
+    ids=["damper", "mass", "gear", "offset"],
+)
+def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Actuator) -> None:
+    run = commanded(replace(CartPole(), **run_by), actuator, damping=0.0)
+    found = dc.audit(CartPole().mechanism(), run)
+    assert not {"F-FORCE-DELAYED", "F-FORCE-LIMITED"} & {f.code for f in found.verdict.findings}
+    assert found.verdict.kind in ("equation-error", "unresolved")

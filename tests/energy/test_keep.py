@@ -1,0 +1,98 @@
+"""Ledgers that keep some rows: the same numbers as one of all rows, whichever way they are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.arrays import EPS
+from deltac.energy.one_pass import PART, ROWS
+
+GROUPS = ("potential", "power", "work", "work_error", "delta_c", "error_bar", "momentum")
+
+
+def shaken(step: float, rows: int) -> tuple[dc.Mechanism, dc.Trajectory]:
+    """A damped pendulum on a cart with a law, pushed by a logged force that is off by 1e-3."""
+    mechanism = dc.Mechanism(
+        [dc.bodies.frame("cart"), dc.point_mass("bob", 2.0, [0, 0, -0.5])],
+        [
+            dc.prismatic("shake", "ground", "cart", "x", motion="0.1*sin(5*t)"),
+            dc.revolute("hinge", "cart", "bob", "y", damping=0.1),
+        ],
+        gravity=[0, 0, -9.81],
+    )
+    t = step * np.arange(rows)
+    q, u, udot = np.cos(2 * t), -2 * np.sin(2 * t), -4 * np.cos(2 * t)
+    x, v, a = 0.1 * np.sin(5 * t), 0.5 * np.cos(5 * t), -2.5 * np.sin(5 * t)
+    torque = 0.5 * udot - np.cos(q) * a + 2 * 9.81 * 0.5 * np.sin(q) + 0.1 * u
+    force = np.stack([np.zeros(rows), 1.001 * torque], axis=1)
+    run = dc.Trajectory(
+        t=t,
+        q=np.stack([x, q], axis=1),
+        u=np.stack([v, u], axis=1),
+        udot=np.stack([a, udot], axis=1),
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+        forces={"applied hand": force},
+    )
+    return mechanism, run
+
+
+# Rows of one block, of several, with a last block of next to nothing; steps with which powers at samples
+# do and do not suffice.
+@pytest.mark.parametrize("rows", [1001, ROWS + 2, 3 * ROWS + 1, 3 * ROWS + 700])
+@pytest.mark.parametrize("step", [2e-4, 0.05])
+@pytest.mark.parametrize("keep", [1, 60, 10**9])
+def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
+    mechanism, run = shaken(step, rows)
+    full = dc.balance(mechanism, run, work="samples")
+    some = dc.balance(mechanism, run, work="samples", keep=keep)
+    at = np.searchsorted(run.t, some.t)
+    assert some.t[0] == run.t[0] and some.t[-1] == run.t[-1]
+    assert min(keep, rows) <= len(at) <= max(2 * keep, rows / PART * 2) + rows / ROWS + 3
+    assert some.rule == full.rule
+    expected = full.at(at)
+    size = full.energy_exchanged + float(np.abs(full.potential_energy).max())
+    bound = 100 * EPS * size * np.sqrt(rows)  # sums of so many numbers, in another order
+    for group in GROUPS:
+        found, wanted = getattr(some, group), getattr(expected, group)
+        assert list(found) == list(wanted)
+        for name in found:
+            np.testing.assert_allclose(found[name], wanted[name], rtol=1e-9, atol=bound)
+    for name, found_one in full.functions().items():
+        assert some.functions()[name]["delta_c"] == pytest.approx(found_one["delta_c"], abs=bound)
+    assert some.energy_exchanged == pytest.approx(full.energy_exchanged, rel=1e-9)
+    for name, values in full.violation.items():
+        assert some.violation[name].max() == values.max()
+
+
+def test_bits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism, run = shaken(2e-4, 3 * ROWS + 700)
+    ledgers = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("DELTAC_THREADS", threads)
+        ledgers.append(dc.balance(mechanism, run, work="samples", keep=100))
+    one, three = ledgers
+    for group in GROUPS:
+        for name, values in getattr(one, group).items():
+            np.testing.assert_array_equal(values, getattr(three, group)[name])
+
+
+def test_rows_that_are_not_equidistant_are_all_looked_at() -> None:
+    mechanism, run = shaken(2e-4, 1500)
+    uneven = np.delete(np.arange(1500), [700, 701])
+    some = replace(
+        run,
+        t=run.t[uneven],
+        q=run.q[uneven],
+        u=run.u[uneven],
+        udot=run.udot[uneven] if run.udot is not None else None,
+        forces={name: force[uneven] for name, force in run.forces.items()},
+    )
+    full, kept = dc.balance(mechanism, some), dc.balance(mechanism, some, keep=10)
+    assert len(kept.t) <= 12
+    assert np.abs(kept.delta_c["wang"]).max() == np.abs(full.delta_c["wang"]).max()
+    assert kept.energy_exchanged == full.energy_exchanged

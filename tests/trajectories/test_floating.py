@@ -1,0 +1,81 @@
+"""A floating body in foreign logs: found by its motion, turned into the schema's components."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.trajectories import draft_mapping, read_trajectory
+from deltac.trajectories.formats.floating import floating_base
+from tests.natural_logs import generate, models
+from tests.natural_logs.cases import HERE
+
+WALK = generate.walk()
+NOISE = 1e-3 * np.random.default_rng(1).normal(size=(len(WALK.t), 40)).cumsum(axis=0)
+
+
+@pytest.mark.parametrize("linear", ["world", "body"])
+@pytest.mark.parametrize("angular", ["world", "body"])
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+@pytest.mark.parametrize("position_first", [True, False])
+@pytest.mark.parametrize("linear_first", [True, False])
+def test_every_convention_is_told(
+    linear: str, angular: str, order: str, position_first: bool, linear_first: bool
+) -> None:
+    p = WALK.quat if order == "wxyz" else WALK.xyzw
+    v = WALK.v if linear == "world" else WALK.v_body
+    w = WALK.w if angular == "body" else WALK.w_world
+    q = [WALK.p, p] if position_first else [p, WALK.p]
+    u = [v, w] if linear_first else [w, v]
+    table = np.hstack([NOISE[:, :3], *q, WALK.q, *u, WALK.u, NOISE[:, 3:6]])
+    found = floating_base(WALK.t, table)
+    assert found is not None
+    assert (found.order, found.linear_frame, found.angular_frame) == (order, linear, angular)
+    for places, values in (
+        (found.position, WALK.p),
+        (found.quaternion, WALK.quat),
+        (found.linear, v),
+    ):
+        assert np.array_equal(table[:, places], values)
+
+
+def test_no_body_is_seen_where_none_is() -> None:
+    assert floating_base(WALK.t, NOISE) is None
+    turning = np.hstack([NOISE[:, :9], WALK.quat, NOISE[:, 9:15]])  # turns, but by no velocity
+    assert floating_base(WALK.t, turning) is None
+
+
+def test_accelerations_of_body_components_are_those_of_the_origin() -> None:
+    """Pinocchio's a holds the rates of v's components; u̇ of the log is compared with the derivative of u."""
+    path = HERE / "logs" / "pinocchio_floating.npz"
+    run = read_trajectory(path, None, models.walker())
+    assert run.udot is not None
+    rates = generate.CubicSpline(run.t, run.u).derivative()(run.t)
+    inner = slice(5, -5)  # splines are less exact at their ends
+    assert run.udot[inner] == pytest.approx(rates[inner], abs=2e-3)
+    # Free fall: the mass centre accelerates by gravity, whatever the trunk does.
+    assert run.u[:, :3] == pytest.approx(WALK.v, abs=1e-9)
+
+
+def test_a_mapping_says_frames(tmp_path: Path) -> None:
+    walker, path = models.walker(), HERE / "logs" / "pybullet_floating.npz"
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(text := draft_mapping(path, walker), "utf-8")
+    assert text.count('frame = "world"') == 3
+    run = read_trajectory(path, mapping, walker)
+    assert run.u == pytest.approx(np.hstack([WALK.v, WALK.w, WALK.u]), abs=1e-9)
+    assert "F-FRAMES" in {finding.code for finding in dc.audit(walker, path).findings}
+    mapping.write_text(text.replace(', frame = "world"', "", 1), "utf-8")
+    with pytest.raises(dc.InputError, match="one frame"):
+        read_trajectory(path, mapping, walker)
+
+
+def test_slower_odometry_is_interpolated() -> None:
+    pytest.importorskip("rosbags", reason="the extra 'ros' is not installed")
+    run = read_trajectory(HERE / "logs" / "odometry_slower.mcap", None, models.walker())
+    assert run.provenance.converted == ("odom: interpolated to the times of /joint_states",)
+    # Cubic splines over 10 ms err by 5/384 h⁴ |x⁗|, of angular velocities of some 10 rad/s⁵.
+    assert run.u[:, :6] == pytest.approx(np.hstack([WALK.v, WALK.w])[: len(run)], abs=1e-3)

@@ -63,7 +63,7 @@ ALIKE = 1e-11
 DISTINCT = 10.0
 """How much better than all others a scheme must close to be named."""
 
-WIDTHS = (1, 8, 32, 128)
+WIDTHS = (1, 8, 32)
 """Windows over which a residual may be averaged against noise, in intervals."""
 
 CLEAR = 10.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -223,3 +224,24 @@ def test_the_package_runs_as_a_module() -> None:
         [sys.executable, "-m", "deltac", "--version"], capture_output=True, text=True, check=False
     )
     assert (found.returncode, found.stdout) == (0, f"deltac {__version__}\n")
+
+
+def test_models_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the shells' own protocol: problems, files of models, folders on the way; no other files."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("tri.urdf", "tri.csv"):
+        (tmp_path / name).touch()
+    (tmp_path / "tricycle").mkdir()
+    environment = os.environ | {
+        "_DELTAC_COMPLETE": "complete_bash",
+        "COMP_WORDS": "deltac audit tri",
+        "COMP_CWORD": "2",
+    }
+    told = subprocess.run(
+        [Path(sys.executable).with_name("deltac")],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert told.stdout.split() == ["triple-pendulum", "tri.urdf", "tricycle/"]

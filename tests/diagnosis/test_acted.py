@@ -71,3 +71,38 @@ def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Ac
     found = dc.audit(CartPole().mechanism(), run)
     assert not {"F-FORCE-DELAYED", "F-FORCE-LIMITED"} & {f.code for f in found.verdict.findings}
     assert found.verdict.kind in ("equation-error", "unresolved")
+
+
+ARM = """<mujoco><option timestep="0.002"/><default><joint axis="0 1 0" damping=".02"/></default><worldbody>
+<body><joint name="hip"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03"/>
+<body pos="0 0 -.4"><joint name="knee"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" density="{density}"/></body></body></worldbody>
+<actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("density", "driven", "kind", "code"),
+    [
+        (1000, True, "unresolved", "F-ASSUMED-ZERO"),
+        (1300, False, "equation-error", "F-BODY-INERTIA"),
+    ],
+)
+def test_actuators_without_forces_in_the_log(
+    density: int, driven: bool, kind: str, code: str
+) -> None:
+    """Nothing is accused of what they may have done; a mistake that has a name is."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(ARM.format(density=density))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.5, -0.3
+    rows = []
+    for _ in range(800):
+        rows.append((data.time, *data.qpos, *data.qvel))
+        if driven:
+            data.ctrl[:] = 0.3 * np.sin(4.0 * data.time), 0.1 * np.cos(7.0 * data.time)
+        mujoco.mj_step(model, data)
+    table = np.array(rows)
+    log = {"time": table[:, 0], "qpos": table[:, 1:3], "qvel": table[:, 3:]}
+    found = dc.audit(mujoco.MjModel.from_xml_string(ARM.format(density=1000)), log)
+    assert found.verdict.kind == kind
+    assert code in {f.code for f in found.verdict.findings}

@@ -35,12 +35,17 @@ def test_integrators_are_identified(scheme: str) -> None:
     assert step.scheme is not None and step.scheme.name == scheme
     assert step.closes and step.scheme.defect < 1e-11
     assert not step.significant.any()
+    # The residual, which nobody asks for then, says the same.
+    assert step.scheme.everywhere and not step.standing_out.any()
 
 
-def test_generalized_alpha_is_identified() -> None:
-    step = made(generalized_alpha(RIGHT))
-    assert step.scheme is not None and step.scheme.name == "generalized-alpha"
-    assert step.scheme.defect < 1e-10
+def test_a_row_that_does_not_follow_is_seen_among_those_that_do() -> None:
+    run = log(RIGHT, "heun", accelerations=False)
+    u = run.u.copy()
+    u[301, 0] += 1e-3
+    step = made(replace(run, u=u))
+    assert step.scheme is not None and step.scheme.name == "heun"
+    assert not step.scheme.everywhere and step.closes  # a spike, by the residual
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

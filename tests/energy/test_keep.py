@@ -10,6 +10,7 @@ import pytest
 import deltac as dc
 from deltac.arrays import EPS
 from deltac.energy.one_pass import PART, ROWS
+from deltac.errors import InputError
 
 GROUPS = ("potential", "power", "work", "work_error", "delta_c", "error_bar", "momentum")
 
@@ -96,3 +97,9 @@ def test_rows_that_are_not_equidistant_are_all_looked_at() -> None:
     assert len(kept.t) <= 12
     assert np.abs(kept.delta_c["wang"]).max() == np.abs(full.delta_c["wang"]).max()
     assert kept.energy_exchanged == full.energy_exchanged
+
+
+def test_no_rows_are_refused() -> None:
+    mechanism, run = shaken(2e-4, 1500)
+    with pytest.raises(InputError, match="keep=0"):
+        dc.balance(mechanism, run, keep=0)

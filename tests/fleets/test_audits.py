@@ -16,6 +16,7 @@ import deltac as dc
 from deltac.errors import FileError, InputError
 from deltac.fleets.audits import find_logs
 from deltac.fleets.result import fleet_status
+from deltac.kernels.rows import compiled
 from tests.support.commands import command
 
 NAME = "double-pendulum"
@@ -199,6 +200,16 @@ def test_a_verdict_for_each_episode(
     assert found.exit_code == 1 and len(found.groups()) == 5
     code, said, _ = command("audit", NAME, str(path), "--episode", "4", "--json", capsys=capsys)
     assert code == 1 and json.loads(said)["verdict"] == "integration-error"
+    # To the last bit: a single audit with the same compiled equations.
+    for row, run in zip(found.frame.iter_rows(named=True), [*motions, coarse]):
+        columns = {name: getattr(run, name) for name in ("t", "q", "u", "coordinates", "speeds")}
+        with compiled():
+            alone = dc.audit(NAME, dc.Trajectory(**columns))
+        told = (row["verdict"], row["confidence"], row["relative"], row["energy"], row["message"])
+        verdict = alone.verdict
+        same = (verdict.kind, verdict.confidence, alone.relative, alone.beside, alone.summary())
+        assert told == same
+        assert row["details"] == (alone.explain() if alone.exit_code else None)
 
 
 def test_arrays_that_are_no_episodes_say_why(motions: list[dc.Trajectory], tmp_path: Path) -> None:

@@ -178,6 +178,9 @@ CASES = (
     Case("cartesian.csv", "a student: x, y, vx, vy of the bob", REFUSED, "E-LOG",
          "the angle is missing", "pendulum"),
     Case("subscripts.csv", "a student: θ₁, θ̇₁, …"),
+    Case("newton_run.npz", "Newton 1.8 (pip install newton): states of SolverFeatherstone, every fifth step"),
+    Case("opensim_manager.sto", "OpenSim 4.6 (pip install opensim): Manager.getStatesTable, STOFileAdapter"),
+    Case("opensim_forward", "OpenSim 4.6: all files of a forward simulation by ForwardTool"),
     Case("adams.tab", "Adams: a table of measures, units in brackets below the names"),
 )  # fmt: skip
 

@@ -26,7 +26,18 @@ from tests.natural_logs.models import GRAVITY, INERTIA, LENGTH, MASS
 
 HERE = Path(__file__).parent
 LOGS = HERE / "logs"
-PROGRAMS = ("scipy", "mujoco", "drake", "pybullet", "pin", "exudyn", "h5py", "rosbags", "mcap")
+PROGRAMS = (
+    "scipy",
+    "mujoco",
+    "drake",
+    "pybullet",
+    "pin",
+    "exudyn",
+    "h5py",
+    "rosbags",
+    "mcap",
+    "opensim",
+)
 START = (1.1, 0.6)
 T = np.linspace(0.0, 1.2, 241)
 DEG = np.rad2deg
@@ -92,6 +103,7 @@ def main() -> None:
     floating_logs()
     floating_bags()
     more_tables(q, u)
+    opensim_runs()
 
 
 def scipy_logs() -> None:
@@ -946,6 +958,48 @@ def more_tables(q: Any, u: Any) -> None:
     run = motion("pendulum")
     s, c, w = np.sin(run.q[:, 0]), np.cos(run.q[:, 0]), run.u[:, 0]
     table("cartesian.csv", "t,x,y,vx,vy", run.t, *0.7 * np.array([s, -c, w * c, w * s]))
+
+
+def opensim_runs() -> None:
+    """The arm by OpenSim itself; its package wants an environment of its own."""
+    import tempfile
+
+    import opensim
+
+    opensim.Logger.setLevelString("off")
+    model, zero = opensim.Model(), opensim.Vec3(0)
+    model.setGravity(opensim.Vec3(0, -GRAVITY, 0))
+    parent, place = model.getGround(), zero
+    for name, bone, start in (("shoulder", "upper", START[0]), ("elbow", "lower", START[1])):
+        inertia = opensim.Inertia(INERTIA, 0.001, INERTIA)
+        body = opensim.Body(bone, MASS, opensim.Vec3(0, -LENGTH / 2, 0), inertia)
+        pin = opensim.PinJoint(name, parent, place, zero, body, zero, zero)
+        pin.updCoordinate().setName(name)
+        pin.updCoordinate().setDefaultValue(start)
+        model.addBody(body)
+        model.addJoint(pin)
+        parent, place = body, opensim.Vec3(0, -LENGTH, 0)
+    model.finalizeConnections()
+    state = model.initSystem()
+    manager = opensim.Manager(model)
+    manager.setIntegratorAccuracy(1e-9)
+    manager.initialize(state)
+    for k in range(1, 61):
+        manager.integrate(0.01 * k)
+    opensim.STOFileAdapter.write(manager.getStatesTable(), str(LOGS / "opensim_manager.sto"))
+    with tempfile.TemporaryDirectory() as folder:
+        model.printToXML(f"{folder}/arm.osim")
+        tool = opensim.ForwardTool()
+        tool.setModelFilename(f"{folder}/arm.osim")
+        tool.setName("arm")
+        tool.setInitialTime(0)
+        tool.setFinalTime(0.6)
+        tool.setErrorTolerance(1e-8)
+        tool.setMaxDT(0.005)
+        tool.setResultsDir(str(LOGS / "opensim_forward"))
+        tool.updAnalysisSet().cloneAndAppend(opensim.Kinematics())
+        tool.printToXML(f"{folder}/setup.xml")
+        opensim.ForwardTool(f"{folder}/setup.xml").run()
 
 
 if __name__ == "__main__":

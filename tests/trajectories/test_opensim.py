@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import deltac as dc
 from deltac.errors import InputError
 from deltac.trajectories import MechanismNames, explain, read_trajectory
 
@@ -119,3 +120,25 @@ def test_a_coordinate_of_the_mechanism_that_is_missing(tmp_path: Path) -> None:
         read_trajectory(path, mechanism_names=NAMES)
     with pytest.raises(InputError, match="does not write"):
         read_trajectory(table(tmp_path / "g.mot", {"time": T, "tx_u": T, "tx": T})).write(path)
+
+
+def test_motors_are_known_by_their_names(tmp_path: Path) -> None:
+    """As in OpenSim's files of forces; a control of the same name is no force."""
+    arm = dc.Mechanism(
+        [dc.point_mass("bob", 1.0, at=(0, -1, 0))],
+        [dc.revolute("knee", "ground", "bob")],
+        forces=[dc.forces.joint_torque("soleus", "knee")],
+    )
+    head = "nRows=3\nnColumns={}\ninDegrees=no\nendheader\ntime\t{}\n"
+    for name, columns, rows in (
+        ("states", "/jointset/k/knee/value\t/jointset/k/knee/speed", ("0\t1", "0.1\t1", "0.2\t1")),
+        ("controls", "soleus", ("7", "8", "9")),
+        ("Actuation_force", "soleus", ("1", "2", "3")),
+    ):
+        lines = "".join(f"{0.1 * k:g}\t{row}\n" for k, row in enumerate(rows))
+        count = columns.count("\t") + 2
+        (tmp_path / f"run_{name}.sto").write_text(name + "\n" + head.format(count, columns) + lines)
+    run = dc.read_trajectory(tmp_path, None, arm)
+    assert {name: force.tolist() for name, force in run.forces.items()} == {
+        "actuator soleus": [[1.0], [2.0], [3.0]]
+    }

@@ -49,10 +49,26 @@ Format = Annotated[
     ),
 ]
 
+_MODELS = (".xml", ".urdf", ".sdf", ".py")
+
+
+def _begun(incomplete: str) -> list[str]:
+    """Models that begin so, for the completion of the shell: problems, files, and folders on the way."""
+    from glob import escape, glob
+
+    from deltac import problems
+
+    paths = sorted(glob(f"{escape(incomplete)}*"))
+    files = [path for path in paths if path.lower().endswith(_MODELS)]
+    folders = [f"{path}/" for path in paths if Path(path).is_dir()]
+    return [name for name in problems.names() if name.startswith(incomplete)] + files + folders
+
+
 Model = Annotated[
     str,
     typer.Argument(
         metavar="MODEL",
+        autocompletion=_begun,
         help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: its base floats), "
         "or FILE.py:NAME (FILE.py, where it holds one model).",
     ),

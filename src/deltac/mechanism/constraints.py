@@ -178,6 +178,8 @@ class Distance(Constraint):
 
 def _equations(value: Any, where: str) -> tuple[Any, ...]:
     equations = each(value, where)
+    if not equations:
+        raise ModelError(f"{where}: found none, expected one for a surface, two for a curve")
     for law in equations:
         if not symbol_names(law) & {"x", "y", "z"}:
             raise ModelError(f"{where}: {law} holds none of x, y, z")

@@ -7,17 +7,18 @@ a second channel of kind ``prescribed``, through which ∂V/∂t flows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import ModelError, UnknownName, WrongType, closest
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law, symbol_names
 from deltac.mechanism.parts import (
     AnyBody,
     Constants,
+    JointName,
     Kind,
     Law,
     LawsOfMotion,
@@ -47,7 +48,7 @@ class JointSpring(Element):
     """
 
     name: str
-    joint: str
+    joint: JointName
     stiffness: LawsOfTime = ()
     rest: LawsOfTime = ()
     potential: Law = None
@@ -108,7 +109,7 @@ class JointDamper(Element):
     """
 
     name: str
-    joint: str
+    joint: JointName
     damping: LawsOfMotion
     allow_energy_source: bool = field(default=False, repr=False, kw_only=True)
 
@@ -140,7 +141,7 @@ class JointTorque(Element):
     """
 
     name: str
-    joint: str
+    joint: JointName
     torque: LawsOfMotion = None
 
     noun = "joint torque"
@@ -356,6 +357,8 @@ class Tendon(Element):
 
 def _fractions(value: Any, where: str) -> tuple[tuple[str, Quantity], ...]:
     pairs = value.items() if isinstance(value, Mapping) else value
+    if not isinstance(pairs, Iterable):
+        raise WrongType(f"{where}: found {value!r}, expected fractions by names of bodies")
     return tuple((body, as_law(c, f"{where}, {body!r}")) for body, c in pairs)
 
 

@@ -19,6 +19,7 @@ from deltac.mechanism.parts import (
     Axis,
     Constant,
     Declared,
+    JointName,
     Kind,
     Law,
     LawOfMotion,
@@ -138,7 +139,7 @@ class JointFriction(Element):
     """
 
     name: str
-    joint: str
+    joint: JointName
     laws: tuple[FrictionLaw, ...]
     allow_energy_source: bool = field(default=False, repr=False)
 

@@ -26,7 +26,7 @@ from deltac.arguments import Target, checked
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import as_rotation, part_name, positive, unit_vector, vector
-from deltac.mechanism.scope import Scope
+from deltac.mechanism.scope import Scope, require_name
 
 
 def constructor(made: Target, options: Callable[..., Any] | None = None) -> Target:
@@ -117,10 +117,21 @@ Axis: TypeAlias = Annotated[Any, Kind(unit_vector)]
 
 Rotation: TypeAlias = Annotated[Any, Kind(as_rotation)]
 
-AnyBody: TypeAlias = Annotated[str, Kind(body="any")]
+
+def _name_of(what: str) -> Callable[[Any, str], str]:
+    def read(value: Any, where: str) -> str:
+        require_name(value, what, where)
+        return str(value)
+
+    return read
+
+
+JointName: TypeAlias = Annotated[str, Kind(_name_of("joint"))]
+
+AnyBody: TypeAlias = Annotated[str, Kind(_name_of("body"), body="any")]
 """The name of a body, or "ground"."""
 
-MovingBody: TypeAlias = Annotated[str, Kind(body="moving")]
+MovingBody: TypeAlias = Annotated[str, Kind(_name_of("body"), body="moving")]
 
 
 def _choice(options: Sequence[str]) -> Kind:

@@ -406,17 +406,20 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
 
 
 def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
-    """One finding for all of them: a channel that never acted need not be logged."""
+    """One finding for all, of the first actuator if there is one: what never acted need not be logged."""
     if not missing:
         return []
+    motors = [name for name in missing if ChannelName.parse(name).kind == "actuator"]
     number = "1 channel" if len(missing) == 1 else f"{len(missing)} channels"
     return [
         Finding(
             "assumed-zero",
             f"the log has no force for {number} of the model's file; taken as zero",
             ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
-            "If one of them acted, log it",
+            "If one of them acted, log it"
+            + ("; of a MuJoCo model `replay` finds it from the controls" if motors else ""),
             "note",
+            next(iter(motors), ""),
         )
     ]
 

@@ -425,6 +425,8 @@ def _of_steps(
 
     What one cause explains all along the log is significant from fewer error bars on.
     """
+    if step.closes:
+        return step, []
     local = _at_times(log, step)
     share = float(local.mean()) if len(local) else 0.0
     now_and_then = local.sum() >= FEWEST and share <= SHORT

@@ -137,6 +137,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     equations = (_steps(step), _equations(terms, step))
     causes = {f.kind for f in findings if f.weight == "cause"}
     like_a_mistake = not any(f.kind == "not-reproducible" for f in findings)
+    unlogged = next((f for f in findings if f.kind == "assumed-zero" and f.element), None)
     impacts = next((f for f in findings if f.kind == "impacts"), None)
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
@@ -150,6 +151,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         by_steps = step is not None and step.significant.any()
         sure = not by_steps or float(step.ratio.max()) > BEYOND if step is not None else True
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
+    by_samples = terms is not None and terms.significant.any()
+    if unlogged and (by_samples or (step is not None and beyond(step, measures.tolerance))):
+        # No cause is known, and the model has an actuator whose force is not.
+        lacking = f"What is missing may be forces that the log lacks: {unlogged.evidence}"
+        return verdict("unresolved", "high", balance, *equations, lacking)
     if terms is not None and terms.significant.any() and like_a_mistake:
         share = float(np.abs(terms.share_of_energy).max())
         if float(terms.relative[terms.significant].max()) > measures.tolerance or (
@@ -210,8 +216,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("consistent", "medium", balance, *equations, _by_steps(measures))
         if not borne or measures.left <= measures.bar:
             return verdict("unresolved", "high", balance, *equations, _sampling(measures))
-    spent = step is not None and (step.hidden if borne else step.hidden + step.spent)
-    if not tested and not (step is not None and spent <= HALF * measures.left):
+    if not tested and not (step is not None and _hides(step) <= HALF * measures.left):
         wanted = (
             "The log has no accelerations of its own, and the one-step test cannot rule out that wrong "
             "equations cause the energy error: log udot.<speed> at the same instants (MuJoCo: qacc; SciPy: "
@@ -278,6 +283,11 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
             step.speeds[k],
         )
     ]
+
+
+def _hides(step: OneStep) -> float:
+    """Energy (J) that a mistake may have done in the time of the log."""
+    return step.hidden + (step.spent if step.significant.any() else 0.0)
 
 
 def _steps(step: OneStep | None) -> str:

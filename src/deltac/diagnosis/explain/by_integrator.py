@@ -207,9 +207,8 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
     )
     u = steps.start.u
     time_ = float(step.t[-1] - step.t[0])
-    return replace(
-        step,
-        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
+    left = replace(
+        step.found(),
         t=steps.start.t,
         residual=r,
         allowed=np.broadcast_to(bar, r.shape),
@@ -219,5 +218,10 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         hidden=float(np.sum(trimmed(u) * bar)) * time_,
         spent=abs(float(np.mean(np.sum(u * r, axis=1)))) * time_,
         bars={"left by the cause": bar},
+    )
+    return replace(
+        step,
+        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
+        found=lambda: left,
         known_but_for_causes=True,
     )

@@ -105,6 +105,11 @@ def medians(values: Array) -> Array:
     return np.where(np.isnan(values).any(axis=-1), np.nan, found)
 
 
+MANY, STRETCHES = 20_000, 8
+"""Rows by which the deviation of noise is known to a hundredth, and the stretches of a longer log that they
+are taken from.
+"""
+
 WHITE = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
@@ -117,6 +122,10 @@ def white_noise(x: Array) -> Array:
     """
     if len(x) < 16:
         return np.zeros(x.shape[1])
+    if len(x) > MANY:  # the few differences across the joints do not move a median
+        size = MANY // STRETCHES
+        starts = np.linspace(0, len(x) - size, STRETCHES).astype(np.intp)
+        x = np.concatenate([x[a : a + size] for a in starts])
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
     sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
     eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)

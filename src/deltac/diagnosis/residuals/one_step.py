@@ -22,7 +22,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from itertools import count
 from typing import Any
 
 import casadi as ca
@@ -329,7 +330,8 @@ class Scheme:
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
-    "start" or the "end" of a step, or "smooth" ones.
+    "start" or the "end" of a step, or "smooth" ones. `everywhere`: it closes so far that this `PROVES` the
+    equations not only in the steps that were looked at, but in all.
     """
 
     name: str
@@ -339,6 +341,7 @@ class Scheme:
     forces: str
     typical: float
     among: tuple[str, ...] = ()
+    everywhere: bool = False
 
     @property
     def late_forces(self) -> bool:
@@ -453,88 +456,122 @@ def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
     return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
 
 
-def _relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]:
-    """Every integrator of the dictionary at some steps."""
+def _relations(
+    model: Model, whole: Rows, k: NDArray[np.intp], only: int | None = None
+) -> list[Relation]:
+    """Every integrator of the dictionary at some steps, or `only` that of one place among them."""
     from scipy.interpolate import make_interp_spline
 
     t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
     t1, q1, u1, F1 = whole.t[k + 1], whole.q[k + 1], whole.u[k + 1], whole.F[k + 1]
     h0 = whole.h[k]
     a00 = model.acceleration(t0, q0, u0, F0)
-    a11 = model.acceleration(t1, q1, u1, F1)
-    rate = model.rate(t0, q0, u0)
     held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
     mean = 0.5 * (F0 + F1)
     between = make_interp_spline(whole.t, whole.F, k=5) if held else None
+    places, found = count(), list[Relation]()
 
     def smooth(c: float) -> Array:
         return F0 if between is None else np.asarray(between(t0 + c * h0[:, 0]))
 
-    accurate = _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
-    found: list[Relation] = []
-
-    def offer(marked: str, value: Array) -> None:
+    def offer(marked: str, value: Callable[[], Array]) -> None:
+        if next(places) != only and only is not None:
+            return
         name, _, forces = marked.partition("@")
         F = {"": F0, "end": F1, "smooth": mean}[forces]
         at = Rows(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F)
         if name in _INSTANTS:
             at_t, at_q, at_u = _INSTANTS[name]
             at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
-        found.append(Relation(name, forces or "start", value, at))
+        found.append(Relation(name, forces or "start", value(), at))
 
-    for mark, F in ({"": F0, "@end": F1} if held else {"": F0}).items():
+    @cache
+    def rate() -> Array:
+        return model.rate(t0, q0, u0)
+
+    @cache
+    def a11() -> Array:
+        return model.acceleration(t1, q1, u1, F1)
+
+    def offer_held(mark: str, F: Array) -> None:
+        """Those that hold their forces over a step."""
         a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
-        offer("euler" + mark, a)
-        if model.damped:
+        offer("euler" + mark, lambda: a)
+
+        def damped() -> Array:
             change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
-            offer("implicit-damping-euler" + mark, a + model.response(t0, q0, change))
-        step, along = 1e-4, u1 - u0
-        ahead, back = (model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0))
-        offer("linearly-implicit-euler" + mark, a + (ahead - back) / (2.0 * step))
-        offer("implicit-euler" + mark, model.acceleration(t1, q1, u1, F))
-        offer("semi-implicit-euler-vu" + mark, model.acceleration(t0, q1, u0, F))
-        offer("implicit-speed-euler" + mark, model.acceleration(t1, q0, u1, F))
-        end = a11 if mark == "" and not held else model.acceleration(t1, q1, u1, F)
-        offer("trapezoidal" + mark, 0.5 * (a + end))
+            return a + model.response(t0, q0, change)
+
+        if model.damped:
+            offer("implicit-damping-euler" + mark, damped)
+
+        def linear() -> Array:
+            step, along = 1e-4, u1 - u0
+            ahead, back = (
+                model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0)
+            )
+            return a + (ahead - back) / (2.0 * step)
+
+        offer("linearly-implicit-euler" + mark, linear)
+        offer("implicit-euler" + mark, lambda: model.acceleration(t1, q1, u1, F))
+        offer("semi-implicit-euler-vu" + mark, lambda: model.acceleration(t0, q1, u0, F))
+        offer("implicit-speed-euler" + mark, lambda: model.acceleration(t1, q0, u1, F))
+        same = mark == "" and not held
+        offer(
+            "trapezoidal" + mark,
+            lambda: 0.5 * (a + (a11() if same else model.acceleration(t1, q1, u1, F))),
+        )
         offer(
             "implicit-midpoint" + mark,
-            model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
+            lambda: model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
         )
-        half = u0 + 0.5 * h0 * a
-        offer("verlet" + mark, 0.5 * (a + model.acceleration(t1, q1, half, F)))
+        offer(
+            "verlet" + mark,
+            lambda: 0.5 * (a + model.acceleration(t1, q1, u0 + 0.5 * h0 * a, F)),
+        )
         for name in TABLEAUS:
-            made = _runge_kutta(model, name, t0, q0, u0, partial(_held, F), h0, first=(rate, a))
-            offer(name + mark, made)
+            made = partial(_runge_kutta, model, name, t0, q0, u0, partial(_held, F), h0)
+            offer(name + mark, partial(made, first=lambda: (rate(), a)))
+
+    offer_held("", F0)
     if held:  # or forces that change within a step
-        offer("trapezoidal@smooth", 0.5 * (a00 + a11))
+        offer_held("@end", F1)
+        offer("trapezoidal@smooth", lambda: 0.5 * (a00 + a11()))
         for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
-            offer(
-                "implicit-midpoint@smooth",
-                model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
-            )
+            along = (0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F)
+            offer("implicit-midpoint@smooth", partial(model.acceleration, *along))
+
+        def carried() -> Array:
+            before = model.acceleration(t0, q0, u0, whole.F[k - 1])
+            return 0.5 * (before + model.acceleration(t1, q1, u1, F0))
+
         # Newmark's method carries its acceleration over, with the force of the step before.
-        before = model.acceleration(t0, q0, u0, whole.F[k - 1])
-        offer("trapezoidal", 0.5 * (before + model.acceleration(t1, q1, u1, F0)))
-        offer("verlet@smooth", 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)))
+        offer("trapezoidal", carried)
+        offer(
+            "verlet@smooth",
+            lambda: 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)),
+        )
         for name in TABLEAUS:
-            offer(
-                name + "@smooth",
-                _runge_kutta(model, name, t0, q0, u0, smooth, h0),
-            )
-            offer(  # or written one row late
-                name + "@end",
-                _runge_kutta(model, name, t0, q0, u0, lambda c: smooth(1.0 + c), h0),
-            )
+            made = partial(_runge_kutta, model, name, t0, q0, u0, h=h0)
+            offer(name + "@smooth", partial(made, force=smooth))
+            # or written one row late
+            offer(name + "@end", partial(made, force=lambda c: smooth(1.0 + c)))
     if model._quaternions:
         for name in ("rk4", "heun", "explicit-midpoint"):
             turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
-            offer(f"{name}{ON_THE_GROUP}", turned(partial(_held, F0)))
+            offer(f"{name}{ON_THE_GROUP}", partial(turned, force=partial(_held, F0)))
             if held:
-                offer(f"{name}{ON_THE_GROUP}@smooth", turned(smooth))
+                offer(f"{name}{ON_THE_GROUP}@smooth", partial(turned, force=smooth))
+
+    def accurate() -> Array:
+        return _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
+
     offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
-    even = np.ptp(whole.h) < 1e-6 * float(whole.h.min())
-    return found + (_two_step_relations(model, whole, k) if even else [])
+    if np.ptp(whole.h) < 1e-6 * float(whole.h.min()):
+        several = _two_step_relations(model, whole, k)
+        found += [r for r in several if only is None or next(places) == only]
+    return found
 
 
 SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -632,7 +669,24 @@ def identify(
     typical_left = float(np.median(steps.off(chosen))) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    return Scheme(name, order, best, digits, chosen.forces, typical_left, among), best, steps
+    place = next(k for k, r in enumerate(relations) if r is chosen)
+    everywhere = best <= PROVES and all(
+        _closes_everywhere(model, rows, place, chosen, PROVES * typical) for rows, _ in stretches_
+    )
+    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
+    return scheme, best, steps
+
+
+def _closes_everywhere(
+    model: Model, rows: Rows, place: int, relation: Relation, most: float
+) -> bool:
+    """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
+    k = np.arange(1, len(rows.t) - 1)
+    found = _relations(model, rows, k, place)
+    if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
+        return False  # other ones are offered where no force changes
+    N = model.inertia(rows.t[k], rows.q[k])
+    return bool(np.all(_norm(N, rows.D[k] - found[0].a) <= most))
 
 
 def _euler(late: float) -> str:
@@ -678,7 +732,7 @@ def _runge_kutta(
     force: Callable[[float], Array],
     h: Array,
     *,
-    first: tuple[Array, Array] | None = None,
+    first: Callable[[], tuple[Array, Array]] | None = None,
     on_group: bool = False,
 ) -> Array:
     """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step.
@@ -700,8 +754,10 @@ def _runge_kutta(
             else:
                 x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
         now = t + c * h[:, 0]
-        known = first if s == 0 else None
-        rate, slope = known or (model.rate(now, x, v), model.acceleration(now, x, v, force(c)))
+        if s == 0 and first is not None:
+            rate, slope = first()
+        else:
+            rate, slope = model.rate(now, x, v), model.acceleration(now, x, v, force(c))
         slopes_q.append(rate)
         velocities.append(v)
         slopes_u.append(slope)
@@ -769,12 +825,10 @@ def _two_step(
 
 
 @dataclass(frozen=True, eq=False)
-class OneStep:
-    """What the one-step test found; n free speeds, W windows.
+class Residual:
+    """What the equations leave from row to row; n free speeds, W windows.
 
     Attributes:
-        scheme: the integrator whose steps the rows are, or None.
-        speeds: names of the n free speeds.
         t: the middle of each window (W,).
         residual: what the equations leave in each, scheme columns taken off (W, n), N or N·m.
         allowed: error bar of each of these (W, n).
@@ -785,18 +839,10 @@ class OneStep:
         hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left, as
             far as noise tells it.
         spent: energy (J) that the residual does in it, without sign.
-        rows: how many rows were looked at.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
             the largest coefficient that a consistent scheme may have.
-        off_scheme: what the best scheme leaves, as a share of the accelerations.
-        steps: some of the steps, and what every integrator makes of them.
-        known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
-            residual is then what it leaves without them.
-        clear: error bars beyond which the residual is significant.
     """
 
-    scheme: Scheme | None
-    speeds: tuple[str, ...]
     t: Array
     residual: Array
     allowed: Array
@@ -806,13 +852,90 @@ class OneStep:
     fitted: Mapping[str, float]
     hidden: float
     spent: float
-    rows: int
-    off_scheme: float
     bars: Mapping[str, Array]
     columns: Callable[[Array, Array, Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class OneStep:
+    """What the one-step test found; n free speeds.
+
+    Attributes:
+        scheme: the integrator whose steps the rows are, or None.
+        speeds: names of the n free speeds.
+        rows: how many rows were looked at.
+        off_scheme: what the best scheme leaves, as a share of the accelerations.
+        steps: some of the steps, and what every integrator makes of them.
+        found: the residual, sought when it is first wanted: where every row follows from the one before by a
+            scheme nobody asks for it.
+        known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
+            residual is then what it leaves without them.
+        clear: error bars beyond which the residual is significant.
+    """
+
+    scheme: Scheme | None
+    speeds: tuple[str, ...]
+    rows: int
+    off_scheme: float
     steps: Steps | None
+    found: Callable[[], Residual]
     known_but_for_causes: bool = False
     clear: float = CLEAR
+
+    @property
+    def t(self) -> Array:
+        """The middle of each window (W,), s."""
+        return self.found().t
+
+    @property
+    def residual(self) -> Array:
+        """What the equations leave in each window (W, n), N or N·m."""
+        return self.found().residual
+
+    @property
+    def allowed(self) -> Array:
+        """Error bar of each of these (W, n)."""
+        return self.found().allowed
+
+    @property
+    def size(self) -> Array:
+        """Root mean square of the residual without the largest tenth (n,)."""
+        return self.found().size
+
+    @property
+    def bar(self) -> Array:
+        """Its error bar (n,)."""
+        return self.found().bar
+
+    @property
+    def scale(self) -> Array:
+        """Size of the terms of each equation (n,)."""
+        return self.found().scale
+
+    @property
+    def bars(self) -> Mapping[str, Array]:
+        """What the error bar is made of, by name (n,)."""
+        return self.found().bars
+
+    @property
+    def fitted(self) -> Mapping[str, float]:
+        """Coefficients of the scheme columns."""
+        return self.found().fitted
+
+    @property
+    def hidden(self) -> float:
+        """Energy (J) that a mistake could have done; see `Residual`."""
+        return self.found().hidden
+
+    @property
+    def spent(self) -> float:
+        """Energy (J) that the residual does, without sign."""
+        return self.found().spent
+
+    @property
+    def columns(self) -> Callable[[Array, Array, Array, Array], Array]:
+        """The scheme columns as generalized forces; see `Residual`."""
+        return self.found().columns
 
     @property
     def ratio(self) -> Array:
@@ -831,8 +954,9 @@ class OneStep:
         In logs of few digits a scheme may close to these digits: it is named, but proves no more than the
         residual does.
         """
-        exact = self.scheme is not None and self.scheme.defect <= PROVES
-        return exact and self.standing_out.sum() < FEWEST
+        if self.scheme is None or self.scheme.defect > PROVES:
+            return False
+        return self.scheme.everywhere or bool(self.standing_out.sum() < FEWEST)
 
     @property
     def closes_mostly(self) -> bool:
@@ -843,8 +967,9 @@ class OneStep:
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
-        clear = (self.ratio > self.clear) & (self.relative > LEAST)
-        return clear & (not self.closes)
+        if self.closes:
+            return np.zeros(len(self.speeds), dtype=np.bool_)
+        return (self.ratio > self.clear) & (self.relative > LEAST)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of the test, for JSON."""
@@ -913,13 +1038,16 @@ def one_step(
     # What filters and means do to a loop shows in its constraints.
     unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
     scheme, off, steps = identify(model, pieces, late)
-    held = all(stairs(rows.F).held for rows, _ in pieces)
-    parts = [_defects(model, rows, groups, held) for rows, _ in pieces]
-    names = parts[0].names
-    coefficients = _fit(parts, names)
-    return _judged(
-        model, run, pieces, parts, coefficients, scheme, off, steps, groups, unsteady, held
-    )
+
+    @cache
+    def found() -> Residual:
+        held = all(stairs(rows.F).held for rows, _ in pieces)
+        parts = [_defects(model, rows, groups, held) for rows, _ in pieces]
+        coefficients = _fit(parts, parts[0].names)
+        return _judged(model, run, pieces, parts, coefficients, off, steps, groups, unsteady, held)
+
+    speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
+    return OneStep(scheme, speeds, sum(len(r.t) for r, _ in pieces), off, steps, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1162,13 +1290,12 @@ def _judged(
     pieces: Sequence[tuple[Rows, Rows]],
     parts: Sequence[_Defects],
     c: Mapping[str, float],
-    scheme: Scheme | None,
     off: float,
     steps: Steps | None,
     groups: Mapping[str, list[int]],
     unsteady: float,
     held: bool,
-) -> OneStep:
+) -> Residual:
     def forces(p: _Defects, w: Array) -> Array:
         return _times(p.N, w)
 
@@ -1281,12 +1408,10 @@ def _judged(
     )
     hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
-    mechanism = model.mechanism
-    return OneStep(
-        scheme, tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u), times, residual, allowed,
-        trimmed(residual), bar, scale, c, hidden, spent, sum(len(r.t) for r, _ in pieces), off,
+    return Residual(
+        times, residual, allowed, trimmed(residual), bar, scale, c, hidden, spent,
         {**bars, "noise": noise_bar, "rounding": rounding},
-        partial(_as_forces, model, groups, tuple(c), held), steps,
+        partial(_as_forces, model, groups, tuple(c), held),
     )  # fmt: skip
 
 

@@ -315,8 +315,7 @@ def _estimated(
     observed = count >= 9 and not thinned[1][0].derived
     quarter = rule.sums(*thinned[4]) if observed else None
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
-    seen = np.arange(count) + max(rule.window, 4) // 2
-    index = np.minimum((seen + 1) // 2, half.shape[1] - 1)
+    ahead = max(rule.window, 4) // 4
     finer, coarser = np.zeros((2, len(fine)))
 
     def estimate(k: int) -> None:
@@ -327,7 +326,9 @@ def _estimated(
             finer[k] = np.abs(np.diff(error)).sum()
             coarser[k] = np.abs(np.diff(half[k, ::2] - quarter[k])).sum()
             even /= reduction(finer[k], coarser[k], rule.order)
-        even.take(index, out=bar[k])
+        seen = np.concatenate([even[ahead:], np.full(2 * ahead + 1, even[-1])])
+        bar[k, ::2] = seen[: (count + 1) // 2]
+        bar[k, 1::2] = seen[1 : 1 + count // 2]
 
     spread(estimate, range(len(fine)))
     order = observed_order(finer[leading], coarser[leading]) if quarter is not None else 0.0

@@ -78,10 +78,14 @@ def read_opensim_folder(path: Path) -> RawLog:
     if kind := _KINEMATICS.get(motion):
         meanings |= {name: f"{kind}.{name}" for name in columns if name != "time"}
     for ending, file in parts.items():
-        part = log if ending == motion else read_opensim(file)
         kind = _KINEMATICS.get(ending)
         if ending == motion or (kind and motion not in _KINEMATICS):
             continue  # the states say it as well
+        try:
+            part = read_opensim(file)
+        except LogError as error:  # the controls of a model without actuators have no rows
+            skipped[file.name] = f"{file.name!r}: {error}"
+            continue
         if not np.array_equal(part.columns.get("time", []), time):
             skipped[file.name] = f"{file.name!r} has other times than {parts[motion].name!r}"
             continue

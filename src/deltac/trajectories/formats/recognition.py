@@ -152,6 +152,7 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
         take(iter(times))
     take(_floating(raw, names, found, times))
     take(_unique(_by_words(named, _joints(names)), raw, names))
+    take(_unique(_of_motors(named, names), raw, names))
     take(_by_width(raw, names))
     take(_numbered(named, names))
     take(_alike(raw, named, names, found))
@@ -373,6 +374,24 @@ def _by_words(
         if len(targets) == 1:
             why = "by its name" if certain else "by another name of the joint or its body"
             yield most, Recognised(targets.pop(), column, why, certain)
+
+
+_ACTUATION = frozenset("force forces actuation actuator motor".split())
+"""Words beside the name of a motor that say no more than that it acts."""
+
+
+def _of_motors(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recognised]]:
+    """Columns that name a motor of the model and say that they are its force, as OpenSim's do."""
+    for speed, channel in names.motors.items():
+        motor = _words(channel.removeprefix("actuator "))
+        for column, readings in named.items():
+            for words in readings:
+                left = _without(words, motor)
+                acts = set(words) & (_ACTUATION | WORDS["force"])
+                if left is not None and acts and set(left) <= _ACTUATION | WORDS["force"] | NEUTRAL:
+                    target = f"force.{channel}.{speed}"
+                    yield len(motor), Recognised(target, column, "the motor's name")
+                    break
 
 
 def _without(words: tuple[str, ...], part: tuple[str, ...]) -> list[str] | None:

@@ -449,7 +449,7 @@ def robot() -> Pair:
 
 def wedge() -> Pair:
     """A wedge on the floor, a block on a spring on it (s: down the slope)."""
-    p = dict(M=2.6, m=0.8, alpha=0.52, k=31.0, s0=0.25, g=9.81, c=0.4)
+    p = dict(M=2.6, m=0.8, k=31.0, s0=0.25, g=9.81, c=0.4)
     return dc.Mechanism(
         [dc.point_mass("wedge", "M"), dc.bodies.frame("slope"), dc.point_mass("block", "m")],
         [
@@ -574,7 +574,7 @@ def two_link() -> Pair:
 
 def wire() -> Pair:
     """A bead on a straight inclined wire that turns about the vertical."""
-    p = dict(OMEGA=2.7, INCL=0.6, m=0.15, g=9.81, k=5.5, rest=0.4, c=0.03)
+    p = dict(OMEGA=2.7, m=0.15, g=9.81, k=5.5, rest=0.4, c=0.03)
     return dc.Mechanism(
         [dc.bodies.frame("spindle"), dc.bodies.frame("wire"), dc.point_mass("bead", "m")],
         [

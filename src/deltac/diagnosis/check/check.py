@@ -285,7 +285,7 @@ def check_equations(
     missed = max(rates.values(), default=0.0)
     if rates:
         seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
-    if wrong:
+    if wrong and found:  # where q̇ alone is wrong, other coordinates explain nothing
         findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
             parts.part("causes")
@@ -610,8 +610,8 @@ def _other_coordinates(
         except InputError:
             continue
     for name, given in others:
-        if given is chosen:
-            continue
+        if given is chosen or (given and chosen and vars(given) == vars(chosen)):
+            continue  # these it was checked in
         try:
             kane = Kane(model.mechanism, given)
             scales = natural_scales(kane)

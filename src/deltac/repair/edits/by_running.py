@@ -98,10 +98,15 @@ def text_edits(source: Source, statements: list[ast.stmt]) -> Iterator[Candidate
             continue
         for node in ast.walk(statement):
             place = source.number.get(id(node))
-            if place is None or not _counts(source, place, node):
+            if place is None:
                 continue
-            assert isinstance(node, ast.expr)
-            for text, words, kind, cost in _edits(source, place, node):
+            if isinstance(node, ast.AugAssign):
+                edits = _updates(source, node)
+            elif isinstance(node, ast.expr) and _counts(source, place, node):
+                edits = _edits(source, place, node)
+            else:
+                continue
+            for text, words, kind, cost in edits:
                 yield Candidate(place, text, words, kind, cost, None)
 
 
@@ -160,6 +165,19 @@ def _edits(source: Source, place: int, node: ast.expr) -> Iterator[Edit]:
         square = written(ast.BinOp(node, ast.Pow(), ast.Constant(2)), f"{own}**2", f"({own})**2")
         yield square, f"{short(own)} should be {short(square)}", "power", 1.25
         yield from _factors(source, place, node)
+
+
+def _updates(source: Source, node: ast.AugAssign) -> Iterator[Edit]:
+    """Another operator in an update: x += y for x -= y, x *= y for x /= y, and the other way round."""
+    others = {"+": ("-", "−"), "-": ("+", "+"), "*": ("/", "/"), "/": ("*", "*")}
+    own = SYMBOLS.get(type(node.op), ("", ""))[0]
+    if own in others:
+        target, value = source.segment(node.target), source.segment(node.value)
+        symbol, shown = others[own]
+        words = f"{target} {own}= should be {target} {symbol}="
+        if own in "+-":
+            words = f"{short(value)} enters with {'+' if own == '+' else '−'}, should be {shown}"
+        yield f"{target} {symbol}= {value}", words, "sign" if own in "+-" else "operator", 1.0
 
 
 def _binary(source: Source, node: ast.BinOp) -> Iterator[Edit]:

@@ -146,7 +146,8 @@ def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> di
     if not numbers:
         return found
     indexed = _indexed(program.source)
-    for name, value in scope.items():
+    # s["x1"] tells more than y[0].
+    for name, value in sorted(scope.items(), key=lambda entry: not isinstance(entry[1], dict)):
         if name not in indexed and not _of_the_state(program, value):
             continue
         if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 36:

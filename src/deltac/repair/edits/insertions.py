@@ -316,31 +316,43 @@ def additions(program: Program, place: int) -> Iterator[Candidate]:
     if not own or not any(program.tape.varying[k] for k in own):
         return
     scopes = [vocabulary(program, instance) for instance in instances]
-    single = isinstance(instances[0].value, Slot)
-    short_of = short(source.segment(node))
+    symbols = "" if inside else "*/"
+    if isinstance(instances[0].value, Slot):
+        symbols += "+-"
+    yield from _joined(program, place, node, scopes, symbols, 1.75)
+
+
+JOINED = {"*": np.multiply, "/": np.true_divide, "+": np.add, "-": np.subtract}
+
+
+def _joined(
+    program: Program,
+    place: int,
+    node: ast.expr,
+    scopes: Sequence[Mapping[str, Any]],
+    symbols: str,
+    cost: float,
+) -> Iterator[Candidate]:
+    """What all scopes of a node's evaluations name, joined to it by an operator; `cost` of a term."""
+    own = short(program.source.segment(node))
     for name in scopes[0]:
         if not all(name in scope for scope in scopes):
             continue
         others = [scope[name] for scope in scopes]
-        ways: list[tuple[str, Any]] = []
-        if not inside:
-            ways += [("*", np.multiply), ("/", np.true_divide)]
-        if single:
-            ways += [("+", np.add), ("-", np.subtract)]
-        for symbol, operation in ways:
-            changes = combine(program, place, operation, others)
+        for symbol in symbols:
+            changes = combine(program, place, JOINED[symbol], others)
             if not changes:
                 break
             if symbol in "+-":
-                said = f"{short_of} lacks the term {'−' if symbol == '-' else '+'} {name}"
-                text = total(source, node, name, symbol == "-")
-                yield Candidate(place, text, said, "term", 1.75, changes)
+                said = f"{own} lacks the term {'−' if symbol == '-' else '+'} {name}"
+                text = total(program.source, node, name, symbol == "-")
+                yield Candidate(place, text, said, "term", cost, changes)
             else:
-                said = f"{short_of} lacks the factor {name}"
+                said = f"{own} lacks the factor {name}"
                 if symbol == "/":
-                    said = f"{short_of} must be divided by {name}"
-                text = product(source, node, name, symbol == "/")
-                yield Candidate(place, text, said, "factor", 1.6, changes)
+                    said = f"{own} must be divided by {name}"
+                text = product(program.source, node, name, symbol == "/")
+                yield Candidate(place, text, said, "factor", cost - 0.15, changes)
 
 
 def vector_terms(program: Program, place: int) -> Iterator[Candidate]:
@@ -353,18 +365,11 @@ def vector_terms(program: Program, place: int) -> Iterator[Candidate]:
     parent = source.nodes[source.parent[place]]
     if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub):
         return
-    scopes = [array_names(program, instance) for instance in instances]
-    for name, array in scopes[0].items():
-        if array.shape != value.shape or not all(name in scope for scope in scopes):
-            continue
-        for symbol, operation in (("+", np.add), ("-", np.subtract)):
-            changes = combine(program, place, operation, [scope[name] for scope in scopes])
-            if not changes:
-                break
-            said = f"{short(source.segment(node))} lacks the term {'−' if symbol == '-' else '+'} {name}"
-            yield Candidate(
-                place, total(source, node, name, symbol == "-"), said, "term", 1.5, changes
-            )
+    scopes = [
+        {name: x for name, x in array_names(program, instance).items() if x.shape == value.shape}
+        for instance in instances
+    ]
+    yield from _joined(program, place, node, scopes, "+-", 1.5)
 
 
 def scalings(program: Program, requirement: Requirement, words: Vocabulary) -> Iterator[Candidate]:
@@ -408,7 +413,7 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
     """Another number, where one number serves at all states and parameters."""
     x = requirement.required
     mean = float(np.mean(x))
-    if not np.isfinite(mean) or np.ptp(x) > EXACT * abs(mean) or _is_truth(node):
+    if not np.isfinite(mean) or np.ptp(x) > EXACT * abs(mean):
         return
     digits = float(f"{mean:.6g}")
     simple = Fraction(mean).limit_denominator(60)
@@ -421,10 +426,6 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
         text, cost = repr(mean), 1.9
     said = f"{program.source.segment(node)} should be {text}"
     yield Candidate(requirement.place, text, said, "number", cost, None)
-
-
-def _is_truth(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, bool)
 
 
 CONSTANT = 1e-7

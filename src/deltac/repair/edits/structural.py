@@ -68,18 +68,13 @@ def _rewritten(
     words: str = "",
 ) -> Candidate | None:
     """A node written anew; its parts keep the text that they have where they are not changed."""
-    text = _text(program, new)
+    text = ast.unparse(ast.fix_missing_locations(new))
     own = program.source.segment(node)
     if len(text) > LONGEST or text == own:
         return None
     return Candidate(
         place, text, words or f"{short(own)} should be {short(text)}", kind, cost, None
     )
-
-
-def _text(program: Program, new: ast.AST) -> str:
-    """The text of a node, of which parts stand in the source."""
-    return ast.unparse(ast.fix_missing_locations(new))
 
 
 # --- statements -----------------------------------------------------------------------------------

@@ -190,7 +190,7 @@ def _functions(program: Program, place: int, node: ast.Call) -> Iterator[Candida
             if other == name or (prefix in ("math", "") and other in ("square", "abs", "sign")):
                 continue
             called = f"{prefix}.{other}" if prefix else other
-            if not prefix and other not in program.trace.scope:
+            if not prefix and other not in _scope(program, place):
                 continue
             operation = ELEMENTARY[other][0]
             changes = {k: Change(operation, tape.inputs[k]) for k in own}
@@ -293,7 +293,7 @@ def _more(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
     for name in ("sin", "cos", "sqrt", "radians", "degrees") if calls else ():
         if name in ("sin", "cos") and not varies:
             continue
-        called = calls.get(name) or _beside(program, calls, name)
+        called = calls.get(name) or _beside(program, place, calls, name)
         if called is None or (
             name == "sqrt" and any(values(program, k).min() < 0.0 for k in own_slots)
         ):
@@ -304,12 +304,17 @@ def _more(program: Program, place: int, node: ast.expr) -> Iterator[Candidate]:
         yield Candidate(place, text, words, "function", 1.3, changes)
 
 
-def _beside(program: Program, calls: dict[str, str], name: str) -> str | None:
+def _scope(program: Program, place: int) -> set[str]:
+    """The names that are known where a node stands."""
+    return {*program.trace.scope, *program.trace.instances[place][0].scope}
+
+
+def _beside(program: Program, place: int, calls: dict[str, str], name: str) -> str | None:
     """How a function is called beside sine and cosine: np.sqrt where there is np.sin."""
     prefix, _, _ = next(iter(calls.values())).rpartition(".")
     if prefix:
         return f"{prefix}.{name}"
-    return name if name in program.trace.scope else None
+    return name if name in _scope(program, place) else None
 
 
 def callables(program: Program) -> list[tuple[str, str]]:

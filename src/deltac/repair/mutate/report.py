@@ -130,7 +130,8 @@ class MutationReport(Report, also=("counts",)):
         total = counts.get("all", {"mutants": 0, "equivalent": 0})
         mistakes = total["mutants"] - total["equivalent"]
         for test in self.tests if mistakes else ():
-            yield f"- {test} sees {total[test]} of {mistakes} ({total[test] / mistakes:.1%})."
+            seen = f"{total[test]} of {mistakes} ({total[test] / mistakes:.1%})"
+            yield f"- {test} {'see' if test == SUITE else 'sees'} {seen}."
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:

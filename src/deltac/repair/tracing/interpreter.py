@@ -1031,14 +1031,8 @@ class _Reader:
                 self.loop(s, scope)
             case ast.While():
                 for _ in range(TURNS):
-                    if not self.truth(s.test, scope):
+                    if not self.truth(s.test, scope) or not self.turn(s.body, scope):
                         break
-                    try:
-                        self.block(s.body, scope)
-                    except _Break:
-                        break
-                    except _Continue:
-                        continue
                 else:
                     raise Endless(f"{self.where(s)}: a loop that has not ended after {TURNS} turns")
             case ast.If():
@@ -1163,14 +1157,19 @@ class _Reader:
     def loop(self, s: ast.For, scope: Scope) -> None:
         for item in self.items(s.iter, scope):
             self.bind(s.target, item, scope, None)
-            try:
-                self.block(s.body, scope)
-            except _Break:
+            if not self.turn(s.body, scope):
                 break
-            except _Continue:
-                continue
         else:
             self.block(s.orelse, scope)
+
+    def turn(self, body: list[ast.stmt], scope: Scope) -> bool:
+        """One turn of a loop; whether the loop goes on."""
+        with contextlib.suppress(_Continue):
+            try:
+                self.block(body, scope)
+            except _Break:
+                return False
+        return True
 
     def attempt(self, s: ast.Try, scope: Scope) -> None:
         """The body; a handler where the body imports what is not there."""

@@ -12,7 +12,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping, ValuesView
+from collections.abc import Callable, Iterator, ValuesView
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -742,8 +742,3 @@ def plain(value: Any) -> Any:
 def count(value: Any) -> bool:
     """Whether a value is a number that a size or an index can be."""
     return isinstance(value, Slot) and value.tape.exact[value.index] is not None
-
-
-def named_plain(named: Mapping[str, Any]) -> dict[str, Any]:
-    """Named arguments as Python numbers."""
-    return {key: plain(value) for key, value in named.items()}

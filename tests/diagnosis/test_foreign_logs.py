@@ -5,7 +5,7 @@ The oracle is a cart-pole with hand-written equations and integrators.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -17,7 +17,7 @@ from deltac.diagnosis.explain.regression import Regression, factored
 from deltac.diagnosis.residuals.one_step import OneStep, one_step, stairs
 from deltac.kernels.rows import at_rows
 from deltac.progress import Deadline
-from tests.systems.cart_pole import CartPole, generalized_alpha, log
+from tests.systems.cart_pole import Array, CartPole, generalized_alpha, log
 
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
@@ -144,3 +144,67 @@ def test_an_encoder_with_another_zero_is_a_doubt_of_the_log() -> None:
     assert zero.factor == pytest.approx(
         0.02, rel=2e-3
     )  # the third order is δ²/6 of it, about the error
+
+
+@dataclass(frozen=True)
+class Held(CartPole):
+    """A cart-pole with drag at its hinge, and a stop above an angle, that the model does not have."""
+
+    drag: float = 0.0
+    stop: float = 0.0
+    above: float = 0.5
+
+    def acceleration(self, t: float, q: Array, u: Array, force: float | None = None) -> Array:
+        more = -self.drag * u[1] * abs(u[1]) - self.stop * max(q[1] - self.above, 0.0)
+        return super().acceleration(t, q, u, force) + more * np.array(
+            np.linalg.solve(self.inertia_matrix(q), [0.0, 1.0])
+        )
+
+
+@pytest.mark.parametrize(
+    ("system", "code"),
+    [(Held(drag=0.02), "F-MISSING-DRAG"), (Held(stop=3.0, above=1.5), "F-MISSING-STOP")],
+)
+def test_drag_and_stops_are_named(system: Held, code: str) -> None:
+    found = dc.audit(MECHANISM, log(system, "heun", accelerations=False).every(2))
+    assert found.verdict.kind == "equation-error"
+    cause = found.findings[0]
+    assert cause.code == code and cause.element == "hinge"
+    if code == "F-MISSING-DRAG":
+        assert cause.factor == pytest.approx(system.drag, rel=1e-3)
+
+
+def test_one_cause_counts_from_three_error_bars_on() -> None:
+    """Some bars are not significant alone; that gravity explains all of it is."""
+    run = log(CartPole(gravity=9.81 * 1.002), "heun", accelerations=False)
+    run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))
+    assert 3.0 < stepped(run).ratio.max() < 10.0
+    found = dc.audit(MECHANISM, run)
+    assert "F-SMALL-BUT-REAL" in codes(found)
+    cause = next(f for f in found.findings if f.code == "F-GRAVITY")
+    assert cause.factor == pytest.approx(1.002, abs=3e-4)
+
+
+def test_rows_at_random_tell_no_gear() -> None:
+    """Euler's method is late by a share of its own step, however many rows are lost."""
+    run = log(RIGHT, "explicit-euler", step=0.002, accelerations=False)
+    rows = np.sort(np.random.default_rng(1).choice(len(run), int(0.6 * len(run)), replace=False))
+    lost = replace(
+        run, t=run.t[rows], q=run.q[rows], u=run.u[rows],
+        forces={n: f[rows] for n, f in run.forces.items()},
+    )  # fmt: skip
+    assert not any(f.weight == "doubt" for f in dc.audit(MECHANISM, lost).findings)
+
+
+def test_coordinates_of_the_row_before_are_a_doubt_of_the_log() -> None:
+    """Implicit Euler's are so late by kinematics as another method's; the equations tell by how much."""
+    run = log(RIGHT, "implicit-euler", accelerations=False)
+    found = dc.audit(MECHANISM, replace(run, q=np.vstack([run.q[:1], run.q[:-1]])))
+    assert found.verdict.kind == "unresolved" and "F-LATE-ROWS" in codes(found)
+
+
+def test_integrators_that_close_alike_are_listed() -> None:
+    """Seven digits do not tell methods of fourth and fifth order apart at this step."""
+    run = log(RIGHT, "rk4", accelerations=False)
+    scheme = stepped(replace(run, q=np.float32(run.q), u=np.float32(run.u))).scheme
+    assert scheme is not None and not scheme.name and {"rk4", "dopri5"} <= {*scheme.among}

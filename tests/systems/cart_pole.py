@@ -36,19 +36,21 @@ class CartPole:
         """The motor's force on the cart, N."""
         return np.asarray(self.drive * np.sin(3.0 * np.asarray(t)))
 
+    def inertia_matrix(self, q: Array) -> Array:
+        """The mass matrix."""
+        coupling = -self.pole * self.length * np.sin(q[1])
+        both = self.inertia + self.pole * self.length**2
+        return np.array([[self.cart + self.pole, coupling], [coupling, both]])
+
     def acceleration(self, t: float, q: Array, u: Array, force: float | None = None) -> Array:
         """Accelerations of slide and hinge."""
         m, l, theta = self.pole, self.length, q[1]
-        M = np.array([
-            [self.cart + m, -m * l * np.sin(theta)],
-            [-m * l * np.sin(theta), self.inertia + m * l**2],
-        ])  # fmt: skip
         push = float(self.force(t)) if force is None else force
         right = [
             push - self.slide * u[0] + m * l * np.cos(theta) * u[1] ** 2,
             m * self.gravity * l * np.cos(theta) - self.hinge * u[1],
         ]
-        return np.asarray(np.linalg.solve(M, right))
+        return np.asarray(np.linalg.solve(self.inertia_matrix(q), right))
 
     def mechanism(self) -> dc.Mechanism:
         """The same as a mechanism; the motor's force is left to the log."""

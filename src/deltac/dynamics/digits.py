@@ -94,9 +94,9 @@ def acceleration_error(
     """The error that double precision makes of the accelerations, of independent rows of constraints.
 
     It is in the energy norm, √(eᵀM e), which knows no units, and relative to the accelerations or, where
-    these nearly vanish, to a `SMALL` share of those `NEARBY`. Zero where the condition gives no reason to
-    look, and nothing else makes it `suspect`; NaN where it cannot be told: a law is not defined there, or
-    knows no more digits.
+    these nearly vanish, to a `SMALL` share of those `NEARBY`; in free motion, to the speeds, per second. Zero
+    where the condition gives no reason to look, and nothing else makes it `suspect`; NaN where it cannot be
+    told: a law is not defined there, or knows no more digits.
     """
     M, _, _, G, _ = motion.ties(t, q, u, p)
     if not np.isfinite(M).all() or not (suspect or condition(M, G[list(rows)]) >= SUSPECT):
@@ -134,10 +134,15 @@ def _relative_error(udot: Any, mass: Any, given: list[Any]) -> float:
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
                 [near] = exactly(udot, [t, q, u, p])
                 size = max(size, SMALL * norm(near))
+            if size < VANISHING * error:  # free motion: no acceleration here, nor nearby
+                size = norm(np.array([mpmath.mpf(float(x)) for x in given[2]]))
             return float(error / size) if size else 0.0
         except (ArithmeticError, ValueError, TypeError, KeyError):
             return float("nan")
 
+
+VANISHING = 1e-30
+"""Accelerations this small beside their error are zero, and `DIGITS` show their rounding."""
 
 SMALL = 1e-3
 """A share of the accelerations: errors above it are looked at twice, and what is below it nearly vanishes."""

@@ -385,14 +385,12 @@ def run_plan(
 
 def pieces(plan: Plan, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Work]:
     """What is missing, in pieces of one setting; every row once, though points may be alike."""
-    seen: set[str] = set()
-    groups: dict[int, list[int]] = {}
-    for k in missing:
-        address = plan.addresses[k]
-        if address not in seen:
-            seen.add(address)
-            groups.setdefault(int(plan.design.setting[k]), []).append(k)
-    for rows in groups.values():
+    once = np.array(
+        list({plan.addresses[k]: k for k in reversed(missing)}.values())[::-1], dtype=np.intp
+    )
+    setting = plan.design.setting[once]
+    for one in dict.fromkeys(setting.tolist()):
+        rows = once[setting == one].tolist()
         most = STUDIES if plan.spec.verb == "study" else LARGEST
         share = math.ceil(len(rows) / (SHARES * workers))
         # Whole vectors of any machine, and not so few that calls cost more than they do.

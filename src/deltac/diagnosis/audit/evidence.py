@@ -67,7 +67,7 @@ BESIDE = 2.0
 REPRODUCED = 0.5
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
-OF_THE_LOG = ("actuator-delay", "zero-offset")
+OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""
 
 SHORT = 0.5
@@ -183,11 +183,18 @@ def gather(
 
 
 def _of_the_log(found: list[Finding]) -> list[Finding]:
-    """Causes that are in the log alone are doubts of the log, not of the equations."""
+    """Findings of which causes in the log are doubts of it.
+
+    Where one of these comes first, it explains the most. What else would explain the rest is of a log
+    that is not yet right, and accuses nothing.
+    """
     causes = [f for f in found if f.weight == "cause"]
-    if not causes or any(f.kind not in OF_THE_LOG for f in causes):
+    if not causes or causes[0].kind not in OF_THE_LOG:
         return found
-    return [replace(f, weight="doubt") if f in causes else f for f in found]
+    return [
+        replace(f, weight="doubt" if f.kind in OF_THE_LOG else "note") if f in causes else f
+        for f in found
+    ]
 
 
 def _left_out(deadline: Deadline) -> list[Finding]:

@@ -45,6 +45,7 @@ PREFERENCE = (
     "missing-spring",
     "rest-angle",
     "actuator-delay",
+    "late-rows",
     "constant-force",
     "missing-stop",
     "gravity-vector",
@@ -58,7 +59,7 @@ PREFERENCE = (
 
 
 FREE = "free"
-OF_JOINTS = ("missing-friction", "missing-rotor-inertia")
+OF_JOINTS = ("missing-friction", "missing-rotor-inertia", "constant-force")
 """What acts in joints, and not on bodies that are free."""
 
 _TELLS = {
@@ -108,7 +109,7 @@ class Candidate:
     def rank(self, theta: Array) -> int:
         """Order of preference of causes that explain the same; factors beyond two come late.
 
-        So do friction and rotors of free joints, which have nothing to rub or turn in.
+        So do friction, rotors and motors of free joints, which have nothing to rub or turn in.
         """
         size = np.abs(self.base + theta)
         far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
@@ -352,6 +353,7 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     found: list[Candidate] = []
     for part in (_gravity, of_bodies, _speeds, _channels, _wrenches):
         found.extend(part(evaluator, places))
+    found.extend(one("late-rows", "", places(Column("late", "")), [1.0], "delay", 0.0, "s"))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
@@ -464,7 +466,17 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                     "rest-angle", entry.name, at("constant"), [stiffness[row]], "rest", rest, per
                 )
                 continue  # a constant force would be the same
-        yield from one("constant-force", entry.name, at("constant"), [1.0], "force", 0.0, force)
+        yield from one(
+            "constant-force",
+            entry.name,
+            at("constant"),
+            [1.0],
+            "force",
+            0.0,
+            force,
+            "any",
+            joint.kind,
+        )
 
 
 def _units(entry: Entry) -> tuple[str, str]:
@@ -558,6 +570,8 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     for link in evaluator.symbols.system.links:
         body = link.joint.child
+        drag = places(Column("drag of a body", body))
+        yield from one("missing-drag", body, drag, [1.0], "drag", 0.0, "N·s²/m²", "positive")
         for what, kind, unit in PUSHES:
             found = [
                 (k, p[0]) for k in range(3) if (p := places(Column(what, body, k))) is not None

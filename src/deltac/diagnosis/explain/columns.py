@@ -27,7 +27,7 @@ from deltac.mechanism.joints import KINDS
 
 What = Literal[
     "inertia", "weight", "gravity", "damper", "friction", "drag", "spring", "stop", "constant", "armature",
-    "channel", "delay", "offset",
+    "channel", "delay", "offset", "late", "drag of a body",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -40,11 +40,13 @@ class Column:
     weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
     damper      speed: −u; friction: −sign u; drag: −u|u|; spring: −q; constant: 1; armature: −u̇
+    drag of a body  body: −|v| v at its mass centre
     stop        speed: −max(q − c, 0) at the place c of that index, see `stops`
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
     offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
                 proportion, 1 by squares
+    late        what all coordinates take from the equations where they are logged one second late
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     """
@@ -185,13 +187,13 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
             Column("friction", entry.name): -ca.sign(u),
             Column("drag", entry.name): -u * ca.fabs(u),
             Column("armature", entry.name): -s.udot[row],
+            Column("constant", entry.name): ca.SX(1),
         }
         if KINDS[joint.kind].rates:
             first = mechanism.coordinates.of(joint.name).start
             at = first + place - mechanism.speeds.of(joint.name).start
             q = s.q_all[at]
-            force |= {Column("spring", entry.name): -q, Column("constant", entry.name): ca.SX(1)}
-            force |= {
+            force |= {Column("spring", entry.name): -q} | {
                 Column("stop", entry.name, k): -ca.fmax(q - c, 0)
                 for k, c in enumerate(stops(evaluator, int(at)))
             }
@@ -213,10 +215,10 @@ def stops(evaluator: Evaluator, coordinate: int) -> tuple[float, ...]:
 
 
 def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
-    """Coordinates of hinges and sliders whose zero is another one in the log than in the model."""
+    """Coordinates that are logged late; those of hinges and sliders with another zero than the model's."""
     s, mechanism = evaluator.symbols.system, evaluator.mechanism
     free = {int(k): row for row, k in enumerate(mechanism.free.q)}
-    found: dict[Column, SX] = {}
+    found = {Column("late", ""): ca.jtimes(residual, s.q, s.qdot)}
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
@@ -232,13 +234,18 @@ def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
 
 
 def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
-    """Constant forces at mass centres, and constant moments."""
+    """Constant forces at mass centres, and constant moments; drag."""
     s = evaluator.symbols.system
+    V = velocities(s, s.u_all)
     found: dict[Column, SX] = {}
     for k, (link, pose) in enumerate(zip(s.links, s.poses)):
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue
+        v = V[k][3:] + cross(V[k][:3], link.centre)
+        drag = -ca.norm_2(v) * v
+        wrench_of_drag = ca.vertcat(cross(link.centre, drag), drag)
+        found[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
             nothing = ca.SX(3, 1)

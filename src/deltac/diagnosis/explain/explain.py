@@ -275,11 +275,13 @@ def explanation(
         return _made(mechanism, prepared, kind, found, explained, said)
 
     if regression.total <= regression.precision:
-        return made("nothing")
+        if excused is None or not _alone(regression, search(regression, 1).best):
+            return made("nothing")
+        most = 1
     found = search(regression, most, deadline, progress)
     explained = _explained(prepared, found.best)
     floor = regression.floor(regression.nothing)
-    if regression.total <= CLEAR * floor and not regression.stands_out(found.best):
+    if most > 1 and regression.total <= CLEAR * floor and not regression.stands_out(found.best):
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
         if not regression.stands_out(found.best):
@@ -300,6 +302,12 @@ def explanation(
     if not found.best.chosen or explained < _enough(regression, found.best, least):
         return made("unexplained", Found(found.best, ()), explained)
     return told(mechanism, run, prepared, found, deadline)
+
+
+def _alone(regression: Regression, fit: Fit) -> bool:
+    """Whether one cause explains nearly all of a residual within its bar, and the same all along the log."""
+    left = fit.left <= (1.0 - EXPLAINS) * regression.total
+    return left and regression.stands_out(fit) and regression.predicted >= EXPLAINS
 
 
 def told(

@@ -66,6 +66,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return f"{element} acts with {shown} of its {c.origin} force"
         case "actuator-delay":
             return f"{element} acts {shown} s later than logged"
+        case "late-rows":
+            return f"the coordinates are those of {shown} s before the speeds beside them"
         case "zero-offset":
             return (
                 f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
@@ -91,6 +93,8 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
                 f"joint {element} has a stop that the model does not have: a stiffness of {several} "
                 f"{c.units[0]} {where}"
             )
+        case "missing-drag" if c.element in {b.name for b in mechanism.bodies}:
+            return f"a drag of {shown} {c.units[0]} times the square of its speed acts on {element}"
         case (
             "missing-damper" | "missing-friction" | "missing-drag" | "missing-rotor-inertia"
             | "missing-spring"
@@ -121,6 +125,8 @@ def remedy(kind: str) -> str:
         return "Check the gear ratio and the unit of this actuator's logged force"
     if kind == "actuator-delay":
         return "Log the force that acted, not the one that was commanded"
+    if kind == "late-rows":
+        return "Write coordinates and speeds of the same instant into one row"
     if kind == "zero-offset":
         return "Calibrate the zero of this coordinate, or subtract the offset"
     if kind == "channel-factor":

@@ -3,7 +3,7 @@
     make bench-repair-wild [ARGS="--only slip_class --each 5 --json out.json"]
     make bench-repair-wild ARGS="--programs blind"
 
-The programs are those of `equations/wild`, of `equations/blind` or of `equations/cold`. Single mistakes are enumerated
+The programs are those of `equations/wild`, `blind` or `cold`. Single mistakes are enumerated
 (`deltac.repair.mutate`, a draw of each program's) or by hand (`mistakes.py`); double ones are two of these,
 drawn by a seed. A mistake is repaired if the first edit offered gives the right equations: those of the
 original program at random states, with all its named constants moved.

@@ -183,7 +183,8 @@ class Table:
         """The table in GitHub's Markdown."""
 
         def line(row: tuple[str, ...]) -> str:
-            return f"| {' | '.join(' '.join(cell.split()).replace('|', chr(92) + '|') for cell in row)} |"
+            cells = (unmarked(" ".join(cell.split())).replace("|", "\\|") for cell in row)
+            return f"| {' | '.join(cells)} |"
 
         marks = tuple("---:" if number else "---" for number in self.numeric)
         return "\n".join(map(line, (self.heads, marks, *(row for row in self.rows if row))))
@@ -194,6 +195,15 @@ class Verbatim:
     """Text that keeps its lines, such as a diff."""
 
     text: str
+
+
+def unmarked(text: str) -> str:
+    """A text whose names cannot be HTML, links or pictures in Markdown.
+
+    >>> print(unmarked("[a](http://b) <img> 1 < 2").replace(chr(92), "/"))
+    [a]/(http://b) &lt;img> 1 < 2
+    """
+    return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", text).replace("](", "]\\(")
 
 
 Section: TypeAlias = "str | Table | Verbatim"
@@ -431,9 +441,10 @@ class Report(Record, Shown):
             if isinstance(section, Table):
                 parts.append(section.markdown())
             elif isinstance(section, Verbatim):
-                parts.append(f"```\n{section.text.rstrip()}\n```")
+                fence = "`" * max(3, 1 + max(map(len, re.findall("`+", section.text)), default=0))
+                parts.append(f"{fence}\n{section.text.rstrip()}\n{fence}")
             else:
-                parts.append(section)
+                parts.append(unmarked(section))
         return "\n\n".join(parts) + "\n"
 
     def contents(self) -> dict[str, Any]:

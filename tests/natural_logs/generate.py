@@ -37,6 +37,7 @@ PROGRAMS = (
     "rosbags",
     "mcap",
     "opensim",
+    "newton",
 )
 START = (1.1, 0.6)
 T = np.linspace(0.0, 1.2, 241)
@@ -104,6 +105,7 @@ def main() -> None:
     floating_bags()
     more_tables(q, u)
     opensim_runs()
+    newton_run()
 
 
 def scipy_logs() -> None:
@@ -1000,6 +1002,47 @@ def opensim_runs() -> None:
         tool.updAnalysisSet().cloneAndAppend(opensim.Kinematics())
         tool.printToXML(f"{folder}/setup.xml")
         opensim.ForwardTool(f"{folder}/setup.xml").run()
+
+
+def newton_run() -> None:
+    """The arm by Newton on the CPU, whose kernels take a minute to compile."""
+    import newton
+    import warp
+
+    builder = newton.ModelBuilder(gravity=(0.0, -GRAVITY, 0.0), up_axis=newton.Axis.Y)
+    inertia = warp.mat33(INERTIA, 0, 0, 0, 0.001, 0, 0, 0, INERTIA)
+    joints, parent = [], -1
+    for k in range(2):
+        link = builder.add_link(
+            mass=MASS, inertia=inertia, com=warp.vec3(0, -LENGTH / 2, 0), lock_inertia=True
+        )
+        place = warp.transform(warp.vec3(0, -LENGTH if k else 0, 0), warp.quat_identity())
+        joints.append(
+            builder.add_joint_revolute(
+                parent=parent,
+                child=link,
+                axis=warp.vec3(0, 0, 1),
+                parent_xform=place,
+                child_xform=warp.transform_identity(),
+                armature=0.0,
+            )  # fmt: skip
+        )
+        parent = link
+    builder.add_articulation(joints)
+    model = builder.finalize(device="cpu")
+    now, later, control = model.state(), model.state(), model.control()
+    now.joint_q.assign(np.array(START, np.float32))
+    now.joint_qd.assign(np.zeros(2, np.float32))
+    newton.eval_fk(model, now.joint_q, now.joint_qd, now)
+    solver = newton.solvers.SolverFeatherstone(model)
+    rows = []
+    for k in range(1001):
+        if k % 5 == 0:
+            rows.append((k * 1e-3, now.joint_q.numpy().copy(), now.joint_qd.numpy().copy()))
+        solver.step(now, later, control, None, 1e-3)
+        now, later = later, now
+    time, q, qd = map(np.array, zip(*rows))
+    np.savez(LOGS / "newton_run.npz", time=time, joint_q=q, joint_qd=qd)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from deltac.codes import FINDINGS, finding_code
 from deltac.errors import InputError
-from deltac.results import Finding, Report, as_text
+from deltac.results import Finding, Report, as_text, unmarked
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,16 @@ def github(cases: Sequence[Case]) -> str:
     if summary:
         with open(summary, "a", encoding="utf-8") as file:
             for case in cases:
-                file.write(f"## {case.name}\n\n{_markdown(case)}\n")
+                file.write(f"## {unmarked(' '.join(case.name.split()))}\n\n{_markdown(case)}\n")
     return "\n".join(_annotations(cases))
 
 
 def _markdown(case: Case) -> str:
-    return case.summary() if isinstance(case.report, InputError) else case.report.to_markdown()
+    return (
+        unmarked(case.summary())
+        if isinstance(case.report, InputError)
+        else case.report.to_markdown()
+    )
 
 
 def _annotations(cases: Sequence[Case]) -> Iterator[str]:

@@ -182,6 +182,7 @@ def _grid_values(name: str, axis: list[float] | Range) -> Array:
         )
     if axis.count == 1:
         return np.array([axis.low])
+    _check_size(axis.count, 1)
     space = np.geomspace if axis.scale == "log" else np.linspace
     return np.asarray(space(axis.low, axis.high, axis.count))
 

@@ -85,7 +85,8 @@ class Store:
         if not isinstance(head, dict) or not isinstance(head.get("format"), int):
             raise FileError(f"{folder / HEAD}: expected a table with format, kind and name")
         if head["format"] > FORMAT:
-            made = head.get("versions", {}).get("deltac", "a later version")
+            told = head.get("versions")
+            made = told.get("deltac") if isinstance(told, dict) else "a later version"
             raise FileError(
                 f"{folder}: its format is {head['format']}, of deltac {made}; this one reads up to {FORMAT}. "
                 "Install that version to go on, or write into another folder"
@@ -190,7 +191,14 @@ class Store:
         """All rows that are there, each once; columns that a piece lacks are null."""
         import polars
 
-        parts = [polars.read_parquet(path, glob=False) for path in self.pieces()]
+        parts = []
+        for path in self.pieces():
+            try:
+                parts.append(polars.read_parquet(path, glob=False))
+            except (polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
+                raise FileError(
+                    f"{path} is damaged ({error}); run the sweep again, which makes it anew"
+                ) from error
         if not parts:
             return polars.DataFrame({"address": []}, {"address": polars.String})
         joined = polars.concat(parts, how="diagonal_relaxed")

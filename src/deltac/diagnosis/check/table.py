@@ -8,6 +8,7 @@ further states (how rough it is, what a residual changes with) is not known, and
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,11 @@ from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
-from deltac.errors import FileError, LimitError, LogError
+from deltac.errors import FileError, LimitError, LogError, shown
+from deltac.files import appearing, read_text
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
+from deltac.trajectories.formats.files import naming
 
 MOST_ROWS = 100_000
 """Rows of a table that is read."""
@@ -53,12 +56,14 @@ def write_states(
     states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(head)
+    for k in range(len(states)):
+        writer.writerow([*map(repr, states.describe(k).values()), *empty])
     try:
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(head)
-            for k in range(len(states)):
-                writer.writerow([*map(repr, states.describe(k).values()), *empty])
+        with appearing(path) as file:
+            file.write(table.getvalue().encode())
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
     return states
@@ -126,26 +131,30 @@ def _read(path: Path) -> tuple[dict[str, list[float]], int]:
     """The columns of a table, and the most significant digits that any entry has."""
     columns: dict[str, list[float]] = {}
     digits = 0
+    with naming(path):
+        text = read_text(path, "bytes")
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            head = [name.strip() for name in next(rows, [])]
-            columns = {name: [] for name in head}
-            for line, row in enumerate(rows, 2):
-                if line > MOST_ROWS:
-                    raise LimitError(f"{path}: more than {MOST_ROWS} rows")
-                if not row:
-                    continue
-                if len(row) != len(head):
-                    raise LogError(f"{path}:{line}: {len(row)} entries, expected {len(head)}")
-                for name, text in zip(head, row):
-                    columns[name].append(_number(text, path, line, name))
-                    if name.startswith("udot."):
-                        digits = max(digits, _digits(text))
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileError(f"{path}: is no table in UTF-8: {error}") from error
+        rows = csv.reader(io.StringIO(text, newline=""))
+        head = [name.strip() for name in next(rows, [])]
+        columns = {name: [] for name in head}
+        if len(columns) < len(head):
+            twice = next(name for name in head if head.count(name) > 1)
+            raise LogError(f"{path}: two columns are called {shown(twice)}")
+        for line, row in enumerate(rows, 2):
+            if line > MOST_ROWS:
+                raise LimitError(f"{path}: more than {MOST_ROWS} rows")
+            if not row:
+                continue
+            if len(row) != len(head):
+                raise LogError(f"{path}:{line}: {len(row)} entries, expected {len(head)}")
+            for name, entry in zip(head, row):
+                columns[name].append(_number(entry, path, line, name))
+                if name.startswith("udot."):
+                    digits = max(digits, _digits(entry))
+    except csv.Error as error:
+        raise FileError(f"{path}: is no table: {error}") from error
+    if head and not columns[head[0]]:
+        raise LogError(f"{path}: has no rows; expected states, as `deltac states` writes them")
     return columns, digits
 
 
@@ -153,7 +162,7 @@ def _number(text: str, path: Path, line: int, name: str) -> float:
     try:
         return float(text) if text.strip() else np.nan
     except ValueError:
-        raise LogError(f"{path}:{line}: {name} is {text!r}, expected a number") from None
+        raise LogError(f"{path}:{line}: {name} is {shown(text)}, expected a number") from None
 
 
 def _digits(text: str) -> int:

@@ -64,7 +64,7 @@ AGREE = 4.0
 BESIDE = 2.0
 """How many error bars of the one-step test it must be besides."""
 
-REPRODUCED = 0.5
+REPRODUCED = 0.75
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")

@@ -73,6 +73,58 @@ def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Ac
     assert found.verdict.kind in ("equation-error", "unresolved")
 
 
+Force = Callable[[float], float]
+
+
+def driven(said: Force, acting: Force, held: int = 0, uneven: float = 0.0) -> dc.Trajectory:
+    """A log of forces of time, sampled every so many rows and held, or acting along the steps (0)."""
+    system, rng = CartPole(), np.random.default_rng(3)
+    h = STEP * (1.0 + uneven * rng.uniform(-1.0, 1.0, ROWS))
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    q, u, rows = np.array([0.1, -0.4]), np.array([0.3, 1.0]), []
+    for k in range(ROWS):
+        at = t[k - k % held] if held else t[k]
+        rows.append((t[k], *q, *u, said(at)))
+        f = lambda s, q, u, at=at: system.acceleration(s, q, u, acting(at if held else s))  # noqa: E731
+        q, u = rk4(f, t[k], q, u, h[k])
+    named = ("time", "q.slide", "q.hinge", "u.slide", "u.hinge", "force.actuator motor.slide")
+    return dc.read_trajectory(
+        dict(zip(named, np.array(rows).T)), mechanism_names=system.mechanism()
+    )
+
+
+def waves(t: float) -> float:
+    return float(4.0 * np.sin(5.0 * t) + 2.0 * np.cos(11.0 * t))
+
+
+def square(t: float) -> float:
+    return 4.0 if np.sin(5.0 * t) >= 0.0 else -4.0
+
+
+@pytest.mark.parametrize(
+    ("said", "acting", "how", "kind", "code"),
+    [
+        (waves, lambda t: float(np.clip(waves(t), -3.0, 4.0)), {}, "consistent", "LIMITED"),
+        (waves, lambda t: waves(t - 9 * STEP), {}, "consistent", "DELAYED"),
+        (waves, lambda t: min(waves(t), 3.0), {"held": 5}, "consistent", "LIMITED"),
+        # Of a force of two values a wrong gear limits it as well.
+        (square, lambda t: 0.9 * square(t), {"held": 1}, "equation-error", None),
+        (waves, waves, {"held": 5, "uneven": 0.3}, "consistent", None),
+    ],
+    ids=["smooth limit", "smooth delay", "one bound", "gear of two values", "uneven steps"],
+)
+def test_forces_of_time(
+    said: Force, acting: Force, how: dict[str, float], kind: str, code: str | None
+) -> None:
+    found = dc.audit(CartPole().mechanism(), driven(said, acting, **how))  # type: ignore[arg-type]
+    assert found.verdict.kind == kind
+    codes = [f.code for f in found.verdict.findings if f.code.startswith("F-FORCE-")]
+    assert codes == ([] if code is None else [f"F-FORCE-{code}"])
+    if how.get("held") == 5 and code:  # one bound alone
+        [told] = [f for f in found.verdict.findings if f.code in codes]
+        assert "up to 3 only" in told.what
+
+
 ARM = """<mujoco><option timestep="0.002"/><default><joint axis="0 1 0" damping=".02"/></default><worldbody>
 <body><joint name="hip"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03"/>
 <body pos="0 0 -.4"><joint name="knee"/>

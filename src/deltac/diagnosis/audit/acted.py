@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.one_step import Model
+from deltac.diagnosis.residuals.one_step import UNEVEN, Model
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -28,6 +28,9 @@ FARTHEST = 0.05
 
 MOST_ROWS = 4000
 """Rows that are looked at."""
+
+ALIKE = 1.1
+"""Ratio of what two limits leave up to which one is as good as the other."""
 
 LEAST_ROWS = 50
 
@@ -45,7 +48,8 @@ class Acted:
 def as_acted(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]] | None:
     """The log with forces as they acted, and what they are; None where they are as logged.
 
-    `run` has consecutive rows. Its works and integrals, which are of the logged forces, are left out.
+    `run` has consecutive rows. Nothing is put right where it has works or integrals, which are of the forces
+    that acted.
     """
     alone = _alone(mechanism, run)
     if not alone or len(run) < LEAST_ROWS or run.works or run.integrals:
@@ -53,7 +57,7 @@ def as_acted(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fi
     required = _required(mechanism, run)
     found = []
     for name, speed, place in alone:
-        found += _compared(name, run.forces[name][: len(required), speed], required[:, place])
+        found += _compared(name, run.forces[name][: len(required) + 1, speed], required[:, place])
     if not found:
         return None
     late = max(0, max(a.rows for a in found))
@@ -64,7 +68,8 @@ def as_acted(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fi
     kept = slice(late, len(run) - early)
     part = run.between(run.t[kept][0], run.t[kept][-1])
     part = replace(part, forces={name: values[kept] for name, values in forces.items()})
-    step = float(np.median(np.diff(run.t)))
+    h = np.diff(run.t)
+    step = float(np.median(h)) if np.ptp(h) < UNEVEN * np.median(h) else None
     return part, [_told(a, step) for a in found]
 
 
@@ -96,25 +101,38 @@ def _required(mechanism: Mechanism, run: Trajectory) -> Array:
 
 
 def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:
-    """The delay or limit that takes off nearly all that is missing beside one logged force (T,)."""
+    """The delay or limit that takes off nearly all that is missing (T − 1,) beside one logged force (T,)."""
+    required = logged[:-1] + missing
 
     def left(acted: Array, rows: slice = slice(None)) -> float:
-        return float(np.sqrt(np.mean((logged + missing - acted)[rows] ** 2)))
+        """Held over a step, or changing along it, whichever leaves less."""
+        over_steps = acted[:-1], 0.5 * (acted[:-1] + acted[1:])
+        return min(float(np.sqrt(np.mean((required - F)[rows] ** 2))) for F in over_steps)
 
     was = left(logged)
-    farthest = max(1, int(FARTHEST * len(logged)))
-    inner = slice(farthest, len(logged) - farthest)
+    farthest = max(1, int(FARTHEST * len(required)))
+    inner = slice(farthest, len(required) - farthest)
     delays = {k: left(np.roll(logged, k), inner) for k in range(-farthest, farthest + 1)}
     k = min(delays, key=delays.__getitem__)
     if delays[k] < LEFT * delays[0]:
         return [Acted(name, rows=k)]
-    least, most = float(logged.min()), float(logged.max())
+    low, high = float(logged.min()), float(logged.max())
+    least, most = low, high
     for _ in range(3):  # one bound after the other
-        most = _best(lambda x, low: left(np.clip(logged, low, x)), least, (0.0, most))
-        least = _best(lambda x, high: left(np.clip(logged, x, high)), most, (least, 0.0))
-    if left(np.clip(logged, least, most)) < LEFT * was:
-        return [Acted(name, least=least, most=most)]
-    return []
+        most = _best(lambda x, low: left(np.clip(logged, low, x)), least, (0.0, high))
+        least = _best(lambda x, high: left(np.clip(logged, x, high)), most, (low, 0.0))
+    limited = left(np.clip(logged, least, most))
+    # Of a force of few values a wrong factor or offset is a limit as well: then nothing is told.
+    line = np.column_stack([logged, np.ones_like(logged)])
+    fitted = np.linalg.lstsq(line[:-1], required)[0]
+    if limited >= LEFT * was or left(line @ fitted) < LEFT * was:
+        return []
+    # A bound that takes off nothing is none.
+    if left(np.clip(logged, least, np.inf)) <= ALIKE * limited:
+        most = np.inf
+    if left(np.clip(logged, -np.inf, most)) <= ALIKE * limited:
+        least = -np.inf
+    return [Acted(name, least=least, most=most)]
 
 
 def _best(
@@ -132,25 +150,31 @@ def _best(
     found = minimize_scalar(left, bounds=bounds, args=(other,), method="bounded", options=near)
     # Limits are round numbers: the roundest that leaves hardly more is the one.
     rounded = [float(f"{found.x:.{digits}g}") for digits in (1, 2, 3, 4)]
-    good = [x for x in rounded if left(x, other) <= 1.1 * found.fun]
+    good = [x for x in rounded if left(x, other) <= ALIKE * found.fun]
     return good[0] if good else float(found.x)
 
 
-def _told(a: Acted, step: float) -> Finding:
+def _told(a: Acted, step: float | None) -> Finding:
     if a.rows:
         when = "later" if a.rows > 0 else "earlier"
+        many = f"{abs(a.rows)} rows" if abs(a.rows) > 1 else "a row"
+        time = "" if step is None else f" ({abs(a.rows) * step:.4g} s)"
         return Finding(
             "force-delayed",
-            f"the force of {a.channel!r} acted {abs(a.rows)} rows ({abs(a.rows) * step:.4g} s) {when} than "
-            "the log says",
+            f"the force of {a.channel!r} acted {many}{time} {when} than the log says",
             "moved by that, it leaves less than a fiftieth of what was missing",
             "It was moved. Log the force that acts, behind the delay of the actuator or of the communication",
             element=a.channel,
-            factor=a.rows * step,
+            factor=None if step is None else a.rows * step,
         )
+    within = f"between {a.least:.3g} and {a.most:.3g}"
+    if np.isinf(a.least):
+        within = f"up to {a.most:.3g}"
+    elif np.isinf(a.most):
+        within = f"from {a.least:.3g} up"
     return Finding(
         "force-limited",
-        f"the force of {a.channel!r} acted between {a.least:.3g} and {a.most:.3g} only; the log has more",
+        f"the force of {a.channel!r} acted {within} only; the log has values beyond",
         "limited to that, it leaves less than a fiftieth of what was missing",
         "It was limited. Log the force that acts, behind the limits of the actuator, not the command",
         element=a.channel,

@@ -243,11 +243,14 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
         or log.consecutive is not run
     ):
         return log
-    h = np.diff(run.t)
-    if scheme.name not in EXPLICIT or float(np.ptp(h)) > 1e-6 * float(h.min()):
+    if scheme.name not in EXPLICIT or len(gap_rows(run.t)):
         return log
-    told = replace(run.provenance, step=float(np.median(h)), held=tuple(run.forces))
-    return balanced(mechanism, replace(run, provenance=told), work, log.findings, log.comparisons)
+    h = np.diff(run.t)
+    step = None if float(np.ptp(h)) > 1e-6 * float(h.min()) else float(np.median(h))
+    told = replace(run.provenance, step=step, held=tuple(run.forces))
+    return balanced(
+        mechanism, replace(run, provenance=told), "discrete", log.findings, log.comparisons
+    )
 
 
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:

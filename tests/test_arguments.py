@@ -108,3 +108,26 @@ def test_errors_of_a_users_function_are_its_own() -> None:
 )
 def test_annotations(value: Any, annotation: str, *, right: bool) -> None:
     assert fits(value, annotation) is right
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("equations", dc.Equations),
+        ("equations", float),
+        ("constraints", np.array([])),
+        ("constraints", np.zeros(3)),
+    ],
+)
+def test_what_a_run_cannot_be_made_with(argument: str, value: Any) -> None:
+    with pytest.raises(dc.InputError):
+        dc.simulate("double-pendulum", duration=0.1, step=0.01, solver="ode4", **{argument: value})
+
+
+@pytest.mark.parametrize("name", ["forces", "works", "integrals"])
+@pytest.mark.parametrize("value", [1e-300, None, True, [], np.array([])])
+def test_channels_of_a_trajectory_are_named(name: str, value: Any) -> None:
+    with pytest.raises(dc.InputError, match=name):
+        dc.Trajectory(
+            t=[0.0], q=[[0.0]], u=[[0.0]], coordinates=["a"], speeds=["a"], **{name: value}
+        )

@@ -194,8 +194,11 @@ def _defined(home: str) -> str:
 def _api(title: str, names: list[tuple[str, str]]) -> str:
     parts = [f"# {title}\n"]
     for shown, home in names:
+        # A class that is called by the name of a function is a part: no user calls its methods.
+        called = shown.rpartition(".")[2] != home.rpartition(".")[2]
         parts.append(
             f"::: {home}\n    options:\n      heading: {shown}\n      toc_label: {shown}\n"
+            + "      members: false\n" * called
         )
     return "\n".join(parts)
 

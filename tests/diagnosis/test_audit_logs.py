@@ -246,8 +246,9 @@ def test_the_table_adds_up() -> None:
 def test_channels_that_the_log_lacks_are_assumed_zero() -> None:
     found = audit(model_of(ARM), without(arm_run(), "actuator m2"))
     assert found.ledger.basis["actuator m2"] == "assumed zero"
-    assert "1 channel of" in next(f.what for f in found.findings if f.kind == "assumed-zero")
-    assert found.verdict.kind == "unresolved"  # its force may be what is missing
+    told = next(f for f in found.findings if f.kind == "assumed-zero")
+    assert ("1 channel of" in told.what, told.element) == (True, "actuator m2")
+    assert found.verdict.kind == "unresolved"  # it may be what is missing
 
 
 def test_what_the_recorder_saw_not_acting_is_no_news() -> None:

@@ -44,11 +44,11 @@ def test_a_right_log_of_coarse_steps_is_an_integration_error() -> None:
     assert 1e-3 < found.relative < 0.0043  # ω h/2 at most
 
 
-def test_an_integrated_solver_residual_is_an_equation_error() -> None:
+def test_an_integrated_solver_residual_is_not_excused() -> None:
     """Its accelerations are differences of its speeds; what is left looks like their noise, and is none."""
     given = cases.solver_residual_integrated()
     found = dc.audit(given.model, given.log)
-    assert (found.verdict.kind, found.exit_code) == ("equation-error", 1), found.verdict.explain()
+    assert (found.verdict.kind, found.exit_code) == ("unresolved", 3), found.verdict.explain()
     assert found.relative > 0.05
     assert "udot-differenced" in {f.kind for f in found.findings}
 

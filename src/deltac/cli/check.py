@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from deltac.cli.output import FigureFile, Form, Format, Json, Model, PageFile, deliver, progress_bar
-from deltac.errors import InputError, LimitError
+from deltac.errors import ArgumentsError, InputError, LimitError
 
 if TYPE_CHECKING:
     from deltac.repair.outcome import NoRepair, Repair
@@ -67,6 +67,10 @@ def command(
     from deltac.diagnosis.inputs.equations import load_equations, load_map
 
     if equations.lower().endswith(".csv"):
+        if repair or write:
+            raise ArgumentsError(
+                "--repair seeks an edit in the text of a function, FILE.py:FUNCTION; a table has none"
+            )
         _check_table(model, equations, coordinates, tolerance, form.unless(as_json), figure, page)
     chosen = None if coordinates is None else load_map(coordinates)
     rhs = load_equations(equations, _names(model, chosen) if equations.endswith(".fmu") else ())

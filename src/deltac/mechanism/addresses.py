@@ -91,9 +91,7 @@ def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
         for k, part in enumerate(getattr(mechanism, group)):
             joint = getattr(part, "joint", None) if group == "forces" else None
             for field in fields(part):
-                if field.name.rstrip("12").endswith(_DIRECTIONS) or (
-                    field.name == "pitch" and part.kind != "screw"
-                ):
+                if not _free(part, field.name):
                     continue
                 for after, path, value in _numbers(getattr(part, field.name)):
                     name = f"{prefix}.{part.name}.{field.name}{after}"

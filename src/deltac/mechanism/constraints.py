@@ -186,6 +186,12 @@ def _equations(value: Any, where: str) -> tuple[Any, ...]:
     return equations
 
 
+LawsOfSurface: TypeAlias = Annotated[Any, Kind(_equations, "on_surface")]
+"""Laws of t and of x, y, z in the frame of a body."""
+
+VectorOfSurface: TypeAlias = Annotated[Any, Kind(vector, "on_surface")]
+
+
 @constructor
 @dataclass(frozen=True)
 class PointOn(Constraint):
@@ -200,7 +206,7 @@ class PointOn(Constraint):
     body: AnyBody
     point: PointOfTime = field(default=ZERO, kw_only=True)
     on: AnyBody = field(default=GROUND, kw_only=True)
-    equations: Annotated[Any, Kind(_equations, "on_surface")]
+    equations: LawsOfSurface
 
     noun = "point-on constraint"
     bodies = ("body", "on")
@@ -355,7 +361,7 @@ class Rolling(Constraint):
     on: AnyBody = field(default=GROUND, kw_only=True)
     point: PointOfTime = field(default=ZERO, kw_only=True)
     normal: Axis = field(default="z", kw_only=True)
-    surface_velocity: Annotated[Any, Kind(vector, "on_surface")] = field(default=ZERO, kw_only=True)
+    surface_velocity: VectorOfSurface = field(default=ZERO, kw_only=True)
 
     noun = "rolling constraint"
     bodies = ("body", "on")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.friction import as_friction
-from deltac.mechanism.parts import Constant, Kind, NonNegative, Positive, constructor
+from deltac.mechanism.friction import Friction
+from deltac.mechanism.parts import Constant, NonNegative, Positive, constructor
 from deltac.mechanism.quantities import Quantity, is_zero
 from deltac.mechanism.scene import Element, Load, Scene
 from deltac.mechanism.scope import Scope
@@ -61,7 +61,7 @@ class Contact(Element):
     exponent: Constant = field(default=1.0, kw_only=True)
     model: Model = field(default="hunt-crossley", kw_only=True)
     dissipation: Constant = field(default=0.0, kw_only=True)
-    friction: Annotated[Any, Kind(as_friction)] = field(default=None, kw_only=True)
+    friction: Friction = field(default=None, kw_only=True)
     deepest: NonNegative = field(default=None, kw_only=True)
     allow_energy_source: bool = field(default=False, repr=False, kw_only=True)
 

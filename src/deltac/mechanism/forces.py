@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 from deltac.errors import ModelError, UnknownName, WrongType, closest
 from deltac.mechanism.channels import Channel
@@ -362,6 +362,10 @@ def _fractions(value: Any, where: str) -> tuple[tuple[str, Quantity], ...]:
     return tuple((body, as_law(c, f"{where}, {body!r}")) for body, c in pairs)
 
 
+Fractions: TypeAlias = Annotated[Any, Kind(_fractions)]
+"""Fractions by the names of bodies."""
+
+
 @constructor
 @dataclass(frozen=True)
 class GravityCompensation(Element):
@@ -372,7 +376,7 @@ class GravityCompensation(Element):
     """
 
     name: str
-    fractions: Annotated[Any, Kind(_fractions)]
+    fractions: Fractions
 
     noun = "gravity compensation"
     channel_kinds = ("applied",)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
@@ -130,6 +130,10 @@ def as_friction(value: Any, where: str) -> FrictionLaw:
     return value if isinstance(value, FrictionLaw) else FrictionLaw(as_law(value, where))
 
 
+Friction: TypeAlias = Annotated[Any, Kind(as_friction)]
+"""A friction law, or Coulomb's coefficient."""
+
+
 @dataclass(frozen=True)
 class JointFriction(Element):
     """Friction of a joint, one law for each speed: −f(|u|) sign u (N·m or N). Channel ``friction <name>``.
@@ -182,7 +186,7 @@ class PointFriction(Element):
     on: AnyBody
     normal: Axis
     normal_force: LawOfMotion
-    law: Annotated[Any, Kind(as_friction)]
+    law: Friction
     allow_energy_source: bool = field(default=False, repr=False)
 
     noun = "point friction"

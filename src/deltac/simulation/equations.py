@@ -27,6 +27,7 @@ from deltac.errors import (
     WrongType,
     closest,
     listed,
+    shown,
 )
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.simulation.state_form import (
@@ -70,8 +71,11 @@ class Equations:
     order: Order = None
 
     def __post_init__(self) -> None:
-        if not callable(self.rhs):
-            raise WrongType(f"{self.name}: rhs is {self.rhs!r}, expected a function of (t, q, u)")
+        if isinstance(self.rhs, type) or not callable(self.rhs):
+            remedy = "; give an object of the class" if isinstance(self.rhs, type) else ""
+            raise WrongType(
+                f"{self.name}: rhs is {shown(self.rhs)}, expected a function of (t, q, u){remedy}"
+            )
         if self.form not in (None, "ode"):
             raise InputError(
                 f"{self.name}: form is {self.form!r}; expected 'ode' for a function of (t, y) that returns "

@@ -86,7 +86,7 @@ def stabilised(old: object) -> Any:
 
 def keeping(constraints: str | Keeping) -> Keeping:
     """What the argument `constraints` says, "projection" written out; InputError for anything else."""
-    if constraints == "projection":
+    if isinstance(constraints, str) and constraints == "projection":
         return Projection()
     if constraints is None or isinstance(constraints, Projection | Baumgarte):
         return constraints

@@ -178,6 +178,12 @@ class Trajectory(Shown):
     def __post_init__(self) -> None:
         _set(self, "coordinates", _names("coordinates", self.coordinates))
         _set(self, "speeds", _names("speeds", self.speeds))
+        for name in ("forces", "works", "integrals"):
+            given = getattr(self, name)
+            if not isinstance(given, Mapping):
+                raise WrongType(
+                    f"{name}: found {shown(given)}, expected a mapping of names to values"
+                )
         for name in ("forces", "works"):
             given = getattr(self, name)
             _names(name, given)

@@ -27,9 +27,11 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.laws import at_times
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scene import Constraint
 from deltac.trajectories import Trajectory, suspicions
+from deltac.trajectories.columns import MechanismNames
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
@@ -294,6 +296,25 @@ def blame(terms: EquationTerms) -> list[Finding]:
     ]
 
 
+def _by_law(
+    mechanism: Mechanism,
+    run: Trajectory,
+    what: str,
+    element: str,
+    own: Array,
+    allowed: float,
+) -> bool:
+    """Whether a prescribed joint follows its law by times that are counted from the first row."""
+    entries = mechanism.coordinates if what == "coordinate" else mechanism.speeds
+    kind = "q" if what == "coordinate" else "u"
+    laws = MechanismNames.of(mechanism).laws
+    names = [f"{kind}.{entry.name}" for entry in entries[entries.of(element)]]
+    told = [at_times(laws[name], run.t - run.t[0]) for name in names if name in laws]
+    return len(told) == own.shape[1] and bool(
+        np.all(np.abs(np.column_stack(told) - own) <= allowed)
+    )
+
+
 def violations(
     mechanism: Mechanism, run: Trajectory, ledger: Ledger, tolerance: float
 ) -> list[Finding]:
@@ -310,13 +331,25 @@ def violations(
             span = float(np.abs(own).max(initial=0.0))
             digits = 2.0 * float(scatter(own).max(initial=0.0))  # which the log may depart by
             if worst > 1e-9 * max(span, 1.0) + digits:
-                grave: Weight = "cause" if worst > tolerance * span + 4.0 * digits else "note"
+                allowed = tolerance * span + 4.0 * digits
+                grave: Weight = "cause" if worst > allowed else "note"
+                remedy = "Give the model the motion that was actually imposed"
+                start = float(run.t[0])
+                if (
+                    grave == "cause"
+                    and start
+                    and _by_law(mechanism, run, what, element, own, allowed)
+                ):
+                    evidence += f"; it follows it at t − {start:.9g} s"
+                    remedy = (
+                        f"The times of the log are not those of the model: subtract {start:.9g} s"
+                    )
                 found.append(
                     Finding(
                         "prescribed-departs",
                         f"the {what} of prescribed joint {element!r} departs from its law",
                         evidence,
-                        "Give the model the motion that was actually imposed",
+                        remedy,
                         grave,
                         element,
                     )

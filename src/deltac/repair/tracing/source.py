@@ -132,7 +132,9 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     text = str(target)
     file, colon, name = text.rpartition(":")
     if not (colon and name and file.endswith(".py")):
-        raise SourceError(f"{text!r}: expected FILE.py:FUNCTION, such as eom.py:rhs")
+        raise SourceError(
+            f"{text!r} is no Python function, FILE.py:FUNCTION, in whose text an edit could be sought"
+        )
     path = Path(file)
     if not path.is_file():
         raise FileError(f"{file}: no such file")

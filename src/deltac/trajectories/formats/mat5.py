@@ -34,6 +34,9 @@ _NUMBERS = {
     13: "u8",
 }
 _TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_LARGEST = 2**60
+"""Elements beyond which NumPy makes no array, not even an empty one."""
+
 _CLASSES = {
     6: "f8",
     7: "f4",
@@ -153,7 +156,12 @@ class _Elements:
         if not np.isfinite(sizes).all():
             _damaged("an array has a size that is no number")
         shape = tuple(map(int, sizes))
-        if not 1 < len(shape) <= 32 or min(shape) < 0:
+        # An empty array may claim sizes whose product with the others would be beyond all memory.
+        if (
+            not 1 < len(shape) <= 32
+            or min(shape) < 0
+            or math.prod(s or 1 for s in shape) > _LARGEST
+        ):
             _damaged(f"an array has the shape {shape[:32]}")
         name = self.text()
         return name, self.value(kind, shape, complex_)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
-from deltac.mechanism.laws import Law, at_times
+from deltac.mechanism.laws import Law, at_times, symbol_names
 from deltac.trajectories.columns import (
     QUATERNION,
     Kinematics,
@@ -36,6 +36,11 @@ FRAMES = "frames"
 
 BY_LAW = "by the laws of prescribed joints"
 """The note of provenance that names the columns which the log lacks and the mechanism tells."""
+
+_LAW = "the law of its prescribed joint"
+
+_AT_ZERO = 0.1
+"""How far from zero, as a fraction of their span, times may begin that are taken for the model's."""
 
 _PURPOSES = {
     "time": "the times of the samples",
@@ -111,9 +116,7 @@ def interpret(
     with_speeds = any(target.startswith("u.") for target in sources)
     for name, law in known.laws.items() if known is not None else ():
         if name not in sources and (with_speeds or name.startswith("q.")):
-            readings.append(
-                ColumnReading("", name, note="the law of its prescribed joint", law=law)
-            )
+            readings.append(ColumnReading("", name, note=_LAW, law=law))
     used = {reading.column for reading in readings}
     strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
     for name in raw.columns:
@@ -143,6 +146,8 @@ def to_trajectory(
         return from_columns(raw.columns, raw.header)
     columns = values_of(raw, readings)
     by_law = [reading.meaning for reading in readings if reading.law is not None]
+    if mapping is None:
+        _require_clock(readings, columns)
     notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
     ignored = [r.column for r in readings if not r.meaning]
     by_name = all(r.column == r.meaning for r in readings if r.meaning)
@@ -180,6 +185,26 @@ def to_trajectory(
         notes=notes,
     )
     return replace(run, provenance=source)
+
+
+def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, FloatArray]) -> None:
+    """LogError where laws of t tell coordinates, and the log's times may not be those of the laws."""
+    laws = {r.meaning: r.law for r in readings if r.law is not None}
+    moving = [name for name, law in laws.items() if "t" in symbol_names(law)]
+    clock = next((r for r in readings if r.meaning == "time"), None)
+    if not moving or clock is None:
+        return
+    t = columns["time"]
+    start = float(t[0]) if len(t) else 0.0
+    if abs(start) > _AT_ZERO * float(np.ptp(t)):
+        name, offset = json.dumps(clock.column, ensure_ascii=False), -start / clock.factor
+        raise LogError(
+            f"no column {moving[0]!r}: the law of its prescribed joint is one of the model's time t, and "
+            f"the log's times begin at {start:.9g} s. Add the column, or say in a mapping file which time "
+            f"that is: [log] time = {{ column = {name}, offset = {offset:.15g} }} where the motion begins "
+            f"with the log, time = {{ column = {name} }} where its times are the model's; deltac audit "
+            "MODEL LOG --draft-mapping map.toml writes one to edit"
+        )
 
 
 def _complete(
@@ -562,7 +587,9 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
         column = source.column if source is not None else one.column if one is not None else None
         kind, _, name = target.partition(".")
         table, key = _place(kind, name, names)
-        if column is None and not (one and one.step):
+        if column is None and target in names.laws:
+            line = f'# {key} = {{ column = "?" }}  # else {_LAW}'
+        elif column is None and not (one and one.step):
             line = f'# {key} = {{ column = "?" }}  # missing: {_purpose(target)}'
         elif one is not None and one.step is not None and not column:
             line = f"{key} = {{ step = {one.step!r} }}  # guessed: {one.why}"

@@ -246,8 +246,8 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
     if scheme.name not in EXPLICIT or len(gap_rows(run.t)):
         return log
     h = np.diff(run.t)
-    step = None if float(np.ptp(h)) > 1e-6 * float(h.min()) else float(np.median(h))
-    told = replace(run.provenance, step=step, held=tuple(run.forces))
+    width = None if float(np.ptp(h)) > 1e-6 * float(h.min()) else float(np.median(h))
+    told = replace(run.provenance, step=width, held=tuple(run.forces))
     return balanced(
         mechanism, replace(run, provenance=told), "discrete", log.findings, log.comparisons
     )

@@ -85,7 +85,7 @@ def read_module(file: Path) -> UserModule | None:
         if len(text) > LARGEST:
             return None
         return UserModule(file.name, ast.parse(text), file)
-    except (OSError, ValueError, SyntaxError):
+    except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
         return None
 
 

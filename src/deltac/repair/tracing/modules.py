@@ -143,8 +143,9 @@ def parsed(name: str, text: str) -> ast.Module:
     """A module's syntax tree. InputError for what is no Python."""
     try:
         return ast.parse(text)
-    except (SyntaxError, ValueError) as error:
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         where = name if line is None else f"{name}:{line}"
         what = error.msg if isinstance(error, SyntaxError) else str(error)
+        what = what or "it is nested too deeply"  # so Python's parser means a MemoryError
         raise SourceError(f"{where}: this is not Python: {what}") from error

@@ -233,7 +233,8 @@ def _late(log: Log) -> float:
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:
     """The log with its work taken as an identified integrator took it: by forces held over each step.
 
-    Methods of first order take other forces from the start of a step too; of better ones these change along it.
+    Methods of first order take other forces from the start of a step too; of better ones these change
+    along it.
     """
     run, scheme = log.run, step.scheme
     moving = [n for n, f in run.forces.items() if np.any(f[1:] != f[:-1])]

@@ -125,6 +125,85 @@ def test_forces_of_time(
         assert "up to 3 only" in told.what
 
 
+Command = Callable[[float], float]
+Acting = Callable[[list[float]], float]
+
+
+def by_motors(
+    mechanism: dc.Mechanism, motors: dict[str, tuple[Command, Acting]], duration: float = 2.0
+) -> dc.Trajectory:
+    """A run by Runge–Kutta's method with what its motors were told in place of what they did."""
+    said: dict[str, list[float]] = {name: [] for name in motors}
+
+    def controller(t: float, q: np.ndarray, u: np.ndarray) -> dict[str, float]:
+        for name, (command, _) in motors.items():
+            said[name].append(command(t))
+        return {name: float(acting(said[name])) for name, (_, acting) in motors.items()}
+
+    run = dc.simulate(
+        mechanism,
+        mechanism.state(),
+        duration,
+        step=STEP,
+        solver="rk4",
+        controller=dc.Controller(controller),
+    )
+    forces = dict(run.forces)
+    for name, values in said.items():
+        channel = next(c for c in forces if c.endswith(name))
+        there = values[1:]  # the first time it was asked before the run
+        there += values[-1:] * (len(run) - len(there))
+        place = int(np.argmax(np.abs(forces[channel]).max(axis=0)))
+        forces[channel] = np.zeros_like(forces[channel])
+        forces[channel][:, place] = there[: len(run)]
+    some = dc.Provenance("somebody")
+    return replace(run, forces=forces, works={}, integrals={}, udot=None, provenance=some)
+
+
+def test_one_motor_delayed_another_limited() -> None:
+    """What one of them does moves the other's joint, too."""
+    arm = dc.Mechanism(
+        [dc.bodies.rod("upper", 1.0, 1.0), dc.bodies.rod("lower", 1.0, 0.8)],
+        [
+            dc.joints.revolute("hip", "ground", "upper", "y", damping=0.1),
+            dc.joints.revolute("knee", "upper", "lower", "y", position=[1, 0, 0]),
+        ],
+        [dc.forces.joint_torque("m1", "hip"), dc.forces.joint_torque("m2", "knee")],
+        gravity=[0, 0, -9.81],
+    )
+    run = by_motors(
+        arm,
+        {
+            "m1": (waves, lambda told: told[max(len(told) - 7, 0)]),
+            "m2": (lambda t: 3.0 * np.cos(5.0 * t), lambda told: np.clip(told[-1], -1.5, 2.0)),
+        },
+    )
+    found = dc.audit(arm, run).verdict
+    told = {f.element: (f.code, f.factor) for f in found.findings}
+    assert told == {
+        "actuator m1": ("F-FORCE-DELAYED", pytest.approx(6 * STEP)),
+        "actuator m2": ("F-FORCE-LIMITED", None),
+    }
+    assert found.kind == "consistent"
+
+
+def test_held_forces_beside_a_prescribed_joint() -> None:
+    """The driving force changes along a step in which the motor's does not: both works count."""
+    shaken = dc.Mechanism(
+        [dc.bodies.frame("cart"), dc.bodies.rod("pole", 1.0, 0.8)],
+        [
+            dc.joints.prismatic("shake", "ground", "cart", "x", motion="0.1*sin(5*t)"),
+            dc.joints.revolute("hinge", "cart", "pole", "y", damping=0.05),
+        ],
+        [dc.forces.joint_torque("motor", "hinge")],
+        gravity=[0, 0, -9.81],
+    )
+    motor = (lambda t: 2.0 * np.sin(4.0 * t), lambda told: told[-1])
+    found = dc.audit(shaken, by_motors(shaken, {"motor": motor}))
+    assert found.verdict.kind == "consistent"
+    assert np.abs(found.ledger.delta_c["wang"]).max() < 1e-4 * found.ledger.energy_exchanged
+
+
 ARM = """<mujoco><option timestep="0.002"/><default><joint axis="0 1 0" damping=".02"/></default><worldbody>
 <body><joint name="hip"/><geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03"/>
 <body pos="0 0 -.4"><joint name="knee"/>

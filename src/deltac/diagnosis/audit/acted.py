@@ -97,7 +97,8 @@ def _required(mechanism: Mechanism, run: Trajectory) -> Array:
         + model.acceleration(t[1:], q[1:], u[1:], F[:-1])
     )
     missing = np.diff(u, axis=0) / np.diff(t)[:, None] - mean
-    return np.asarray(np.einsum("tij,tj->ti", model.inertia(t[:-1], q[:-1]), missing))
+    M = model.inertia(t, q)
+    return np.asarray(np.einsum("tij,tj->ti", 0.5 * (M[:-1] + M[1:]), missing))
 
 
 def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:

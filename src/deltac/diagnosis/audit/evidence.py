@@ -231,7 +231,11 @@ def _late(log: Log) -> float:
 
 
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:
-    """The log with its work taken as an identified integrator took it: by forces held over each step."""
+    """The log with its work taken as an identified integrator took it: by forces held over each step.
+
+    Methods of first order take other forces from the start of a step too; of better ones these change
+    along it.
+    """
     run, scheme = log.run, step.scheme
     moving = [n for n, f in run.forces.items() if np.any(f[1:] != f[:-1])]
     known = work or run.integrals or run.events or run.provenance.held is not None
@@ -245,12 +249,11 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
         return log
     if scheme.name not in EXPLICIT or len(gap_rows(run.t)):
         return log
-    h = np.diff(run.t)
-    width = None if float(np.ptp(h)) > 1e-6 * float(h.min()) else float(np.median(h))
-    told = replace(run.provenance, step=width, held=tuple(run.forces))
-    return balanced(
-        mechanism, replace(run, provenance=told), "discrete", log.findings, log.comparisons
-    )
+    width = float(np.median(np.diff(run.t)))
+    held = tuple(n for n in run.forces if n.kind not in ("prescribed", "constraint"))
+    told = replace(run.provenance, step=width, held=held)
+    way = "discrete" if scheme.order < 2 else "samples"
+    return balanced(mechanism, replace(run, provenance=told), way, log.findings, log.comparisons)
 
 
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:

@@ -293,7 +293,8 @@ def _believed(
     disagreement = _disagreement(terms, told)
     doubt = AGREE * disagreement
     if step is not None:
-        doubt = np.maximum(doubt, BESIDE * step.bar)
+        # Rates made of the logged speeds hold what the integrator did to these.
+        doubt = np.maximum(doubt, np.maximum(BESIDE * step.bar, step.taken))
     # What filters leave at the ends of a log is not all along it.
     doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)

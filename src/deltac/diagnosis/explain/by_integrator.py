@@ -215,6 +215,7 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         size=trimmed(r),
         bar=bar,
         fitted={},
+        taken=np.zeros_like(bar),
         hidden=float(np.sum(trimmed(u) * bar)) * time_,
         spent=abs(float(np.mean(np.sum(u * r, axis=1)))) * time_,
         bars={"left by the cause": bar},

@@ -836,6 +836,7 @@ class Residual:
             terms (n,).
         bars: what the error bar is made of, by name (n,).
         fitted: coefficients of the scheme columns.
+        taken: root mean square of what they took off, without the largest tenth (n,).
         hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left, as
             far as noise tells it.
         spent: energy (J) that the residual does in it, without sign.
@@ -850,6 +851,7 @@ class Residual:
     bar: Array
     scale: Array
     fitted: Mapping[str, float]
+    taken: Array
     hidden: float
     spent: float
     bars: Mapping[str, Array]
@@ -921,6 +923,11 @@ class OneStep:
     def fitted(self) -> Mapping[str, float]:
         """Coefficients of the scheme columns."""
         return self.found().fitted
+
+    @property
+    def taken(self) -> Array:
+        """What the scheme columns took off (n,), N or N·m."""
+        return self.found().taken
 
     @property
     def hidden(self) -> float:
@@ -1304,6 +1311,7 @@ def _judged(
         for p in parts
     ]
     raw = [forces(p, w) for p, w in zip(parts, rest)]
+    taken = trimmed(np.concatenate([forces(p, p.w - w) for p, w in zip(parts, rest)]))
     # Next order: what second differences leave, times the relative change over a step.
     change = np.concatenate([_changes(p) for p in parts])
     typical = np.concatenate([_norm(p.N, p.a) for p in parts])
@@ -1409,7 +1417,7 @@ def _judged(
     hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     return Residual(
-        times, residual, allowed, trimmed(residual), bar, scale, c, hidden, spent,
+        times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,
         {**bars, "noise": noise_bar, "rounding": rounding},
         partial(_as_forces, model, groups, tuple(c), held),
     )  # fmt: skip

@@ -223,6 +223,14 @@ def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
     assert habit == "commanded" or told[habit] in codes(found)
 
 
+def test_a_small_cause_is_told_once() -> None:
+    """The samples and the steps both show the zero of an encoder."""
+    run = log(RIGHT, "rk4", held=False)
+    found = dc.audit(MECHANISM, replace(run, q=run.q + [0.0, 3e-4]))
+    assert [f.kind for f in found.findings].count("zero-offset") == 1
+    assert found.verdict.kind == "consistent"
+
+
 def test_rows_between_the_steps_accuse_nobody() -> None:
     """Interpolated linearly at another clock's times: q̇ = u is kept as poorly as the equations are."""
     run = log(RIGHT, "semi-implicit-euler", accelerations=False)

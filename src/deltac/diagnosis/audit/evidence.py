@@ -171,14 +171,15 @@ def gather(
             f for f in found if f.kind != "not-reproducible"
         ]  # of the samples: the steps say more
         if local:
-            found += local
+            more = local
         elif pair is not None:
             step, alone = pair
-            found += _weighed(alone, step, tolerance)
+            more = _weighed(alone, step, tolerance)
         else:
             several = parts.part("several")
-            step, causes = _of_steps(mechanism, log, step, tolerance, deadline, several)
-            found += causes
+            step, more = _of_steps(mechanism, log, step, tolerance, deadline, several)
+        again = {(f.kind, f.element) for f in more}
+        found = [f for f in found if (f.kind, f.element) not in again] + more
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.diagnosis.audit.evidence import Evidence, beyond
+from deltac.diagnosis.audit.evidence import OF_THE_LOG, Evidence, beyond
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
@@ -174,7 +174,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             return verdict("unresolved", "medium", balance, *equations, _open(step))
     elif small and step is not None and measures.left > measures.allowed + measures.bar:
         # So little accuses only where a term of the model, or the samples, say so as well.
-        explained = terms is not None or any(f.factor is not None for f in findings)
+        explained = terms is not None or any(
+            f.factor is not None and _of_model(f) for f in findings
+        )
         if explained and step.spent >= HALF * measures.left:
             findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations)
@@ -242,8 +244,13 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
 
 def _accused(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """The findings with what explains the residual as causes: small, it was a note; the energy says more."""
-    causes = [replace(f, weight="cause") for f in findings if f.kind in PREFERENCE]
-    return (*causes, *(f for f in findings if f.kind not in PREFERENCE))
+    causes = [replace(f, weight="cause") for f in findings if _of_model(f)]
+    return (*causes, *(f for f in findings if not _of_model(f)))
+
+
+def _of_model(finding: Finding) -> bool:
+    """Whether it names a change of the model, not of the log."""
+    return finding.kind in PREFERENCE and finding.kind not in OF_THE_LOG
 
 
 def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -321,3 +322,20 @@ def test_iterating_needs_as_many_outputs_as_inputs() -> None:
         Kernel({"x": x}, {"y": x[0]}).iterate(np.zeros(2), 3)
     with pytest.raises(InputError, match="parameters"):
         Kernel({"x": x}, {"x": p * x}, p).iterate(np.zeros(2), 3)
+
+
+@pytest.mark.skipif(evaluator_name() != "llvm", reason="of compiled kernels")
+def test_kernels_outlive_their_linker() -> None:
+    """A linker loads some kernels only; those of earlier ones go on working."""
+    from deltac.kernels.llvm_evaluator import LOADS
+
+    x = casadi.SX.sym("x", 2)
+    kept = Kernel({"x": x}, {"y": casadi.sin(x)}, name="kept")
+    points = np.array([[0.1, 0.2], [0.3, -0.4]])
+    first = kept(x=points)
+    for _ in range(3 * LOADS):
+        Kernel({"x": x}, {"y": casadi.cos(x)}, name="gone")(x=points)
+    gc.collect()
+    again = kept(x=points)
+    np.testing.assert_array_equal(again["y"], first["y"])
+    np.testing.assert_allclose(again["y"], np.sin(points), rtol=4 * np.finfo(float).eps)

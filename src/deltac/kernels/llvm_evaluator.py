@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from functools import cache
+from functools import cache, lru_cache
 from itertools import count
 from typing import Any
 
@@ -136,6 +136,9 @@ def _made(function: Any, width: int, strided: bool) -> bytes:
 
 _loads = count()
 
+LOADS = 64
+"""Kernels that one linker loads. It keeps 9 kB of each, even of those that are gone, as long as it lives."""
+
 
 def _loaded(code: bytes) -> Any:
     """Object code in memory, ready to run: symbols -> addresses. It stays as long as this object."""
@@ -144,12 +147,13 @@ def _loaded(code: bytes) -> Any:
         library.import_symbol(PREFIX + name, address)
     for name in _FUNCTIONS:
         library.export_symbol(name)
-    return library.link(_linker(), f"kernel {next(_loads)}")
+    number = next(_loads)
+    return library.link(_linker(number // LOADS), f"kernel {number}")
 
 
-@cache
-def _linker() -> Any:
-    """LLVM's linker in memory, one for all kernels. It places code and constants of a kernel side by side."""
+@lru_cache(maxsize=1)
+def _linker(generation: int) -> Any:
+    """LLVM's linker in memory. It places code and constants of a kernel side by side; these keep it alive."""
     return llvm.create_lljit_compiler(_machine(), use_jit_link=True)
 
 

@@ -92,6 +92,7 @@ FINDINGS: dict[str, str] = {
     "velocity-frame": "a velocity in body components in place of the world's",
     "gap": "rows are missing",
     "frames": "velocities of a floating body were logged in other components, and were turned",
+    "by-law": "columns of prescribed joints that the log lacks are those of their laws",
     "left-out": "rows in which a value is missing were left out",
     # what a study notices
     "coordinate-residual": "equations of motion do not close at the run's own states, at any step",

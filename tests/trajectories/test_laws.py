@@ -102,3 +102,14 @@ def test_an_audit_says_that_a_driven_joint_follows_its_law_by_another_clock(tmp_
     assert departs and all("100 s" in f.remedy for f in departs)
     wrong = dc.audit(driven("2*A*sin(9*t)"), later).findings
     assert not any("100 s" in f.remedy for f in wrong)
+
+
+def test_an_audit_tells_what_is_by_law(tmp_path: Path) -> None:
+    model = driven("A*sin(9*t)")
+    run = dc.simulate(model, model.state({"swing": 1.0}), duration=1.0, step=1e-2)
+    table = np.column_stack([run.t, run.coordinate("swing"), run.speed("swing")])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, "%.17g", ",", header="t,swing,omega", comments="")
+    found = dc.audit(model, path)
+    assert found.verdict.kind == "consistent"
+    assert "F-BY-LAW" in {finding.code for finding in found.findings}

@@ -7,12 +7,12 @@ a second channel of kind ``prescribed``, through which ∂V/∂t flows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeAlias
 
-from deltac.errors import ModelError, UnknownName, WrongType, closest
+from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import as_law, symbol_names
 from deltac.mechanism.parts import (
@@ -356,9 +356,9 @@ class Tendon(Element):
 
 
 def _fractions(value: Any, where: str) -> tuple[tuple[str, Quantity], ...]:
+    if not isinstance(value, Mapping | tuple):  # a tuple: as they are kept
+        raise WrongType(f"{where}: found {shown(value)}, expected a mapping of bodies to fractions")
     pairs = value.items() if isinstance(value, Mapping) else value
-    if not isinstance(pairs, Iterable):
-        raise WrongType(f"{where}: found {value!r}, expected fractions by names of bodies")
     return tuple((body, as_law(c, f"{where}, {body!r}")) for body, c in pairs)
 
 

@@ -23,7 +23,7 @@ from typing import (
 )
 
 from deltac.arguments import Target, checked
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import as_rotation, part_name, positive, unit_vector, vector
 from deltac.mechanism.scope import Scope, require_name
@@ -139,7 +139,8 @@ def _choice(options: Sequence[str]) -> Kind:
         if value not in options:
             known = " or ".join(map(repr, options))
             hint = closest(str(value), options)
-            raise UnknownName(f"{where}: found {value!r}, expected {known}{hint}")
+            hint = hint if "did you mean" in hint else ""
+            raise UnknownName(f"{where}: found {shown(value)}, expected {known}{hint}")
         return value
 
     return Kind(read)

@@ -22,7 +22,7 @@ from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.parquet import parquet_facts
-from deltac.trajectories.formats.reading import FRAMES, LEFT_OUT
+from deltac.trajectories.formats.reading import BY_LAW, FRAMES, LEFT_OUT
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import row_name
 
@@ -174,6 +174,12 @@ def _whole(
             "velocities of a floating body are in other components than deltac's, and were turned"
         )
         findings.append(Finding("frames", what, told, "Nothing, if the log is meant so"))
+    if told := given.provenance.notes.get(BY_LAW):
+        what = "columns that the log lacks are those of the laws of prescribed joints at its times"
+        remedy = (
+            f"Nothing, if t = {float(run.t[0]):.9g} s in the first row is the time of the model"
+        )
+        findings.append(Finding("by-law", what, told, remedy))
     _refuse_garbage(run)
     if not measured:
         return balanced(mechanism, run, work, tuple(findings))

@@ -7,8 +7,8 @@ each has its own columns, ``<topic>.position.<joint>``, since their messages com
 
 Of every other small message with a stamp, such as odometry, poses and transforms, each number is a column,
 ``<topic>.pose.pose.position.x``; a transform is named by its frames, ``tf.odom>base_link.rotation.w``. They
-are interpolated to the times of the joint states, by cubic splines, unless they are of these times. Nothing
-of a bag is run: definitions of messages are data.
+are interpolated to the times of the joint states, by cubic splines, unless they are of these times, and
+missing where the topic paused. Nothing of a bag is run: definitions of messages are data.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ _LONGEST = 32
 
 _COVERED = 0.9
 """Share of the joint states' time that another topic must cover to be read beside them."""
+
+_PAUSE = 5.0
+"""A topic paused where its messages are so many times further apart than usual."""
 
 Message: TypeAlias = tuple[str, str, int, "Callable[[], Any] | None"]
 """Topic, type, time of recording (ns), and what decodes it (None where it is too large)."""
@@ -247,7 +250,10 @@ def _merged(
 def _interpolated(
     times: npt.NDArray[np.int64], columns: Mapping[str, FloatArray], at: npt.NDArray[np.int64]
 ) -> dict[str, FloatArray]:
-    """Columns at other times, by cubic splines; as they are at times of their own."""
+    """Columns at other times, by cubic splines; as they are at times of their own.
+
+    They are missing (NaN) where the topic paused: a spline knows nothing of what happened there.
+    """
     if np.isin(at, times).all():
         rows = np.searchsorted(times, at)
         return {name: values[rows] for name, values in columns.items()}
@@ -262,6 +268,9 @@ def _interpolated(
             smooth |= dict(zip(parts, p.T, strict=True))
     seconds, wanted = (times - times[0]) / 1e9, (at - times[0]) / 1e9
     values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(wanted)
+    steps = np.diff(times)
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(steps) - 1)
+    values[(steps[before] > _PAUSE * np.median(steps)) & ~np.isin(at, times)] = np.nan
     return dict(zip(smooth, values.T, strict=True))
 
 

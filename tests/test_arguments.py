@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -131,3 +132,12 @@ def test_channels_of_a_trajectory_are_named(name: str, value: Any) -> None:
         dc.Trajectory(
             t=[0.0], q=[[0.0]], u=[[0.0]], coordinates=["a"], speeds=["a"], **{name: value}
         )
+
+
+def test_errors_of_a_users_own_function_stay() -> None:
+    def grows(t: float, q: Any, u: Any) -> Any:
+        return u * math.exp(1000.0 + t)
+
+    for equations in (grows, dc.Equations(grows)):
+        with pytest.raises(OverflowError, match="math range error"):
+            dc.simulate("double-pendulum", duration=0.1, step=0.01, equations=equations)

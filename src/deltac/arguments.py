@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import os
 import re
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from functools import wraps
 from importlib import import_module
@@ -80,8 +81,15 @@ def refuse_misfits(
             expected = re.sub(r"\b\w+\.", "", annotation).replace(" | ", " or ")
             found = f"{shown(value)} ({type(value).__name__})"
             raise WrongType(f"{name}: {argument} is {found}, expected {expected}") from error
-    if isinstance(error, OverflowError):
+    if isinstance(error, OverflowError) and not _in_own_code(error, given.values()):
         raise InputError(f"{name}: numbers are beyond double precision; see their units") from error
+
+
+def _in_own_code(error: Exception, arguments: Iterable[Any]) -> bool:
+    """Whether an error was raised in a function that the user gave: it says itself what is wrong."""
+    given = [inspect.unwrap(getattr(a, "rhs", a)) for a in arguments if callable(a)]
+    own = {function.__code__ for function in given if inspect.isfunction(function)}
+    return any(frame.f_code in own for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def _refuse(

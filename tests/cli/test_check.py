@@ -113,6 +113,7 @@ def test_a_problem_offers_its_own_coordinates(
         ("{eom}:nothing", [], "no function 'nothing'"),
         ("{eom}:m", [], "found float, expected a function of (t, q, u)"),
         ("{eom}:fails", [], "raised IndexError"),
+        ("{eom}:fails", [], ": return q[5])"),
         ("nowhere.py:rhs", [], "nowhere.py: no such file"),
         ("{eom}:rhs", ["--coordinates", "polar"], "unknown coordinates 'polar'"),
         ("{eom}:rhs", ["--coordinates", "{eom}:m"], "found float, expected CoordinateMap"),

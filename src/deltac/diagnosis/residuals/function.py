@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -252,7 +253,7 @@ def _short(found: Any) -> str:
 def _line(error: Exception, rhs: Callable[..., Any]) -> str:
     """Where in the user's file an exception was raised."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
-    code = getattr(rhs, "__code__", None)
+    code = getattr(inspect.unwrap(rhs), "__code__", None)
     own = [f for f in frames if code is not None and f.filename == code.co_filename]
     if not own:
         return ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 import humanoid
@@ -19,9 +20,7 @@ WANTED = 2.0
 
 def run(rows: int, rounds: int) -> dict[str, Any]:
     """Seconds of both; {"skipped": why} without MuJoCo, whose model it is."""
-    try:
-        import mujoco  # noqa: F401
-    except ImportError:
+    if find_spec("mujoco") is None:
         return {"skipped": "MuJoCo is not installed (the extra 'mujoco' brings it)"}
     from deltac.importers import read_mechanism
 

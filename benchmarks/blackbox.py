@@ -26,12 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from equations.wild import CASES, Case
+from wild import tasks
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
-
-from equations.wild import CASES, Case  # noqa: E402
-from wild import tasks  # noqa: E402
 
 
 def run(case: Case, options: argparse.Namespace) -> list[dict[str, Any]]:

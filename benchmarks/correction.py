@@ -200,6 +200,7 @@ def counted() -> Iterator[list[int]]:
         tried[0] = self.tried
         return step
 
+    # The solver has no counter to offer: its method is wrapped while the steps are counted.
     AdaptiveSteps.attempt = attempt  # type: ignore[method-assign]
     try:
         yield tried

@@ -8,6 +8,7 @@ steps, and its time is scaled: a step takes it as long whatever their number, bu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 import humanoid
@@ -40,10 +41,7 @@ class Race:
 
 def run(rounds: int) -> list[dict[str, Any]]:
     """Check that both sides are right, then time them; {"skipped": why} without MuJoCo."""
-    try:
-        import mujoco  # noqa: F401
-        from mujoco import rollout  # noqa: F401
-    except ImportError:
+    if find_spec("mujoco") is None:
         why = "MuJoCo is not installed (the extra 'mujoco' brings it)"
         return [{"name": "ensembles: deltac / mujoco.rollout", "skipped": why}]
     return [_timed(race, rounds) for race in (_pendulum(), _humanoid())]

@@ -8,6 +8,7 @@ processes, which share the log. Nothing touches in this motion, and MuJoCo is to
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import humanoid
@@ -34,9 +35,7 @@ AGREE = 1e-10  # relative to the largest
 def run(rows: int, rounds: int) -> dict[str, Any]:
     """Check that both sides are right, then time them; {"skipped": why} without MuJoCo."""
     name = f"27-dof humanoid, ledger of {rows} samples: deltac / Python loop over mj_forward"
-    try:
-        import mujoco  # noqa: F401
-    except ImportError:
+    if find_spec("mujoco") is None:
         return {"name": name, "skipped": "MuJoCo is not installed (the extra 'mujoco' brings it)"}
     from deltac.importers import read_mechanism
 

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from equations.wild import Case as WildCase
-
-HERE = Path(__file__).resolve().parent
 
 
 class Case(WildCase):
     """A program of this folder."""
 
     suite = "equations.cold"
-
-    @property
-    def target(self) -> str:
-        """What `deltac check` is given."""
-        return f"{HERE / self.name}.py:{self.function}"
-
-    def load(self):  # type: ignore[no-untyped-def]
-        """The mechanism and the coordinates of the program."""
-        from equations.cold import models
-
-        return getattr(models, self.model)()
 
 
 CASES = (

@@ -8,10 +8,11 @@ Those of `UNSEEN` were not run while the search for edits was written and tuned.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-HERE = Path(__file__).resolve().parent
+BENCHMARKS = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
@@ -23,18 +24,17 @@ class Case:
     model: str
     style: str
 
-    suite = "equations.wild"
+    suite: ClassVar[str] = "equations.wild"
 
     @property
     def target(self) -> str:
         """What `deltac check` is given."""
-        return f"{HERE / self.name}.py:{self.function}"
+        return f"{BENCHMARKS.joinpath(*self.suite.split('.'), self.name)}.py:{self.function}"
 
     def load(self) -> tuple[Any, Any]:
         """The mechanism and the coordinates of the program."""
-        from equations.wild import models
-
-        return getattr(models, self.model)()
+        made: tuple[Any, Any] = getattr(import_module(f"{self.suite}.models"), self.model)()
+        return made
 
 
 CASES = (

@@ -3,7 +3,7 @@ import numpy as np
 
 class Mechanism:
     def mass_matrix(self, q):
-        raise NotImplementedError
+        raise NotImplementedError  # abstract, as in the code that this imitates
 
     def forces(self, q, u):
         raise NotImplementedError

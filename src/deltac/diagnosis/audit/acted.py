@@ -33,6 +33,7 @@ ALIKE = 1.1
 """Ratio of what two limits leave up to which one is as good as the other."""
 
 LEAST_ROWS = 50
+"""Rows of the shortest log in which a delay or a limit is looked for."""
 
 
 @dataclass(frozen=True)

@@ -637,8 +637,8 @@ def _without_spikes(
         if not made.outliers.any():
             continue
         j = run.speeds.index(name)
-        first = made.start[made.outliers]
-        ends = {int(row) for k in first for row in (k, k + 1)}
+        starts = made.start[made.outliers].tolist()
+        ends = {row for k in starts for row in (k, k + 1)}
         for row in ends:
             if not 2 <= row < len(run) - 2:
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Protocol
 
@@ -23,6 +24,9 @@ class Evaluator(Protocol):
 
     def single(self, x: Array, out: Array, parameters: Array | None) -> None:
         """One state: x `(n_in,)`, out `(n_out,)`, parameters `(n_par,)`, None if there are none."""
+
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments; it keeps them."""
 
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""

@@ -172,7 +172,9 @@ class Model:
                 "mechanism.state(...) of this mechanism"
             )
         values = (given.t, *given.q.tolist(), *given.u.tolist())
-        if not all(isinstance(v, Real) and math.isfinite(v) for v in values):
+        if not all(type(v) is float or isinstance(v, Real) for v in values) or not all(
+            map(math.isfinite, values)
+        ):
             raise StateError(
                 "the state is not finite; make it by mechanism.state(...), which says where"
             )

@@ -36,7 +36,8 @@ def test_the_bar_of_the_energy_covers_noise() -> None:
     ratios = []
     for seed in range(20):
         read = read_log(MECHANISM, noisy(run, seed, 1e-4, 1e-2), WORK, None)
-        bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, None)
+        step = one_step(MECHANISM, read.run)
+        bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, step)
         ratios.append(float(np.abs(read.ledger.delta_c[FUNCTION]).max()) / bar)
     assert np.mean(np.array(ratios) <= 1.0) >= 0.95
     assert np.median(ratios) > 1.0 / 3.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from functools import cache, lru_cache
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
 from itertools import count
 from typing import Any
 
@@ -22,10 +23,11 @@ from deltac.kernels.simd import AVX512_WIDTH, simd_width
 OPTIMISATION = 1
 """LLVM's level for making machine code: at 2 the code is not faster, at 0 it takes 1.4 times as long."""
 
-_FUNCTIONS = ("evaluate", "iterate")
+_FUNCTIONS = ("evaluate", "iterate", "call")
 _POINTER, _COUNT = ctypes.c_void_p, ctypes.c_int64
 _EVALUATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _COUNT, _COUNT)
 _ITERATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _COUNT, _COUNT)
+_CALL = ctypes.PYFUNCTYPE(None, _POINTER)  # keeps the GIL: giving it up takes longer than the call
 
 
 class LlvmEvaluator:
@@ -50,7 +52,18 @@ class LlvmEvaluator:
         self._evaluate(*bound[3])
 
     def _bind(self, x: Array, out: Array, parameters: Array | None) -> tuple[Any, ...]:
-        arrays = (x, out, parameters)
+        self._bound = bound = (x, out, parameters, (*self._places(x, out, parameters), 1, 1))
+        return bound
+
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments."""
+        assert self.width == 1, "a vector of states would be written"
+        pointers: Any = (_POINTER * 3)(*self._places(x, out, parameters))
+        pointers.kept = (self, x, out, parameters)
+        return partial(_CALL(self._code["call"]), pointers)
+
+    def _places(self, *arrays: Array | None) -> list[int]:
+        """Where the arrays lie; 0 for one that there is not."""
         places = []
         for array, size in zip(arrays, self._sizes, strict=True):
             if array is None:
@@ -62,8 +75,7 @@ class LlvmEvaluator:
                     f"expected contiguous float64 of shape ({size},)"
                 )
             places.append(array.ctypes.data)
-        self._bound = bound = (*arrays, (*places, 1, 1))
-        return bound
+        return places
 
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states; columns beyond the last whole vector are left out."""
@@ -92,8 +104,27 @@ def _machine() -> Any:
         features=features.flatten(),
         opt=OPTIMISATION,
         reloc="pic",
-        codemodel="small",
+        codemodel="large" if _windows() else "small",
     )
+
+
+def _triple() -> str:
+    """Processor, system and format of the object code, as LLVM writes them.
+
+    On Windows the format is Linux's. LLVM's linkers in memory fail at constants in Windows' own (COFF); the
+    calling convention, which matters, is Windows' by the rest of the name.
+    """
+    triple: str = llvm.get_process_triple()
+    return f"{triple}-elf" if os.name == "nt" else triple
+
+
+def _windows() -> bool:
+    """Whether code is made for Windows.
+
+    There llvmlite has the older linker only (JITLink is refused). It may place constants too far
+    from code for what the small code model allows, so the large one is taken: batches take 1.3 times as long.
+    """
+    return "windows" in _triple()
 
 
 @cache
@@ -101,7 +132,7 @@ def _native() -> Any:
     """LLVM's target, prepared once in a process."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    return llvm.Target.from_triple(llvm.get_process_triple())
+    return llvm.Target.from_triple(_triple())
 
 
 def _c_library() -> Any:
@@ -119,7 +150,7 @@ def _c_library() -> Any:
 @cache
 def _target() -> str:
     """What decides, beside the instructions, what is compiled."""
-    machine = (llvm.get_process_triple(), llvm.get_host_cpu_name(), str(AVX512_WIDTH))
+    machine = (_triple(), llvm.get_host_cpu_name(), str(AVX512_WIDTH))
     features = llvm.get_host_cpu_features().flatten()
     version = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}"
     return repr((version, *machine, features))
@@ -144,7 +175,7 @@ def _loaded(code: bytes) -> Any:
     """Object code in memory, ready to run: symbols -> addresses. It stays as long as this object."""
     library = llvm.JITLibraryBuilder().add_object_img(code)
     for name, address in _called().items():
-        library.import_symbol(PREFIX + name, address)
+        library.import_symbol(name, address)
     for name in _FUNCTIONS:
         library.export_symbol(name)
     number = next(_loads)
@@ -154,12 +185,18 @@ def _loaded(code: bytes) -> Any:
 @lru_cache(maxsize=1)
 def _linker(generation: int) -> Any:
     """LLVM's linker in memory. It places code and constants of a kernel side by side; these keep it alive."""
-    return llvm.create_lljit_compiler(_machine(), use_jit_link=True)
+    return llvm.create_lljit_compiler(_machine(), use_jit_link=not _windows())
 
 
 @cache
 def _called() -> dict[str, int]:
-    """Addresses of the C library's functions that code may call."""
+    """Addresses of the C library's functions that code may call, by the names that it calls them."""
     library = _c_library()
-    names = (*LIBRARY, "malloc", "free")
-    return {name: int(ctypes.cast(getattr(library, name), _POINTER).value or 0) for name in names}
+    found = {PREFIX + name: _address(library, name) for name in (*LIBRARY, "malloc", "free")}
+    if os.name == "nt":  # called by functions whose variables take more than a page of the stack
+        found["__chkstk"] = _address(ctypes.CDLL("ntdll"), "__chkstk")
+    return found
+
+
+def _address(library: Any, name: str) -> int:
+    return int(ctypes.cast(getattr(library, name), _POINTER).value or 0)

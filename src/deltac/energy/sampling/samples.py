@@ -132,5 +132,5 @@ def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None =
     def evaluate(rows: slice) -> None:
         found[:, rows] = powers(*samples.at(rows, rows, rated)).T
 
-    spread(evaluate, others)
+    spread(evaluate, others, numbers=found.size)
     return found

@@ -358,7 +358,7 @@ def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
 def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the intervals (T−1,) are far wider than both of their neighbours."""
     h = np.diff(t)
-    if len(h) < 3:
+    if len(h) < 3 or h.max() <= _GAP * h.min():
         return np.zeros(len(h), dtype=np.bool_)
     return np.asarray(h > _GAP * _beside(h))
 

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.measurements.digits import resolution, scatter, scatter_of
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter, scatter_of
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -711,21 +711,16 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
                 for _, whole, size, k in several
             ]
             shaken = model.at(Rows.joined(other)) - a00
+            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            digits_of = _norm(N, np.concatenate(fine)) + _norm(N, shaken)
+            of_a, of_D = _norm(N, a00), _norm(N, D)
             last = 0
-            for place, whole, size, k in several:
+            for place, whole, _, k in several:
                 some = slice(last, last := last + len(k))
                 a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
-                h0 = whole.h[k]
-                typical = (
-                    float(np.median(_norm(N[some], a[0])))
-                    + float(np.median(_norm(N[some], D[some])))
-                    + 1e-300
-                )
-                digits = (
-                    float(np.median(_norm(N[some], size.u[k] / h0) + _norm(N[some], shaken[some])))
-                    / typical
-                )
-                least = float(np.abs(whole.u[k]).max(initial=0.0) / h0.min())
+                typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
+                digits = float(medians(digits_of[some])) / typical
+                least = float(np.abs(whole.u[k]).max(initial=0.0) / whole.h[k].min())
                 least *= 50.0 * EPS / max(float(np.abs(D[some]).max()), 1e-300)
                 own = [r.of(some) for r in relations] if len(several) > 1 else relations
                 steps = Steps(
@@ -751,10 +746,10 @@ def _identified(
         found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
         return found, two_step.left, steps
     if best > limit:
-        medians = np.median(offs, axis=0)
-        half = relations[int(np.argmin(medians))]
-        typical_left = float(medians.min()) / typical
-        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < medians.min():
+        left = np.median(offs, axis=0)
+        half = relations[int(np.argmin(left))]
+        typical_left = float(left.min()) / typical
+        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
             return None, min(best, two_step.left), steps
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
@@ -771,7 +766,7 @@ def _identified(
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     place = next(k for k, r in enumerate(relations) if r is chosen)
-    typical_left = float(np.median(offs[:, place])) / typical
+    typical_left = float(medians(offs[:, place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
     everywhere = best <= PROVES and all(
@@ -909,7 +904,7 @@ def _two_step(
     b = forces @ right.ravel()
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
     left = (
-        float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        float(medians(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
         / typical
     )
     if not -0.95 < x < 1.05:

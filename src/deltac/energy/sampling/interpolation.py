@@ -140,12 +140,14 @@ def equidistant(t: Array) -> bool:
     return bool(np.abs(t - even).max() <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
 
 
-def clock(t: Array) -> Array:
+def clock(t: Array, *, even: bool | None = None) -> Array:
     """Times from the first on; without their rounding where they are equidistant.
 
-    Stamps of seconds since 1970 are rounded to 2e-7 s, which intervals of milliseconds would feel.
+    Stamps of seconds since 1970 are rounded to 2e-7 s, which intervals of milliseconds would feel. `even`
+    tells whether they are, where that is known.
     """
-    return np.linspace(0.0, t[-1] - t[0], len(t)) if equidistant(t) else t - t[0]
+    even = equidistant(t) if even is None else even
+    return np.linspace(0.0, t[-1] - t[0], len(t)) if even else t - t[0]
 
 
 def cumulating_matrix(weights: Array, size: int) -> Array:

@@ -21,10 +21,8 @@ from deltac.energy.sampling.interpolation import (
     Block,
     band_matrices,
     blocks,
-    clock,
     cumulated_windows,
     cumulating_matrix,
-    equidistant,
     hermite_kernel,
     lagrange_kernel,
     weighted_windows,
@@ -66,8 +64,8 @@ def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
 
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
-    t, window = clock(samples.t), min(SAMPLED, len(samples.t))
-    even = len(t) >= SAMPLED and equidistant(t)
+    t, window = samples.clock, min(SAMPLED, len(samples.t))
+    even = len(t) >= SAMPLED and samples.even
     total = np.empty_like(known)
     sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1))) if even else None
 
@@ -159,7 +157,7 @@ def hermite_parts(
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of.
     """
-    t, window = clock(samples.t), min(window, len(samples.t))
+    t, window = samples.clock, min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
     values = [samples.smooth[name].values for name in names]
     slopes = [samples.smooth[name].rates for name in names]
@@ -283,7 +281,7 @@ def integrate(
     known = at_samples(samples, powers, rated) if known is None else known
     found = _chosen(samples, powers, known, rated, leading)
     blur = float(np.spacing(np.abs(samples.t).max()))
-    if blur > 4 * np.spacing(np.ptp(samples.t)) and not equidistant(samples.t):
+    if blur > 4 * np.spacing(np.ptp(samples.t)) and not samples.even:
         # Σ P_k (δ_{k+1} − δ_k), summed by parts.
         moved = np.abs(np.diff(known, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(known)
         return replace(found, bar=found.bar + blur * moved.T)

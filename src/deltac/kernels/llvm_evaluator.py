@@ -104,8 +104,27 @@ def _machine() -> Any:
         features=features.flatten(),
         opt=OPTIMISATION,
         reloc="pic",
-        codemodel="small",
+        codemodel="large" if _windows() else "small",
     )
+
+
+def _triple() -> str:
+    """Processor, system and format of the object code, as LLVM writes them.
+
+    On Windows the format is Linux's. LLVM's linkers in memory fail at constants in Windows' own (COFF); the
+    calling convention, which matters, is Windows' by the rest of the name.
+    """
+    triple: str = llvm.get_process_triple()
+    return f"{triple}-elf" if os.name == "nt" else triple
+
+
+def _windows() -> bool:
+    """Whether code is made for Windows.
+
+    There llvmlite has the older linker only (JITLink is refused). It may place constants too far
+    from code for what the small code model allows, so the large one is taken: batches take 1.3 times as long.
+    """
+    return "windows" in _triple()
 
 
 @cache
@@ -113,7 +132,7 @@ def _native() -> Any:
     """LLVM's target, prepared once in a process."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    return llvm.Target.from_triple(llvm.get_process_triple())
+    return llvm.Target.from_triple(_triple())
 
 
 def _c_library() -> Any:
@@ -131,7 +150,7 @@ def _c_library() -> Any:
 @cache
 def _target() -> str:
     """What decides, beside the instructions, what is compiled."""
-    machine = (llvm.get_process_triple(), llvm.get_host_cpu_name(), str(AVX512_WIDTH))
+    machine = (_triple(), llvm.get_host_cpu_name(), str(AVX512_WIDTH))
     features = llvm.get_host_cpu_features().flatten()
     version = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}"
     return repr((version, *machine, features))
@@ -156,7 +175,7 @@ def _loaded(code: bytes) -> Any:
     """Object code in memory, ready to run: symbols -> addresses. It stays as long as this object."""
     library = llvm.JITLibraryBuilder().add_object_img(code)
     for name, address in _called().items():
-        library.import_symbol(PREFIX + name, address)
+        library.import_symbol(name, address)
     for name in _FUNCTIONS:
         library.export_symbol(name)
     number = next(_loads)
@@ -166,12 +185,18 @@ def _loaded(code: bytes) -> Any:
 @lru_cache(maxsize=1)
 def _linker(generation: int) -> Any:
     """LLVM's linker in memory. It places code and constants of a kernel side by side; these keep it alive."""
-    return llvm.create_lljit_compiler(_machine(), use_jit_link=True)
+    return llvm.create_lljit_compiler(_machine(), use_jit_link=not _windows())
 
 
 @cache
 def _called() -> dict[str, int]:
-    """Addresses of the C library's functions that code may call."""
+    """Addresses of the C library's functions that code may call, by the names that it calls them."""
     library = _c_library()
-    names = (*LIBRARY, "malloc", "free")
-    return {name: int(ctypes.cast(getattr(library, name), _POINTER).value or 0) for name in names}
+    found = {PREFIX + name: _address(library, name) for name in (*LIBRARY, "malloc", "free")}
+    if os.name == "nt":  # called by functions whose variables take more than a page of the stack
+        found["__chkstk"] = _address(ctypes.CDLL("ntdll"), "__chkstk")
+    return found
+
+
+def _address(library: Any, name: str) -> int:
+    return int(ctypes.cast(getattr(library, name), _POINTER).value or 0)

@@ -21,6 +21,7 @@ from deltac.kernels import Kernel
 
 llvm = pytest.importorskip("llvmlite.binding")
 from deltac.kernels import llvm_evaluator as ours  # noqa: E402
+from deltac.kernels import native  # noqa: E402
 from deltac.kernels.llvm_ir import LIBRARY, PREFIX, llvm_ir  # noqa: E402
 
 pytestmark = [
@@ -107,7 +108,7 @@ def test_code_for_windows(windows: int, width: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("DELTAC_SIMD", width)
     function = kernel().function
     assert b"__chkstk" in ours._made(function, 4, True)
-    made = ours.LlvmEvaluator(function)
+    made = ours.llvm_evaluator(function)
     pointer, count = ctypes.c_void_p, ctypes.c_int64
     call = ctypes.CFUNCTYPE(None, *[pointer] * 4, count, count)(windows)
     y = np.empty((24, X.shape[1]))
@@ -135,7 +136,7 @@ def test_code_for_macos() -> None:
         library.import_symbol(f"_{name}", address)
     code = library.export_symbol("_evaluate").link(ours._linker(0), "macos")
     y = np.empty((24, X.shape[1]))
-    evaluate = ours._EVALUATE(code["_evaluate"])
+    evaluate = native._EVALUATE(code["_evaluate"])
     evaluate(X.ctypes.data, y.ctypes.data, None, X.shape[1], X.shape[1])
     np.testing.assert_allclose(y, expected(), rtol=0, atol=AGREE)
 

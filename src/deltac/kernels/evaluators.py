@@ -12,7 +12,7 @@ from deltac.arrays import Array
 from deltac.deprecation import warn_renamed
 from deltac.errors import PackageError, UnknownName, closest, warn_user
 
-EVALUATORS = ("llvm", "casadi")
+EVALUATORS = ("llvm", "c", "casadi")
 
 
 class Evaluator(Protocol):
@@ -92,14 +92,19 @@ def compile_loop(function: Any) -> Loop:
 def _machine_code(function: Any, batches: bool) -> Any:
     """The function compiled, as an `Evaluator` and a `Loop`; None where it is to be interpreted."""
     chosen = bool(os.environ.get("DELTAC_EVALUATOR", "").strip())
-    if evaluator_name() == "casadi":
+    name = evaluator_name()
+    if name == "c":
+        from deltac.kernels.c_evaluator import c_evaluator
+
+        return c_evaluator(function)
+    if name == "casadi":
         if not chosen:
             _interpreting("llvmlite is not installed")
         return None
     try:
-        from deltac.kernels.llvm_evaluator import LlvmEvaluator
+        from deltac.kernels.llvm_evaluator import llvm_evaluator
 
-        return LlvmEvaluator(function, batches)
+        return llvm_evaluator(function, batches)
     except (
         ImportError,
         OSError,
@@ -116,6 +121,7 @@ def _interpreting(why: str) -> None:
     """Say, once in a process, that kernels are slow."""
     warn_user(
         f"{why}: kernels are interpreted by CasADi, which takes some ten times as long as machine code. "
-        "Install llvmlite where it has wheels; DELTAC_EVALUATOR=casadi says that it is meant so",
+        "Install llvmlite where it has wheels, or set DELTAC_EVALUATOR=c where there is a C compiler; "
+        "DELTAC_EVALUATOR=casadi says that it is meant so",
         EvaluatorWarning,
     )

@@ -80,6 +80,9 @@ SHORT = 0.5
 FEWEST = 3
 """Windows that must stand out."""
 
+NOT_OF_FORCES = 3.0
+"""How many times the largest change of a force must be missing beside one of its changes to be none of it."""
+
 BESIDE = 2.5
 """Steps from a change of a held force within which a window is beside it."""
 
@@ -575,7 +578,8 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
 def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     """Windows that stand out now and then, but for those beside a change of forces that are held.
 
-    What stands out there is that force, which the log may hold a few rows early or late.
+    What stands out there may be that force, which the log may hold a few rows early or late; but not if it is
+    far more than forces ever change by.
     """
     run, local = log.consecutive, step.now_and_then
     columns = [np.asarray(force).reshape(len(run), -1) for force in run.forces.values()]
@@ -583,7 +587,10 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     if forces.held:
         near = BESIDE * float(np.median(np.diff(run.t)))
         changes = run.t[1:][~forces.known]
-        local &= np.abs(step.t[:, None] - changes).min(axis=1) > near
+        away = np.abs(step.t[:, None] - changes).min(axis=1) > near
+        most = np.abs(np.diff(sum(run.forces.values()), axis=0)).max(axis=0)
+        speeds = [run.speeds.index(name) for name in step.speeds]
+        local &= away | np.any(np.abs(step.residual) > NOT_OF_FORCES * most[speeds], axis=1)
     return local
 
 

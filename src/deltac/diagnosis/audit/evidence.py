@@ -8,7 +8,7 @@ each other by a known integrator has right equations, whatever else its columns 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,7 @@ from deltac.diagnosis.residuals.one_step import (
     UNEVEN,
     OneStep,
     one_step,
+    one_steps,
     stairs,
     trimmed,
 )
@@ -70,6 +71,9 @@ REPRODUCED = 0.75
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""
 
+ENDS, BEYOND_OTHERS = 0.02, 3.0
+"""Share of a log at each end that may be left out, where it leaves so many times more than all others."""
+
 SHORT = 0.5
 """Share of the windows up to which a residual is one of now and then."""
 
@@ -96,36 +100,81 @@ class Evidence:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A log and what its columns say before the equations are looked at.
+
+    log       the log with its ledger
+    findings  of conventions, violations, rates
+    measured  whether it has accelerations of its own
+    """
+
+    log: Log
+    findings: tuple[Finding, ...]
+    measured: bool
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the log contradicts itself."""
+        return any(f.weight == "doubt" for f in self.findings)
+
+    @property
+    def given(self) -> bool:
+        """Whether its accelerations are known to be those of the rows."""
+        return self.measured and trusted(self.log.run)
+
+    @property
+    def between(self) -> bool:
+        """Whether its rows lie between the solver's steps."""
+        return self.log.run.provenance.notes.get(ROWS) == INTERPOLATED
+
+
+def first_tests(mechanism: Mechanism, logs: Sequence[Known]) -> list[OneStep | None]:
+    """The one-step test of the rows of logs as they are, all at once; None where it is not made."""
+    if not len(mechanism.free.u):
+        return [None] * len(logs)
+    tested = [not (k.doubted or k.given or k.between) for k in logs]
+    runs = [
+        (k.log.consecutive, _late(k.log), unsteadiness(k.log.comparisons))
+        for k, wanted in zip(logs, tested)
+        if wanted
+    ]
+    made = iter(one_steps(mechanism, runs))
+    return [next(made) if wanted else None for wanted in tested]
+
+
 def gather(
     mechanism: Mechanism,
-    log: Log,
+    known: Known,
+    step: OneStep | None,
     work: str | None,
     tolerance: float,
     import_report: ImportReport | None,
-    known: list[Finding],
     *,
-    measured: bool,
     deadline: Deadline,
     progress: Progress = untold,
 ) -> Evidence:
-    """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
+    """All evidence on the equations; `step` is the first one-step test of the log, see `first_tests`.
 
     A log that is doubted explains nothing: its residual is shown, and no cause is sought. `progress` is told
     how far the search for causes has come; it ends with what it has when the `deadline` has passed.
     """
+    log, measured, doubted, between = known.log, known.measured, known.doubted, known.between
     if not len(mechanism.free.u):
         return Evidence(log, None, None, ())
-    doubted = any(f.weight == "doubt" for f in known)
     given = trusted(log.run)
-    step = None
-    between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
-    if not doubted and not (given and measured) and not between:
-        step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
     found: list[Finding] = []
     if step is not None and not step.closes and log.consecutive is log.run:
         acted = as_acted(mechanism, log.run)
         if acted is not None:
             run, found = acted
+            log = balanced(mechanism, run, work, log.findings, log.comparisons)
+            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+    if step is not None and not step.closes and log.consecutive is log.run:
+        within = _without_ends(log.run, step)
+        if within is not None:
+            run, spoiled = within
+            found.append(spoiled)
             log = balanced(mechanism, run, work, log.findings, log.comparisons)
             step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
     if between and not (given and measured):
@@ -229,6 +278,36 @@ def _late(log: Log) -> float:
     """By how many rows coordinates are ahead of their speeds, over all of them."""
     lates = [c.late for c in log.comparisons.values() if c.off < 0.1 and c.instant]
     return float(np.median(lates)) if lates else 0.0
+
+
+def _without_ends(run: Trajectory, step: OneStep) -> tuple[Trajectory, Finding] | None:
+    """The log without what differences and filters leave in its first and last rows; None if nothing is.
+
+    Rows at an end leave more than any others by far: energies that are counted from the first of them are off
+    all along the log.
+    """
+    left = np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1)
+    count = int(ENDS * len(left))
+    if count < 1 or run.works or run.integrals:
+        return None
+    most = BEYOND_OTHERS * float(left[count:-count].max())
+    first = np.flatnonzero(left[:count] > most)
+    last = np.flatnonzero(left[-count:] > most)
+    start = float(step.t[first[-1]]) if len(first) else run.t[0]
+    end = float(step.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
+    part = run.between(start, end)
+    if len(part) == len(run):
+        return None
+    rows = len(run) - len(part)
+    finding = Finding(
+        "spoiled-ends",
+        "the first or last rows obey the equations far less than all others do, as filters and differences "
+        "leave them",
+        f"{rows} {'rows were' if rows > 1 else 'row was'} left out: those from t = {part.t[0]:.6g} to "
+        f"{part.t[-1]:.6g} s are judged",
+        "Cut the ends of what was filtered or differenced",
+    )
+    return part, finding
 
 
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:

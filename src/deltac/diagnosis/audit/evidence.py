@@ -55,6 +55,9 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
+FEW = 3
+"""Causes together that such a residual may have."""
+
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
@@ -399,7 +402,7 @@ def _explained(
     """
     if len(run) < LEAST_ROWS:
         return None
-    least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
+    least, most = (EXACT, FEW) if now_and_then else (EXPLAINS, MOST)
     with contextlib.suppress(InputError):  # gaps leave too few rows in a row
         return explanation(
             mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress

@@ -77,6 +77,7 @@ def search(
         if count > MANY and not deadline.passed():
             paths += _exchanged(regression, paths, deadline)
         every += paths
+        regression = regression.calmed([fit for fit in paths if plausible(regression, fit)])
         possible = sorted(
             (fit for fit in paths if plausible(regression, fit)),
             key=lambda fit: price(regression, fit),

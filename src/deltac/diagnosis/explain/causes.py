@@ -367,6 +367,9 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 
 # --- all causes that a mechanism may have --------------------------------------------------------
 
+MOST_LATE = 10.0
+"""Rows by which coordinates may be late: columns are of first order."""
+
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
 """Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
 
@@ -388,7 +391,14 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     found: list[Candidate] = []
     for part in (_gravity, of_bodies, _speeds, _channels, _wrenches):
         found.extend(part(evaluator, places))
-    found.extend(one("late-rows", "", places(Column("late", "")), [1.0], "delay", 0.0, "s"))
+    late = places(Column("late", ""))
+    if late is not None:
+        found.append(
+            Candidate(
+                "late-rows", "", late, np.eye(1), ("delay",), np.zeros(1), ("s",),
+                limit=MOST_LATE * evaluator.spacing,
+            )
+        )  # fmt: skip
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 

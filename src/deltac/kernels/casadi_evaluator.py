@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -38,6 +40,12 @@ class CasadiEvaluator:
             if not (x is bound[0] and out is bound[1] and parameters is bound[2]):
                 self._bind(x, out, parameters)
             self._evaluate()
+
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments."""
+        with self._lock:
+            self._bind(x, out, parameters)
+        return partial(self.single, x, out, parameters)
 
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states, block by block."""

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.arguments import checked
+from deltac.caching import Once
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -136,7 +137,7 @@ class Provenance:
 
 @checked
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Trajectory(Shown):
+class Trajectory(Shown, Once):
     """Samples of a motion; immutable, validated, rows in time order.
 
     t           (T,) time, s, strictly increasing

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import medians, resolution, scatter
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter_of
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
@@ -95,6 +95,7 @@ class Comparison:
         start: the row at the start of each interval (I,).
         h: length of each (I,), s.
         off: root mean square of the defects, as a share of the movement; the largest tenth left out.
+        alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
         significant: whether the defects are beyond their error bars.
         outliers: intervals whose defect stands out of its bar and of the scatter of all others (I,).
         steady: whether r is the same all along the log, where r is not one.
@@ -113,6 +114,7 @@ class Comparison:
     start: NDArray[np.intp]
     h: Array
     off: float
+    alike: float
     significant: bool
     outliers: Mask
     steady: bool
@@ -217,6 +219,8 @@ def _compared(
     instant = _sizes(L) > 4.0 * _sizes(noise)
     size = np.abs(left)
     outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
+    squared = np.vecdot(D, D) * np.vecdot(I, I)
+    alike = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     h = np.diff(t)[start]
     for k, column in enumerate(moving):
         found[column] = Comparison(
@@ -230,6 +234,7 @@ def _compared(
             start,
             h,
             float(defect[k] / max(extent[k], 1e-300)),
+            float(alike[k]),
             bool(defect[k] > 4.0 * max(barred[k], 1e-300)),
             outliers[k],
             bool(scaled[k])
@@ -331,8 +336,8 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
         return {}
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     free = {int(k) for k in mechanism.free.u}
-    fine_u = scatter(run.u) * float(np.diff(run.t).max(initial=0.0))
-    fine_q = scatter(run.q)
+    fine_q, fine_u = scatter_of(run)
+    fine_u = fine_u * float(np.diff(run.t).max(initial=0.0))
     projected = bool(mechanism.constraints)
     rates: list[int] = []
     moved, bars = [], []
@@ -417,7 +422,7 @@ def accelerations(run: Trajectory) -> Accelerations:
     assert run.udot is not None
     told = np.full_like(run.u, np.nan)
     edges = stretches(run)
-    fine = scatter(run.u)
+    fine = scatter_of(run)[1]
     for a, b in edges:
         told[a:b] = spline_rates(run.t[a:b], run.u[a:b], 5)
     bar = fine[1:] + fine[:-1]
@@ -683,7 +688,11 @@ def _wrong_rates(
                 name,
             )
     rest = {n: c for n, c in comparisons.items() if n not in swapped}
-    clipped = [n for n, c in rest.items() if _is_clipped(run, n, c)]
+    size = np.abs(run.u)
+    worst = size.max(axis=0, initial=0.0)
+    at = np.count_nonzero(size >= worst * (1.0 - 1e-12), axis=0)
+    several = {run.speeds[k] for k in np.flatnonzero((at >= 6) & (worst > 0.0))}
+    clipped = [n for n, c in rest.items() if n in several and _is_clipped(run, n, c)]
     for name in clipped:
         yield Finding(
             "clipped-column",
@@ -778,7 +787,7 @@ def _swapped(run: Trajectory, comparisons: dict[str, Comparison]) -> Iterator[tu
         size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
         return abs(float(a.moved @ b.told)) / size if size else 0.0
 
-    poor = {n: c for n, c in comparisons.items() if fits(c, c) < 0.95}
+    poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
     for a, x in poor.items():
         for b, y in poor.items():
             if a != b and fits(x, y) > 0.99 and fits(y, x) > 0.99:
@@ -789,8 +798,6 @@ def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
     u = run.speed(name)
     worst = float(np.abs(u).max())
     at = np.abs(u) >= worst * (1.0 - 1e-12)
-    if worst == 0.0 or at.sum() < 6:
-        return False
     inside = at[c.start] & at[c.start + 1]
     if inside.sum() < 4 or not (~inside).any():
         return False

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.measurements.digits import resolution, scatter
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter, scatter_of
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -117,8 +117,8 @@ FEWEST = 3
 CHANCE = 4.0
 """Standard deviations by which an estimated covariance may be off."""
 
-HIDING = 3.0
-"""Times the work of noise on the log that a mistake may do under it."""
+BLOCKS = 16
+"""Parts of a log over whose scatter the standard error of a number is taken."""
 
 CARRIED = 2.0
 """How much worse than q and u rows may keep the relation of u and u̇."""
@@ -295,8 +295,10 @@ class Rows:
     @staticmethod
     def joined(parts: Sequence[Rows]) -> Rows:
         """Rows of several, one after the other."""
-        columns = zip(*((r.t, r.q, r.u, r.F) for r in parts))
-        return Rows(*(np.concatenate(column) for column in columns))
+        t = np.concatenate([r.t for r in parts])
+        columns = zip(*((r.q.T, r.u.T, r.F.T) for r in parts))
+        # Column by column, as the model's functions take and give them.
+        return Rows(t, *(np.ascontiguousarray(np.concatenate(x, axis=1)).T for x in columns))
 
     def shaken(self, size: Rows, rng: np.random.Generator) -> Rows:
         """The same with every number moved at random by its `size`."""
@@ -315,7 +317,8 @@ def _rows_of(
     forces = [values for values in model.log.values(run).values()]
     F = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
     q, u = run.q[:, free.q], run.u[:, free.u]
-    noise = [scatter(x) if x.shape[1] else np.zeros_like(x) for x in (q, u, F)]
+    of_q, of_u = (x[:, places] for x, places in zip(scatter_of(run), (free.q, free.u)))
+    noise = (of_q, of_u, scatter(F) if F.shape[1] else F)
     found = []
     for a, b in edges:
         here = slice(a, b)
@@ -459,7 +462,7 @@ class Chosen:
         """The rows j after the starts of the steps; the last one in place of those beyond."""
         if j not in self._rows:
             here = [r.taken(np.minimum(k + j, len(r.t) - 1)) for r, k in self.parts]
-            self._rows[j] = here[0] if len(here) == 1 else Rows.joined(here)
+            self._rows[j] = Rows.joined(here)
         return self._rows[j]
 
     def acceleration(self, j: int) -> Array:
@@ -502,8 +505,10 @@ class Steps:
 
     @cached_property
     def offs(self) -> Array:
-        """The same of all relations (I, number of them)."""
-        left = self.D[..., None] - np.stack([r.a for r in self.relations], axis=2)
+        """The same of all relations but `ACCURATE`, which comes last (I, number of them)."""
+        left = np.empty((*self.D.shape, sum(r.name != ACCURATE for r in self.relations)))
+        for k in range(left.shape[2]):
+            np.subtract(self.D, self.relations[k].a, out=left[..., k])
         energy: Array = np.sum(left * (self.N @ left), axis=1)
         return np.sqrt(np.maximum(energy, 0.0))
 
@@ -636,8 +641,10 @@ def _relations(chosen: Chosen) -> list[Relation]:
     def accurate() -> Array:
         return np.concatenate([_mean(r.t, model.at(r), 5)[k] for r, k in chosen.parts])
 
+    if even:
+        found += _two_step_relations(chosen)
     offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
-    return found + _two_step_relations(chosen) if even else found
+    return found
 
 
 SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -647,10 +654,15 @@ SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 def _two_step_relations(chosen: Chosen) -> list[Relation]:
     """Adams–Bashforth and generalized-α, D[n] + x D[n−1] = y₀ a[n−1] + y₁ a[n] + y₂ a[n+1], over one step."""
 
+    @cache
+    def parts() -> tuple[Array, ...]:
+        before, here, after = (chosen.acceleration(j) for j in (-1, 0, 1))
+        return here, chosen.D() - chosen.D(-1), before - here, after - here
+
     def made(x: float, y0: float, y2: float) -> Array:
-        a, D = [chosen.acceleration(j) for j in (-1, 0, 1)], chosen.D()
-        told = y0 * a[0] + (1.0 + x - y0 - y2) * a[1] + y2 * a[2]
-        return np.asarray(D - (D + x * chosen.D(-1) - told) / (1.0 + x))
+        here, change, before, after = parts()
+        told = here + (y0 / (1.0 + x)) * before + (y2 / (1.0 + x)) * after
+        return told + (x / (1.0 + x)) * change if x else told
 
     methods = [("adams-bashforth-2", 0.0, -0.5, 0.0)]
     for rho in SPECTRAL_RADII:
@@ -699,23 +711,18 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
                 for _, whole, size, k in several
             ]
             shaken = model.at(Rows.joined(other)) - a00
+            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            digits_of = _norm(N, np.concatenate(fine)) + _norm(N, shaken)
+            of_a, of_D = _norm(N, a00), _norm(N, D)
             last = 0
-            for place, whole, size, k in several:
+            for place, whole, _, k in several:
                 some = slice(last, last := last + len(k))
                 a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
-                h0 = whole.h[k]
-                typical = (
-                    float(np.median(_norm(N[some], a[0])))
-                    + float(np.median(_norm(N[some], D[some])))
-                    + 1e-300
-                )
-                digits = (
-                    float(np.median(_norm(N[some], size.u[k] / h0) + _norm(N[some], shaken[some])))
-                    / typical
-                )
-                least = float(np.abs(whole.u[k]).max(initial=0.0) / h0.min())
+                typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
+                digits = float(medians(digits_of[some])) / typical
+                least = float(np.abs(whole.u[k]).max(initial=0.0) / whole.h[k].min())
                 least *= 50.0 * EPS / max(float(np.abs(D[some]).max()), 1e-300)
-                own = [r.of(some) for r in relations]
+                own = [r.of(some) for r in relations] if len(several) > 1 else relations
                 steps = Steps(
                     model, whole.taken(k), D[some], N[some], own, max(digits, least),
                     logs[place].late,
@@ -730,13 +737,8 @@ def _identified(
 ) -> Identified:
     """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
     relations, N, digits = steps.relations, steps.N, steps.digits
-    ranked = sorted(
-        (
-            (float(left) / typical, k)
-            for k, left in enumerate(_nearly_all(steps.offs))
-            if relations[k].name != ACCURATE
-        )
-    )
+    offs = steps.offs
+    ranked = sorted((float(left) / typical, k) for k, left in enumerate(_nearly_all(offs)))
     limit = 3.0 * digits + CLOSED
     best, first = ranked[0]
     closes = two_step.left <= 3.0 * digits + 1e-10
@@ -744,17 +746,18 @@ def _identified(
         found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
         return found, two_step.left, steps
     if best > limit:
-        medians = np.median(steps.offs, axis=0)
-        half = relations[int(np.argmin(medians))]
-        typical_left = float(medians.min()) / typical
-        if typical_left > CLOSED or half.name == ACCURATE:
+        left = np.median(offs, axis=0)
+        half = relations[int(np.argmin(left))]
+        typical_left = float(left.min()) / typical
+        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
             return None, min(best, two_step.left), steps
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
         return found, min(best, two_step.left), steps
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
-    named = [relations[k] for _, k in sorted(ranked, key=lambda item: item[1])]
-    same = [r for r in named if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
+    apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
+    near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
+    same = [r for r in near_by if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
     chosen = same[0]
     alike = {r.name for r in same}
     rivals = [x for x, k in ranked if relations[k].name not in alike]
@@ -762,10 +765,10 @@ def _identified(
     unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    typical_left = float(np.median(steps.off(chosen))) / typical
+    place = next(k for k, r in enumerate(relations) if r is chosen)
+    typical_left = float(medians(offs[:, place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    place = next(k for k, r in enumerate(relations) if r is chosen)
     everywhere = best <= PROVES and all(
         _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
         for rows, _ in stretches_
@@ -845,11 +848,11 @@ def _runge_kutta(
         if s:
             weights = rows[s - 1]
             c = float(sum(weights))
-            v = u + h * sum(w * k for w, k in zip(weights, slopes_u))
+            v = u + h * _weighted(weights, slopes_u)
             if on_group:
-                x = model.moved(q, _sum(w * k for w, k in zip(weights, velocities)), h)
+                x = model.moved(q, _weighted(weights, velocities), h)
             else:
-                x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
+                x = q + h * _weighted(weights, slopes_q)
         now = t + c * h[:, 0]
         if s == 0 and first is not None:
             rate, slope = first()
@@ -858,7 +861,15 @@ def _runge_kutta(
         slopes_q.append(rate)
         velocities.append(v)
         slopes_u.append(slope)
-    return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
+    return _weighted(b, slopes_u)
+
+
+def _weighted(weights: Iterable[float], slopes: Iterable[Array]) -> Array:
+    """Σ w k."""
+    first, *others = (w * k for w, k in zip(weights, slopes) if w)
+    for other in others:
+        first += other
+    return np.asarray(first)
 
 
 @dataclass(frozen=True)
@@ -893,7 +904,7 @@ def _two_step(
     b = forces @ right.ravel()
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
     left = (
-        float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        float(medians(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
         / typical
     )
     if not -0.95 < x < 1.05:
@@ -932,9 +943,10 @@ class Residual:
         bars: what the error bar is made of, by name (n,).
         fitted: coefficients of the scheme columns.
         taken: root mean square of what they took off, without the largest tenth (n,).
-        hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left, as
-            far as noise tells it.
+        hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left,
+            and the largest that a damper, a constant force or another inertia of a joint may have done.
         spent: energy (J) that the residual does in it, without sign.
+        noisy: how much of what looks like noise on the log is that, in standard deviations.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
             the largest coefficient that a consistent scheme may have.
     """
@@ -950,6 +962,7 @@ class Residual:
     hidden: float
     spent: float
     bars: Mapping[str, Array]
+    noisy: float
     columns: Callable[[Array, Array, Array, Array], Array]
 
 
@@ -1033,6 +1046,11 @@ class OneStep:
     def spent(self) -> float:
         """Energy (J) that the residual does, without sign."""
         return self.found().spent
+
+    @property
+    def noisy(self) -> float:
+        """How much of apparent noise is that; see `Residual`."""
+        return self.found().noisy
 
     @property
     def columns(self) -> Callable[[Array, Array, Array, Array], Array]:
@@ -1539,24 +1557,74 @@ def _judged(
         """The largest work (J) of a force in the time of the log."""
         return float(np.abs(np.cumsum(np.sum(u * force, axis=1) * share[:, 0])).max()) * time
 
-    # Columns of second order take off a mistake as well; the next order is as large as they are.
-    absorbed = sum(
-        growth * fitted[n] * work(np.concatenate([p.column_forces[n] for p in parts]))
-        for n in SECOND
-    )
-    # So do forces of other rows, which the ledger takes as they were logged.
-    absorbed += sum(
-        abs(c.get(n, 0.0))
-        * work(np.concatenate([forces(p, p.forces.get(n, 0.0 * p.w)) for p in parts]))
-        for n in sorted({n for p in parts for n in p.forces})
-    )
-    hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
+    hidden = work(left) + _mistakes(pieces, parts, tuple(c), residual, width, time)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     return Residual(
         times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,
-        {**bars, "noise": noise_bar, "rounding": rounding},
+        {**bars, "noise": noise_bar, "rounding": rounding}, believed * min(1.0, np.sqrt(3.0) * real),
         partial(_as_forces, model, groups, tuple(c), held),
     )  # fmt: skip
+
+
+def _mistakes(
+    pieces: Sequence[tuple[Rows, Rows]],
+    parts: Sequence[_Defects],
+    names: Sequence[str],
+    residual: Array,
+    width: int,
+    time: float,
+) -> float:
+    """The largest work (J) that a simple mistake may have done in a time without being seen.
+
+    A damper, a constant force or another inertia of one joint is fitted to the residual (W, n) together with
+    the scheme columns, each of which may be as large as its bound; three standard errors are added. Those are
+    the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
+    """
+    lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
+    weight = 1.0 / np.maximum(_rms(residual), 1e-300)
+
+    def weighted(forces: Iterable[Array]) -> Array:
+        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
+
+    bounds = {n: max(p.bounds.get(n, 0.0) for p in parts) for n in names}
+    columns = [
+        bounds[n] * weighted(p.column_forces.get(n, 0.0 * p.w) for p in parts) for n in names
+    ]
+    windows, n = residual.shape
+    X = np.reshape(columns, (len(names), windows * n)).T
+    U, size, _ = np.linalg.svd(X, full_matrices=False)
+    taken = size**2 / (1.0 + size**2)
+    U, y = U.reshape(windows, n, -1), residual * weight
+    starts = np.unique(np.linspace(0, windows, BLOCKS + 1).astype(np.intp))[:-1]
+
+    def by_block(x: Array) -> Array:
+        return np.asarray(np.add.reduceat(x, starts))
+
+    of_columns = by_block(np.einsum("wnp,wn->wp", U, y))
+    u = np.concatenate([r.u[p.at] for (r, _), p in zip(pieces, parts)])
+    share = np.concatenate(lengths)[:, None] * (time / sum(float(h.sum()) for h in lengths))
+    most = 0.0
+    for kind in (
+        [r.u[p.at] for (r, _), p in zip(pieces, parts)],
+        [np.ones_like(p.w) for p in parts],
+        [_times(p.N, p.a) for p in parts],
+    ):
+        m = weighted(kind)
+        with_columns, products, squares = (
+            by_block(U * m[..., None]),
+            by_block(m * y),
+            by_block(m * m),
+        )
+        a = with_columns.sum(axis=0)
+        seen = np.maximum(squares.sum(axis=0) - np.sum(taken * a * a, axis=1), 1e-300)
+        theta = (products.sum(axis=0) - (taken * a) @ of_columns.sum(axis=0)) / seen
+        scores = products - of_columns @ (taken * a).T
+        scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
+        error = np.sqrt(np.maximum(1.0 / seen, np.sum(scores**2, axis=0) / seen**2))
+        done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
+        exists = squares.sum(axis=0) > 0.0
+        most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))
+    return most
 
 
 def _share_of_noise(

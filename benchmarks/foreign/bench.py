@@ -157,9 +157,7 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
         **row,
         "verdict": found.verdict.kind,
         "confidence": found.verdict.confidence,
-        "findings": [
-            (f.kind, f.weight, f.element, f.factor, f.equals) for f in found.findings
-        ],
+        "findings": [(f.kind, f.weight, f.element, f.factor, f.equals) for f in found.findings],
         "evidence": list(found.verdict.evidence),
         "bars": None if step is None else float((made.effect * step.scale / step.bar).max()),
         "ratio": None if step is None else float(step.ratio.max()),
@@ -264,7 +262,7 @@ def _names(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _rank(row: dict[str, Any]) -> int | None:
-    """The place of the planted fault among all that is told: causes first, then what does as well as these."""
+    """The place of the planted fault among what is told: causes first, then what does as well."""
     causes = [f for f in row["findings"] if f[1] == "cause"]
     told = [f[0] for f in causes] + [kind for f in causes for kind, _ in f[4]]
     ranks = [k for k, kind in enumerate(dict.fromkeys(told)) if kind in _names(row)]

@@ -154,9 +154,9 @@ def _regression(
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
     # What digits and noise leave needs no estimate: no cause takes it off.
     precise = np.sum((LEAST["samples"] * scale * weight) ** 2)
-    blur = None
+    blur: Array | None = None
     if change is not None:
-        blur = np.linalg.qr(arranged(change * weight[:, None]).reshape(-1, width), mode="r")
+        blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
     regression = Regression(
         factored(blocks),
         candidates(kernels.evaluator, kernels.columns),

@@ -92,8 +92,8 @@ class Candidate:
     names           of its d numbers
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
-    sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units; "slip":
-                    it is a factor that a slip in equations makes
+    sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
+                    "slip": it is a factor that a slip in equations makes
     origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
     touching        least and largest value of a coordinate, where θ is a stiffness with its force at zero,
@@ -194,7 +194,9 @@ class Candidate:
             return bool(np.all(value > 0.0))
         if self.sign == "slip":
             return any(abs(float(value[0]) - x) < SLIPPED for x in SLIPS)
-        return self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0))) or other_unit(value)
+        return (
+            self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0))) or other_unit(value)
+        )
 
 
 @dataclass(frozen=True)

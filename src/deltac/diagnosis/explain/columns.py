@@ -26,8 +26,8 @@ from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
 
 What = Literal[
-    "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag", "spring", "stop", "constant", "armature",
-    "channel", "delay", "offset", "late", "drag of a body",
+    "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
+    "spring", "stop", "constant", "armature", "channel", "delay", "offset", "late", "drag of a body",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 

@@ -332,7 +332,9 @@ class Explanation(Report, also=("sentence",)):
             return ()
         explains = f"explains {percent(self.explained)} of the residual of the equations of motion"
         if len(self.causes) > 1:
-            explains = f"together these explain {percent(self.explained)} of the residual of the equations"
+            explains = (
+                f"together these explain {percent(self.explained)} of the residual of the equations"
+            )
         if self.alternatives:
             explains += ", and so do the others as far as this log tells"
             explains += f". {self.separating}" if self.separating else ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -51,6 +53,10 @@ class CasadiEvaluator:
                 self._block.run(slice(start, start + _COLUMNS), x, out, parameters)
             for start in range(whole, n):
                 self._column.run(slice(start, start + 1), x, out, parameters)
+
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`batch` of these arrays, without arguments."""
+        return partial(self.batch, x, out, parameters)
 
     def _bind(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Point the buffers at these arrays; CasADi would read past the end of short ones."""

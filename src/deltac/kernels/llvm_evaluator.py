@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from itertools import count
 from typing import Any
@@ -37,7 +38,7 @@ class LlvmEvaluator:
         self._sizes = (function.nnz_in(0), function.nnz_out(0), function.nnz_in(1))
         source = (our_code(), _target(), self.width, batches, function.serialize())
         code = compiled(repr(source), lambda: waiting(lambda: _made(function, self.width, batches)))
-        self._code = _loaded(code)
+        self._code = _loaded(code, _FUNCTIONS)
         self._evaluate = _EVALUATE(self._code["evaluate"])
         self._iterate = _ITERATE(self._code["iterate"])
         self._bound: tuple[Any, ...] = (None, None, None, ())
@@ -71,6 +72,20 @@ class LlvmEvaluator:
         if whole := columns - columns % self.width:
             p = 0 if parameters is None else parameters.ctypes.data
             self._evaluate(x.ctypes.data, out.ctypes.data, p, columns, whole)
+
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`batch` of these arrays, without arguments."""
+        kept = (self, x, out, parameters)  # as long as the function that is handed out
+        columns = x.shape[1]
+        p = 0 if parameters is None else parameters.ctypes.data
+        arguments = (x.ctypes.data, out.ctypes.data, p, columns, columns - columns % self.width)
+        evaluate = self._evaluate
+
+        def call() -> object:
+            evaluate(*arguments)
+            return kept
+
+        return call
 
     def iterate(self, rows: Array, parameters: Array) -> None:
         """rows[k + 1] = f(rows[k], parameters[k modulo their number]), from the first row on."""
@@ -125,10 +140,25 @@ def _target() -> str:
     return repr((version, *machine, features))
 
 
+def native(name: str, text: str) -> int:
+    """The address of a function written in LLVM's language; it stays for good."""
+    code = _loaded(compiled(repr((_target(), text)), lambda: _assembled(text)), (name,))
+    _kept.append(code)
+    return int(code[name])
+
+
+_kept: list[Any] = []
+
+
 def _made(function: Any, width: int, strided: bool) -> bytes:
     """The object code of a function."""
+    return _assembled(llvm_ir(function, width, strided))
+
+
+def _assembled(text: str) -> bytes:
+    """The object code of a module."""
     machine = _machine()
-    module = llvm.parse_assembly(llvm_ir(function, width, strided), context=llvm.create_context())
+    module = llvm.parse_assembly(text, context=llvm.create_context())
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     return bytes(machine.emit_object(module))
@@ -140,12 +170,12 @@ LOADS = 64
 """Kernels that one linker loads. It keeps 9 kB of each, even of those that are gone, as long as it lives."""
 
 
-def _loaded(code: bytes) -> Any:
+def _loaded(code: bytes, functions: Sequence[str]) -> Any:
     """Object code in memory, ready to run: symbols -> addresses. It stays as long as this object."""
     library = llvm.JITLibraryBuilder().add_object_img(code)
     for name, address in _called().items():
         library.import_symbol(PREFIX + name, address)
-    for name in _FUNCTIONS:
+    for name in functions:
         library.export_symbol(name)
     number = next(_loads)
     return library.link(_linker(number // LOADS), f"kernel {number}")

@@ -93,6 +93,23 @@ def test_single_reads_new_values_in_the_same_arrays(evaluator: str) -> None:
     assert kernel.single(np.array([1.0, 4.0]), out)[0] == 4.0
 
 
+def test_a_call_bound_to_its_arrays(evaluator: str) -> None:
+    x, p = casadi.SX.sym("x", 2), casadi.SX.sym("p")
+    kernel = Kernel({"x": x}, {"y": p * x[0] + x[1]}, p)
+    there, back, parameter = np.array([1.0, 2.0, 0.0]), np.array([0.0, 5.0, 0.0]), np.array([3.0])
+    calls = [kernel.bound(a[:2], b[2:], parameter) for a, b in ((there, back), (back, there))]
+    del kernel
+    gc.collect()
+    for call in calls * 2:
+        call()
+    assert (back[2], there[2]) == (5.0, 5.0)
+    parameter[0] = there[0] = 7.0
+    calls[0]()
+    assert back[2] == 51.0
+    with pytest.raises(InputError):
+        Kernel({"x": x}, {"y": p * x[0]}, p).bound(np.ones(3), np.ones(1), parameter)
+
+
 @pytest.mark.parametrize("shape", [(3,), (1,)])
 def test_single_refuses_arrays_that_do_not_fit(evaluator: str, shape: tuple[int, ...]) -> None:
     x = casadi.SX.sym("x", 2)

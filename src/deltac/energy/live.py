@@ -19,7 +19,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.energy.sampling.interpolation import hermite_kernel
-from deltac.energy.sampling.quadrature import INNER, INNER_WEIGHTS, OUTER_WEIGHT
+from deltac.energy.sampling.quadrature import INNER, INNER_WEIGHTS, ORDERS, OUTER_WEIGHT
 from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -31,8 +31,37 @@ WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)
 GIVEN = ChannelName("applied", "given")
 """The sum of the given forces of which the model has no channel."""
 
-SUMS = ("E0", "work", "open", "apart", "flow", "K-", "K+", "V-", "V+", "rows")
+SETTINGS = ("t", "bound", "tolerance", "rate", "second", "skipped")
+"""What a step reads and does not write: the new row's time, the bounds (J, 1, W), whether the interval is the
+second of a pair, and then the work of the pair as one interval, with a quadrature error.
+"""
+
+SUMS = ("E0", "work", "open", "apart", "flow", "K-", "K+", "V-", "V+", "steps")
 """What is carried on from row to row, before the works of the channels; see `LiveKernels`."""
+
+PAIR = ("off", "largest", "jumped", "open", "apart")
+"""The error of the quadrature: that of the pairs so far, the largest one, what was added where a pair was cut
+short; and two of the sums as they were a row before.
+"""
+
+RESULTS = (
+    "delta_c", "error_bar", "energy_exchanged", "change", "limit", "inside", "within", "E", "K", "V"
+)  # fmt: skip
+"""What a step finds; see `Monitor`. `inside` and `within` are 1 or 0."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Where rows lie: in a block of so many numbers, q, u and u̇ begin at these places.
+
+    `forces`: of each given channel the places of vectors (nu) with factors; it is the sum of them.
+    """
+
+    size: int
+    q: int
+    u: int
+    udot: int
+    forces: tuple[tuple[tuple[int, float], ...], ...]
 
 
 @dataclass(frozen=True)
@@ -40,32 +69,42 @@ class Given:
     """What each row brings beside t, q and u.
 
     `forces`: channels whose force is that of the row's instant; `held`: channels whose force was constant
-    over the step that led to the row. `rated`: whether rows bring u̇.
+    over the step that led to the row. `rated`: whether rows bring u̇. `memory`: where they lie; None: side by
+    side, q, u, u̇ and the forces.
     """
 
     forces: tuple[ChannelName, ...] = ()
     held: tuple[ChannelName, ...] = ()
     rated: bool = False
+    memory: Memory | None = None
 
     @property
     def channels(self) -> tuple[ChannelName, ...]:
         """All of them, in the order of a row."""
         return self.forces + self.held
 
+    def place(self, nq: int, nu: int) -> Memory:
+        """Where rows lie, with so many coordinates and speeds."""
+        if self.memory is not None:
+            return self.memory
+        first = nq + nu * (2 if self.rated else 1)
+        forces = tuple(((first + k * nu, 1.0),) for k in range(len(self.channels)))
+        return Memory(first + len(forces) * nu, 0, nq, nq + nu, forces)
+
 
 @dataclass(frozen=True, eq=False)
 class LiveKernels:
     """A step of the balance.
 
-    A row (of size `row`) is t, q and u (the free ones), u̇ if it is given, and the force (nu) of each given
-    channel. `step` takes the row before, the new row and the sums so far, and gives ``delta_c``, its
-    ``rounding``, the energy ``exchanged``, E, K and V (J), and the new ``sums``. These are, in the order of
-    `SUMS`: E at the start; the work P of the testing function; the part of it that has a quadrature error;
-    how far that is from the trapezoidal rule; ∫|P| dt; least and largest K and V; the number of rows; then
-    the work of each of the `channels`, and the potential of each of the `sources`.
+    `step` takes the settings, what is remembered and, as its parameters, a new row. It gives what is
+    remembered then: that row and the one before, the `SUMS`, the `PAIR` and the `RESULTS`. A row is t, q and
+    u (the free ones), u̇ if it is given, and the force (nu) of each channel. The sums are, in their order:
+    E at the start; the work P of the testing function; the part of it that has a quadrature error; how far
+    that is from the trapezoidal rule; ∫|P| dt; least and largest K and V; the number of steps; then the work
+    of each of the `channels`, and the potential of each of the `sources`.
 
-    `skipped` takes two rows that lie two intervals apart and gives the work with a quadrature error in
-    between; it is None where no work has one.
+    `skipped` gives the work with a quadrature error over the last interval and the new one taken as one, of
+    the same input; it is None where no work has one.
 
     `driven`: sources whose potential depends on time.
     """
@@ -76,7 +115,6 @@ class LiveKernels:
     driven: frozenset[ChannelName]
     step: Kernel
     skipped: Kernel | None
-    row: int
 
 
 _KEPT: LRUCache[LiveKernels] = LRUCache(16)
@@ -195,33 +233,78 @@ def _written_out(
         "K+": ca.fmax(old["K+"], K),
         "V-": ca.fmin(old["V-"], V),
         "V+": ca.fmax(old["V+"], V),
-        "rows": old["rows"] + 1,
+        "steps": old["steps"] + 1,
     }
     exchanged = new["flow"] + (new["K+"] - new["K-"]) + (new["V+"] - new["V-"])
     size_of_terms = exchanged + new["K+"] + ca.fmax(ca.fabs(new["V-"]), ca.fabs(new["V+"]))
-    outputs = {
-        "delta_c": E - new["E0"] - new["work"],
-        "rounding": EPS * size_of_terms * (4 + ca.sqrt(new["rows"])),
-        "exchanged": exchanged,
-        "E": E,
-        "K": K,
-        "V": V,
-        "sums": ca.vertcat(*new.values(), *cumulated, potential),
-    }
-    rows = ca.vertcat(*before.values(), *after.values())
-    skipped = None
-    if not ca.simplify(open_work).is_zero():
-        skipped = Kernel({"rows": rows}, {"open": open_work}, name="live, skipped")
-    step = Kernel({"rows": rows, "sums": so_far}, outputs, name="live")
-    return LiveKernels(
-        given,
-        tuple(works),
-        ledger.potential,
-        symbols.driven,
-        step,
-        skipped,
-        rows.numel() // 2,
+    rounding = EPS * size_of_terms * (4 + ca.sqrt(new["steps"]))
+
+    # The error of the quadrature, by leaving out every second row; and where a pair was cut short by the
+    # trapezoidal rule. As in `balance`, differences are divided by 2^(p/2) − 1, where p is the rule's order.
+    settings, pair, results = (
+        dict(zip(names, ca.vertsplit(ca.SX.sym(what, len(names)))))
+        for what, names in (("settings", SETTINGS), ("pair", PAIR), ("results", RESULTS))
     )
+    exact = ca.simplify(open_work).is_zero()
+    off = pair["off"] + new["open"] - pair["open"] - settings["skipped"]
+    paired = {
+        "off": ca.if_else(settings["second"], off, pair["off"]),
+        "largest": ca.fmax(pair["largest"], ca.if_else(settings["second"], ca.fabs(off), 0.0)),
+        "jumped": pair["jumped"],
+        "open": old["open"],
+        "apart": old["apart"],
+    }
+    smooth = given.rated and not given.forces  # these are interpolated linearly
+    factor = 0.0 if exact else 1.0 / (2.0 ** ((ORDERS[2] if smooth else 2) / 2) - 1.0)
+
+    # Whether the row is within the bounds, written so that NaN is outside.
+    delta_c = E - new["E0"] - new["work"]
+    bar = rounding + factor * paired["largest"] + (0.0 if exact else paired["jumped"])
+    change = delta_c - results["delta_c"]
+    limit = settings["bound"] + settings["tolerance"] * exchanged
+    inside = ca.fabs(delta_c) - bar <= limit
+    allowed = ca.fmax(settings["rate"] * width + bar - results["error_bar"], bar)
+    within = ca.logic_and(inside, ca.fabs(change) <= allowed)
+    found_now = (delta_c, bar, exchanged, change, limit, inside, within, E, K, V)
+
+    # In one kernel: of all that is remembered, and of the place where the new row lies.
+    place = given.place(len(mechanism.coordinates), nu)
+    p = ca.SX.sym("p", place.size)
+    rows = ca.vertcat(*before.values())
+    memory: dict[str, SX] = {
+        "settings": ca.vertcat(*settings.values()),
+        "row": rows,
+        "before": ca.SX.sym("before", rows.numel()),
+        "sums": so_far,
+        "pair": ca.vertcat(*pair.values()),
+        "results": ca.vertcat(*results.values()),
+    }
+    remembered = {
+        "row": ca.vertcat(*after.values()),
+        "before": rows,
+        "sums": ca.vertcat(*new.values(), *cumulated, potential),
+        "pair": ca.vertcat(*paired.values()),
+        "results": ca.vertcat(*found_now),
+    }
+    free = mechanism.free
+    arriving = {
+        "t": settings["t"],
+        "q": p[[place.q + int(k) for k in free.q]],
+        "u": p[[place.u + int(k) for k in free.u]],
+        "udot": p[[place.udot + int(k) for k in free.u]] if given.rated else ca.SX(0, 1),
+        "forces": ca.vertcat(
+            ca.SX(0, 1),
+            *(sum(f * p[at : at + nu] for at, f in blocks) for blocks in place.forces),
+        ),
+    }
+    new_row = (ca.vertcat(*after.values()), ca.vertcat(*arriving.values()))
+    step = {name: ca.substitute(value, *new_row) for name, value in remembered.items()}
+    skipped = None
+    if not exact:
+        two = ca.substitute(ca.substitute(open_work, *new_row), rows, memory["before"])
+        skipped = Kernel(memory, {"open": two}, p, name="live, skipped")
+    kernel = Kernel(memory, step, p, name="live")
+    return LiveKernels(given, tuple(works), ledger.potential, symbols.driven, kernel, skipped)
 
 
 def _state(row: dict[str, SX]) -> tuple[SX, SX, SX]:

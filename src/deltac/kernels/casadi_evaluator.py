@@ -41,6 +41,12 @@ class CasadiEvaluator:
                 self._bind(x, out, parameters)
             self._evaluate()
 
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments."""
+        with self._lock:
+            self._bind(x, out, parameters)
+        return partial(self.single, x, out, parameters)
+
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states, block by block."""
         n = x.shape[1]

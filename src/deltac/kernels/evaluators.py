@@ -25,6 +25,9 @@ class Evaluator(Protocol):
     def single(self, x: Array, out: Array, parameters: Array | None) -> None:
         """One state: x `(n_in,)`, out `(n_out,)`, parameters `(n_par,)`, None if there are none."""
 
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments; it keeps them."""
+
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
 

@@ -6,7 +6,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import count
 from typing import Any
 
@@ -23,10 +23,11 @@ from deltac.kernels.simd import AVX512_WIDTH, simd_width
 OPTIMISATION = 1
 """LLVM's level for making machine code: at 2 the code is not faster, at 0 it takes 1.4 times as long."""
 
-_FUNCTIONS = ("evaluate", "iterate")
+_FUNCTIONS = ("evaluate", "iterate", "call")
 _POINTER, _COUNT = ctypes.c_void_p, ctypes.c_int64
 _EVALUATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _COUNT, _COUNT)
 _ITERATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _COUNT, _COUNT)
+_CALL = ctypes.PYFUNCTYPE(None, _POINTER)  # keeps the GIL: giving it up takes longer than the call
 
 
 class LlvmEvaluator:
@@ -51,7 +52,18 @@ class LlvmEvaluator:
         self._evaluate(*bound[3])
 
     def _bind(self, x: Array, out: Array, parameters: Array | None) -> tuple[Any, ...]:
-        arrays = (x, out, parameters)
+        self._bound = bound = (x, out, parameters, (*self._places(x, out, parameters), 1, 1))
+        return bound
+
+    def bound(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`single` of these arrays, without arguments."""
+        assert self.width == 1, "a vector of states would be written"
+        pointers: Any = (_POINTER * 3)(*self._places(x, out, parameters))
+        pointers.kept = (self, x, out, parameters)
+        return partial(_CALL(self._code["call"]), pointers)
+
+    def _places(self, *arrays: Array | None) -> list[int]:
+        """Where the arrays lie; 0 for one that there is not."""
         places = []
         for array, size in zip(arrays, self._sizes, strict=True):
             if array is None:
@@ -63,8 +75,7 @@ class LlvmEvaluator:
                     f"expected contiguous float64 of shape ({size},)"
                 )
             places.append(array.ctypes.data)
-        self._bound = bound = (*arrays, (*places, 1, 1))
-        return bound
+        return places
 
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states; columns beyond the last whole vector are left out."""

@@ -211,11 +211,12 @@ def _number(bits: int) -> float:
 
 
 def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
-    """The text of a module with two functions, `width` states at a time in the first.
+    """The text of a module with three functions, `width` states at a time in the first.
 
     ``evaluate(x, y, p, stride, n)``: rows of x, y and p are `stride` numbers apart, or else side by side, of
     one state; n columns, a multiple of the width. ``iterate(rows, p, count, period)``: row k + 1 is made of
     row k, with the parameters of row k modulo period; unless strided, and with as many outputs as inputs.
+    ``call(arrays)``: one state, x, y and p being the three pointers that lie there.
 
     Raises:
         InputError: an operation that is not in the tables.
@@ -245,7 +246,7 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
         *(piece.text(k) for k, piece in enumerate(pieces)),
         _evaluate(width, len(pieces), len(carried), BLOCK if len(needed) > CACHED else 1),
     ]
-    text.append(_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)))
+    text += [_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)), CALL]
     called = {tape.nodes[place][0] for place in needed} & LIBRARY.keys()
     kind = _type(width)
     text += [_lanes(name, width) for name in sorted(called)]
@@ -443,6 +444,17 @@ done:
 {give_back}
 ret void
 }}"""
+
+
+CALL = """define void @call(ptr %arrays) {
+%second = getelementptr ptr, ptr %arrays, i64 1
+%third = getelementptr ptr, ptr %arrays, i64 2
+%x = load ptr, ptr %arrays
+%y = load ptr, ptr %second
+%p = load ptr, ptr %third
+call void @evaluate(ptr %x, ptr %y, ptr %p, i64 1, i64 1)
+ret void
+}"""
 
 
 def _lanes(name: str, width: int) -> str:

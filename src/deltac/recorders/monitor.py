@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
@@ -12,8 +13,15 @@ import numpy as np
 from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.energy.live import SUMS, Given, LiveKernels, live_kernels
-from deltac.energy.sampling.quadrature import ORDERS
+from deltac.energy.live import (
+    PAIR,
+    RESULTS,
+    SETTINGS,
+    SUMS,
+    Given,
+    LiveKernels,
+    live_kernels,
+)
 from deltac.errors import (
     ArgumentsError,
     DeltacError,
@@ -63,14 +71,11 @@ class Monitor:
 
     Attributes:
         t: time of the last row, s.
-        delta_c: ΔC there (J); error_bar: its numerical uncertainty (quadrature and rounding).
-        change: by how much ΔC changed in the last step, J.
-        energy_exchanged: ∫Σ|P| dt + range(K) + range(V) so far, J.
-        limit: what |ΔC| is compared with: bound + tolerance · energy_exchanged, J.
-        inside: whether |ΔC| is within the limit, or may be within its error bar. within: whether in
-            addition the last step kept `rate`.
-        rows: number of rows so far.
     """
+
+    _kernels: LiveKernels
+    _even: _Side
+    _here: _Side
 
     def __init__(
         self,
@@ -110,7 +115,6 @@ class Monitor:
             bound = inf if tolerance is None else 0.0
         self.bound, self.tolerance, self.rate = float(bound), float(tolerance or 0.0), rate
         self.on_exceed, self._testing = on_exceed, testing
-        self._kernels: LiveKernels | None = None
         self.reset()
 
     def __repr__(self) -> str:
@@ -122,10 +126,48 @@ class Monitor:
     def reset(self) -> None:
         """Forget all rows: the next one is the first of a new motion."""
         self.t = float("nan")
-        self.delta_c = self.error_bar = self.change = self.energy_exchanged = 0.0
-        self.limit, self.inside, self.within, self.rows = self.bound, True, True, 0
-        self._pair: _Pair | None = None
-        self._pending = False
+        self._begun = self._pending = False
+
+    @property
+    def delta_c(self) -> float:
+        """ΔC at the last row, J."""
+        return self._result("delta_c", 0.0)
+
+    @property
+    def error_bar(self) -> float:
+        """Numerical uncertainty of ΔC (quadrature and rounding), J."""
+        return self._result("error_bar", 0.0)
+
+    @property
+    def change(self) -> float:
+        """By how much ΔC changed in the last step, J."""
+        return self._result("change", 0.0)
+
+    @property
+    def energy_exchanged(self) -> float:
+        """∫Σ|P| dt + range(K) + range(V) so far, J."""
+        return self._result("energy_exchanged", 0.0)
+
+    @property
+    def limit(self) -> float:
+        """What |ΔC| is compared with: bound + tolerance · energy_exchanged, J."""
+        return self._result("limit", self.bound)
+
+    @property
+    def inside(self) -> bool:
+        """Whether |ΔC| is within the limit, or may be within its error bar."""
+        return self._result("inside", 1.0) == 1.0
+
+    @property
+    def within(self) -> bool:
+        """Whether the row is `inside`, and the step that led to it kept the `rate`."""
+        return self._result("within", 1.0) == 1.0
+
+    @property
+    def rows(self) -> int:
+        """Number of rows so far; one that took the place of another is not counted again."""
+        side = self._standing
+        return 0 if side is None else 1 + int(side.sums[_STEPS])
 
     def update(
         self,
@@ -159,49 +201,60 @@ class Monitor:
             BoundExceeded: it is not, and `on_exceed` is "raise".
             InputError: the row does not fit the mechanism or the rows before.
         """
-        forces, held, nu = forces or {}, held or {}, len(self.mechanism.speeds)
-        if self._kernels is None or not self.rows:
-            self._begin(t, q, u, udot, forces, held)
-        kernels = self._kernels
-        assert kernels is not None
-        if (udot is not None) != kernels.given.rated:
+        forces, held = forces or {}, held or {}
+        mechanism, rated = self.mechanism, udot is not None
+        nu = len(mechanism.speeds)
+        parts = [_sized("q", q, len(mechanism.coordinates)), _sized("u", u, nu)]
+        parts += [_sized("udot", udot, nu)] if udot is not None else []
+        acting = {name: _sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
+        first = not self._begun
+        if not isfinite(t) or (not first and t < self.t):
+            raise RecordingError(
+                f"t = {t:g} s comes after {self.t:g} s: times must not decrease; call reset() where a new "
+                "motion starts"
+            )
+        if first:
+            named = [tuple(map(ChannelName.parse, names)) for names in (forces, held)]
+            given = Given(named[0], named[1], rated)
+            both = set(given.forces) & set(given.held)
+            if both:
+                raise ArgumentsError(
+                    f"channels given both as forces and as held: {', '.join(both)}"
+                )
+            self._origin = (float(t), parts[0][mechanism.free.q])
+            self._set_up(given, None)
+        elif rated != self._kernels.given.rated:
             raise RecordingError(
                 f"t = {t:g} s: accelerations must be given in every row or in none"
             )
-        acting = {name: _sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
-        if not acting.keys() <= self._order.keys():
+        elif not set(acting) <= set(self._kernels.given.channels):
             self._extend(forces, held)
-        q, u = _sized("q", q, len(self.mechanism.coordinates)), _sized("u", u, nu)
-        udot = None if udot is None else _sized("udot", udot, nu)
-        row = self._next_row(t)
-        self._fill(row, q, u, udot)
-        channels = row[self._places["forces"]]
-        channels[:] = 0.0
-        for name, force in acting.items():
-            k = self._order[name]
-            channels[k * nu : (k + 1) * nu] = force
-        return self.judge(self._take(t))
+        self._commit()
+        none = np.zeros(nu)
+        parts += [acting.get(name, none) for name in self._kernels.given.channels]
+        np.concatenate(parts, out=self._new)
+        if first:
+            self._first(t)
+            return True
+        return self.judge(self.take(t) if t > self.t else self._again(t))
 
     def reject(self) -> None:
         """Take the last row back: the step that led to it is to be taken again, smaller.
 
         Raises InputError where there is no such row: only the last one can be taken back, and not the first.
         """
-        if not self._pending or self._pair is None:
+        if not self._pending:
             raise RecordingError("there is no step to be taken back: reject() follows an update()")
         self._pending = False
-        self.rows -= 1
-        self.t = float(self._x[0])
-        self.delta_c, self.error_bar, self.energy_exchanged = self._before
-        self.change, self.inside, self.within = 0.0, True, True
+        self.t = self._here.row.item(0)
 
     @property
     def work(self) -> dict[ChannelName, float]:
         """The work of each channel so far, J; that of sources with a potential is what it lost."""
-        kernels = self._kernels
-        if kernels is None or not self.rows:
+        side = self._standing
+        if side is None:
             return {}
-        sums = self._sums if self._pending else self._sums_before
+        kernels, sums = self._kernels, side.sums
         works = dict(zip(kernels.channels, map(float, sums[len(SUMS) :])))
         potentials = sums[len(SUMS) + len(kernels.channels) :]
         for name, before, now in zip(kernels.sources, self._start, potentials):
@@ -243,69 +296,107 @@ class Monitor:
                 self.on_exceed(self)
         return within
 
-    def take(
-        self, t: float, q: Array, u: Array, udot: Array | None, forces: Iterable[Array]
-    ) -> bool:
-        """`update` without its checks and without `on_exceed`, after the first row: for simulators' loops.
+    # --- rows, for simulators' loops ------------------------------------------------------------------
 
-        `forces`: those of all channels, in the order of the first row. Returns whether the row is within the
-        bounds.
+    def follow(self, t: float, given: Given, memory: Array) -> None:
+        """Begin a motion whose rows are found in `memory`, laid out as `given` says, from the present one on.
+
+        It is read at each `take`; nothing is checked there.
         """
-        row = self._next_row(t)
-        if self._all_free:
-            parts = (q, u, *forces) if udot is None else (q, u, udot, *forces)
-            np.concatenate(parts, out=row[1:])
-        else:
-            self._fill(row, q, u, udot)
-            np.concatenate((*forces,), out=row[self._places["forces"]])
-        return self._take(t)
-
-    # --- rows ------------------------------------------------------------------------------------
-
-    def _begin(
-        self, t: float, q: Any, u: Any, udot: Any, forces: Iterable[str], held: Iterable[str]
-    ) -> None:
-        """What rows bring, from the first one; kernels and buffers for it."""
-        given = Given(
-            tuple(map(ChannelName.parse, forces)),
-            tuple(map(ChannelName.parse, held)),
-            udot is not None,
-        )
-        both = set(given.forces) & set(given.held)
-        if both:
-            raise ArgumentsError(f"channels given both as forces and as held: {', '.join(both)}")
-        q = _sized("q", q, len(self.mechanism.coordinates))
+        nq, nu = len(self.mechanism.coordinates), len(self.mechanism.speeds)
+        q = memory[given.place(nq, nu).q :][:nq]
         self._origin = (float(t), q[self.mechanism.free.q])
-        self._set_up(given)
+        self._set_up(given, memory)
+        self._first(t)
 
-    def _set_up(self, given: Given) -> LiveKernels:
-        """Kernels and empty buffers for rows that bring this."""
-        mechanism = self.mechanism
-        free = self._free = mechanism.free
-        kernels = live_kernels(mechanism, given, self._testing, self._origin)
-        self._kernels = kernels
-        self._order: dict[str, int] = {name: k for k, name in enumerate(given.channels)}
-        n = len(free.u)
-        sizes = {"t": 1, "q": len(free.q), "u": n, "udot": n if given.rated else 0}
-        sizes["forces"] = len(mechanism.speeds) * len(given.channels)
-        ends = np.cumsum([0, *sizes.values()])
-        self._places = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
-        self._x = np.zeros(kernels.step.n_in)
-        self._y = np.zeros(kernels.step.n_out)
-        self._row_before, self._row = self._x[: kernels.row], self._x[kernels.row :][: kernels.row]
-        self._sums_before = self._x[2 * kernels.row :]
-        self._sums = self._y[kernels.step.output_slices["sums"]]
-        self._at = {name: place.start for name, place in kernels.step.output_slices.items()}
-        self._all_free = n == len(mechanism.speeds)
-        kernels.step.compile(single=True)
+    def take(self, t: float) -> bool:
+        """The next row, at a later time t; whether it is within the bounds. `on_exceed` is not asked."""
+        here = self._here
+        if self._pending:
+            self._here = here = here.other
+        here.t.value = self.t = t
+        if here.skipped is not None:
+            here.skipped()
+        here.step()
+        self._pending = True
+        return here.other.within.value == 1.0
+
+    def jump(self) -> None:
+        """The row in memory takes the place of the last one, as the start of what follows."""
+        self._commit()
+        self._again(self.t)
+
+    # --- the two sides ---------------------------------------------------------------------------
+
+    @property
+    def _standing(self) -> _Side | None:
+        """The side that holds the last row."""
+        if not self._begun:
+            return None
+        return self._here.other if self._pending else self._here
+
+    def _result(self, name: str, before: float) -> float:
+        """What was found at the last row; `before` there is one."""
+        side = self._standing
+        return before if side is None else side.results.item(RESULTS.index(name))
+
+    def _set_up(self, given: Given, memory: Array | None) -> None:
+        """Kernels and empty sides for rows that bring this."""
+        self._kernels = kernels = live_kernels(self.mechanism, given, self._testing, self._origin)
+        self._new = np.zeros(kernels.step.n_parameters) if memory is None else memory
+        even, odd = _Side(kernels), _Side(kernels)
+        even.bind(kernels, odd, self._new)
+        odd.bind(kernels, even, self._new)
         if kernels.skipped is not None:
-            kernels.skipped.compile(single=True)
-        return kernels
+            odd.skipped = kernels.skipped.bound(odd.x, odd.settings[_SKIPPED:], self._new)
+        rate = inf if self.rate is None else self.rate
+        even.settings[1:] = self.bound, self.tolerance, rate, 0.0, 0.0
+        odd.settings[1:] = self.bound, self.tolerance, rate, 1.0, 0.0
+        self._even = self._here = even
+        self._begun, self._pending = True, False
+
+    def _first(self, t: float) -> None:
+        """The first row: nothing was done yet."""
+        here, kernels = self._even, self._kernels
+        self._again(t)
+        self.take(np.nextafter(t, np.inf))  # an interval of no length has no chord
+        there = here.other
+        E, K, V = there.results[RESULTS.index("E") :]
+        if not (isfinite(t) and isfinite(E)):
+            self.reset()
+            raise StateError(f"t = {t:g} s: the energy of the first row is {E}")
+        sources = len(SUMS) + len(kernels.channels)
+        here.sums[sources:] = there.sums[sources:]
+        self._start = here.sums[sources:].copy()
+        here.sums[: len(SUMS)] = E, 0, 0, 0, 0, K, K, V, V, 0
+        here.results[:] = 0.0, 0.0, 0.0, 0.0, self.bound, 1.0, 1.0, E, K, V
+        self._pending, self.t = False, t
+
+    def _again(self, t: float) -> bool:
+        """The new row takes the place of the last one: nothing is interpolated across the two."""
+        self._begin_pair()
+        even = self._even
+        even.t.value = t
+        even.step()
+        even.row[:] = even.other.row
+        return even.within.value == 1.0
+
+    def _commit(self) -> None:
+        """The last row stands: it becomes the start of the next interval."""
+        if self._pending:
+            self._here, self._pending = self._here.other, False
+
+    def _begin_pair(self) -> None:
+        """A pair of intervals begins at the last row; one that was without its second has the other bar."""
+        here, even = self._here, self._even
+        if here is not even:
+            here.pair[_JUMPED] += here.sums[_APART] - here.pair[_APART_BEFORE]
+            even.memory[:] = here.memory
+            self._here = even
 
     def _extend(self, forces: Iterable[str], held: Iterable[str]) -> None:
         """Channels that appear later: kernels with room for them, the sums so far carried over."""
-        old, pair = self._kernels, self._pair
-        assert old is not None and pair is not None
+        old = self._kernels
         added = [
             tuple(c for c in map(ChannelName.parse, names) if c not in old.given.channels)
             for names in (forces, held)
@@ -317,158 +408,53 @@ class Monitor:
                     f"channel {name!r} is the model's own, and the first row did not give it; give it there"
                 )
         self._commit()
-        pair.restart(self._row_before, self._sums_before)
-        before, sums, order, start = self._row_before, self._sums_before, self._order, self._places
+        self._begin_pair()
         given = replace(
             old.given, forces=old.given.forces + added[0], held=old.given.held + added[1]
         )
-        kernels = self._set_up(given)
-        common, nu = start["forces"].start, len(self.mechanism.speeds)
-        self._row_before[:common] = before[:common]
-        for channel, k in self._order.items():
-            if channel in order:
-                here, there = (
-                    slice(common + j * nu, common + (j + 1) * nu) for j in (k, order[channel])
-                )
-                self._row_before[here] = before[there]
-        works = dict(zip(old.channels, sums[len(SUMS) :]))
-        self._sums_before[: len(SUMS)] = sums[: len(SUMS)]
+        before, nu = self._even, len(self.mechanism.speeds)
+        self._set_up(given, None)
+        here, kernels = self._even, self._kernels
+        here.pair[:], here.results[:] = before.pair, before.results
+        common = len(before.row) - nu * len(old.given.channels)
+        here.row[:common] = before.row[:common]
+        acted = dict(zip(old.given.channels, before.row[common:].reshape(-1, nu)))
+        for name, place in zip(given.channels, here.row[common:].reshape(-1, nu)):
+            place[:] = acted.get(name, 0.0)
+        works = dict(zip(old.channels, before.sums[len(SUMS) :]))
         last = len(SUMS) + len(kernels.channels)
-        self._sums_before[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
-        self._sums_before[last:] = sums[len(SUMS) + len(old.channels) :]
-        self._pair = _Pair(kernels, self._row_before, pair)
-        self._pair.restart(self._row_before, self._sums_before)
-
-    def _next_row(self, t: float) -> Array:
-        """Where the new row is written: the last one, taken back no more, becomes the row before it."""
-        self._commit()
-        if not self.rows:
-            return self._row_before
-        if t < self.t or not isfinite(t):
-            raise RecordingError(
-                f"t = {t:g} s comes after {self.t:g} s: times must not decrease; call reset() where a new "
-                "motion starts"
-            )
-        return self._row if t > self.t else self._row_before
-
-    def _fill(self, row: Array, q: Array, u: Array, udot: Array | None) -> None:
-        places, free = self._places, self._free
-        row[places["q"]] = q if self._all_free else q[free.q]
-        row[places["u"]] = u if self._all_free else u[free.u]
-        if udot is not None:
-            row[places["udot"]] = udot if self._all_free else udot[free.u]
-
-    def _take(self, t: float) -> bool:
-        """Balance the row that was written, at time t; whether it is within the bounds."""
-        kernels, x, y = self._kernels, self._x, self._y
-        assert kernels is not None
-        if not self.rows:
-            return self._first(t)
-        if t == self.t:  # a jump: nothing is interpolated across it
-            assert self._pair is not None
-            self._pair.restart(self._row_before, self._sums_before)
-            return self.within
-        self._row[0] = t
-        kernels.step.single(x, y)
-        at = self._at
-        self._before = (self.delta_c, self.error_bar, self.energy_exchanged)
-        delta_c = y.item(at["delta_c"])
-        exchanged = y.item(at["exchanged"])
-        bar = y.item(at["rounding"])
-        if self._pair is not None and kernels.skipped is not None:
-            bar += self._pair.bar(self._row, self._sums)
-        self.change = delta_c - self.delta_c
-        allowed = None if self.rate is None else self.rate * (t - self.t) + bar - self.error_bar
-        self.t, self.delta_c, self.error_bar, self.energy_exchanged = t, delta_c, bar, exchanged
-        self.limit = self.bound + self.tolerance * exchanged
-        # Written so that NaN is outside.
-        self.inside = abs(delta_c) - bar <= self.limit
-        self.within = self.inside and (allowed is None or abs(self.change) <= max(allowed, bar))
-        self._pending = True
-        self.rows += 1
-        return self.within
-
-    def _first(self, t: float) -> bool:
-        kernels, x, y = self._kernels, self._x, self._y
-        assert kernels is not None
-        self._row_before[0] = t
-        self._row[:] = self._row_before
-        self._row[0] = np.nextafter(t, np.inf)  # an interval of no length has no chord
-        kernels.step.single(x, y)
-        E, K, V = (y.item(self._at[name]) for name in "EKV")
-        if not isfinite(E):
-            raise StateError(f"t = {t:g} s: the energy of the first row is {E}")
-        sources = len(SUMS) + len(kernels.channels)
-        self._start = self._sums[sources:].copy()
-        self._sums_before[:] = 0.0
-        self._sums_before[: len(SUMS)] = E, 0, 0, 0, 0, K, K, V, V, 0
-        self._sums_before[sources:] = self._start
-        self._pair = _Pair(kernels, self._row_before)
-        self.t, self.rows = t, 1
-        return True
-
-    def _commit(self) -> None:
-        """The last row stands: it becomes the start of the next interval."""
-        if not self._pending or self._kernels is None:
-            return
-        self._sums_before[:] = self._sums
-        if self._pair is not None and self._kernels.skipped is not None:
-            self._pair.commit(self._row, self._sums)
-        self._row_before[:] = self._row
-        self._pending = False
+        here.sums[: len(SUMS)] = before.sums[: len(SUMS)]
+        here.sums[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
+        here.sums[last:] = before.sums[len(SUMS) + len(old.channels) :]
 
 
-class _Pair:
-    """Error of the quadrature, by leaving out every second row; and across jumps by the trapezoidal rule.
+class _Side:
+    """One of two memories. A step reads one and writes the other one, so that it can be taken back.
 
-    As in `balance`, differences are divided by 2^(p/2) − 1, where p is the order of the rule.
+    A pair of intervals, by which the error of the quadrature is found, begins at the even side: so only the
+    odd one takes two intervals as one.
     """
 
-    def __init__(self, kernels: LiveKernels, row: Array, before: _Pair | None = None) -> None:
-        self._kernel = kernels.skipped
-        smooth = kernels.given.rated and not kernels.given.forces  # these are interpolated linearly
-        order = ORDERS[2] if smooth else 2
-        self._factor: float = 1.0 / (2.0 ** (order / 2) - 1.0)
-        self._rows = np.concatenate([row, row])
-        self._size = kernels.row
-        self._y = np.zeros(1)
-        self._open = self._apart = 0.0  # the sums where the pair began
-        self._between = False  # whether its first interval is over
-        self._off = self._largest = self._jumped = 0.0
-        if before is not None:  # it goes on, with more channels
-            self._off, self._largest, self._jumped = before._off, before._largest, before._jumped
-        self._new = (0.0, 0.0)
+    def __init__(self, kernels: LiveKernels) -> None:
+        self.x = np.zeros(kernels.step.n_in)
+        self.settings, self.row, _, self.sums, self.pair, self.results = (
+            self.x[where] for where in kernels.step.input_slices.values()
+        )
+        self.memory = self.x[len(SETTINGS) :]
+        self.t = ctypes.c_double.from_buffer(self.x.data)
+        at = kernels.step.input_slices["results"].start + RESULTS.index("within")
+        self.within = ctypes.c_double.from_buffer(self.x.data, 8 * at)
+        self.skipped: Callable[[], object] | None = None
 
-    def bar(self, row: Array, sums: Array) -> float:
-        """How far the work may be off at a new row."""
-        if self._between and self._kernel is not None:
-            self._rows[self._size :] = row
-            self._kernel.single(self._rows, self._y)
-            off = self._off + float(sums[_OPEN]) - self._open - float(self._y[0])
-            self._new = off, max(self._largest, abs(off))
-            return self._factor * self._new[1] + self._jumped
-        return self._factor * self._largest + self._jumped
-
-    def commit(self, row: Array, sums: Array) -> None:
-        """The row stands."""
-        if not self._between:
-            self._between = True
-            return
-        self._off, self._largest = self._new
-        self._start(row, sums)
-
-    def restart(self, row: Array, sums: Array) -> None:
-        """A pair begins anew; an interval that was without its second has the other bar."""
-        if self._between:
-            self._jumped += sums.item(_APART) - self._apart
-        self._start(row, sums)
-
-    def _start(self, row: Array, sums: Array) -> None:
-        self._rows[: self._size] = row
-        self._open, self._apart, self._between = sums.item(_OPEN), sums.item(_APART), False
+    def bind(self, kernels: LiveKernels, other: _Side, row: Array) -> None:
+        """What a step of this side reads and writes."""
+        self.other = other
+        self.step = kernels.step.bound(self.x, other.memory, row)
 
 
-_OPEN, _APART = SUMS.index("open"), SUMS.index("apart")
+_STEPS, _APART = SUMS.index("steps"), SUMS.index("apart")
+_JUMPED, _APART_BEFORE = PAIR.index("jumped"), PAIR.index("apart")
+_SKIPPED = SETTINGS.index("skipped")
 
 
 def _sized(what: str, values: Any, size: int) -> Array:

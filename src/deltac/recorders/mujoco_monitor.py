@@ -7,12 +7,14 @@ a forward pass on a copy of the state gives those of the row.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.energy.live import Given, Memory
 from deltac.errors import ModelError, RecordingError
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
 from deltac.mechanism.channels import ChannelName
@@ -26,11 +28,15 @@ Data: TypeAlias = Any
 GROUPS = ("actuator all", "constraint all", "applied all")
 """Of actuators; of contacts, limits, friction loss and equalities; all others but springs and dampers."""
 
-TERMS = (
-    "qfrc_actuator", "qfrc_constraint", "qfrc_smooth", "qfrc_bias", "qfrc_spring", "qfrc_damper"
-)  # fmt: skip
-SIGNS = np.array([[1.0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [-1, 0, 1, 1, -1, -1]])
-"""The groups as sums of forces in mjData: all that accelerates but bias, springs, dampers and actuators."""
+SUMS = (
+    {"actuator": 1.0},
+    {"constraint": 1.0},
+    {"smooth": 1.0, "bias": 1.0, "spring": -1.0, "damper": -1.0, "actuator": -1.0},
+)
+"""The groups as sums of qfrc_… in mjData; the last: all but springs, dampers, actuators and constraints."""
+
+WITHIN_REACH = 50_000
+"""A row is read from mjData's own memory where it lies within so many numbers; else it is copied."""
 
 PASSIVE = "applied passive"
 """Springs and dampers that the mechanism does not have."""
@@ -54,35 +60,33 @@ class MujocoMonitor:
         self._elements = Elements.of(model, grouped=True)
         self._compensated = any(name.element == "gravcomp" for name in known)
         self._missing = self._not_imported(known)
-        groups = (*GROUPS, PASSIVE) if self._missing else GROUPS
-        self._groups = dict.fromkeys(groups, np.zeros(model.nv))
-        self._sums = np.zeros((len(groups), model.nv))
-        self._terms = np.zeros((len(TERMS), model.nv))
+        self._names = tuple(map(ChannelName.parse, (*GROUPS, PASSIVE) if self._missing else GROUPS))
         self._stages = model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4
         self._state = int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self._user = int(self._mujoco.mjtState.mjSTATE_USER)
-        self._inputs, self._given = (
+        self._inputs, self._present = (
             np.zeros(self._mujoco.mj_stateSize(model, self._user)) for _ in range(2)
         )
         self._at_row = self._mujoco.MjData(model)
+        self._opt = model.opt
+        self._given, self._row = self._layout(self._at_row if self._stages else data)
         self.restart()
 
     def restart(self) -> None:
         """Begin with the present state of the data: after a reset, or when the state was set."""
-        self.monitor.reset()
-        self._plastic = np.array(self._data.plastic)  # as it was in the pass whose forces are read
+        data = self._data
+        self._plastic = np.array(data.plastic)  # as it was in the pass whose forces are read
         if self._stages:
-            self._row_of_stages(self._data.time)
-        else:
-            groups = {name: np.zeros(self._model.nv) for name in self._groups}
-            self.monitor.update(self._data.time, self._data.qpos, self._data.qvel, held=groups)
+            self._forward(data)
+        self._read()
+        self.monitor.follow(data.time, self._given, self._row)
 
     def update(self) -> bool:
         """Take the step that was just made; as `Monitor.update`.
 
         Raises BoundExceeded as that does, and InputError when not exactly one step was made.
         """
-        return self.monitor.judge(self._advance())
+        return self._advance() or self.monitor.judge(False)
 
     def step(self, halvings: int = 10) -> int:
         """Make a step with the present inputs, in parts where a bound asks for it; the number of parts.
@@ -120,8 +124,8 @@ class MujocoMonitor:
 
     def _advance(self) -> bool:
         """Give the monitor the row after the step."""
-        model, data, monitor = self._model, self._data, self.monitor
-        t, h = data.time, model.opt.timestep
+        data, monitor = self._data, self.monitor
+        t, h = data.time, self._opt.timestep
         if abs(t - monitor.t - h) > 1e-6 * h:
             raise RecordingError(
                 f"update() at t = {t:g} s: {(t - monitor.t) / h:g} steps were made since {monitor.t:g} s, "
@@ -129,64 +133,66 @@ class MujocoMonitor:
             )
         if self._stages:
             self._jump()
-            return self._row_of_stages(t)
-        forces = (self._summed(data),) if self._plain else self._read(data).values()
-        return monitor.take(t, data.qpos, data.qvel, None, forces)
+            self._forward(data)
+        self._read()
+        return monitor.take(t)
 
-    def _row_of_stages(self, t: float) -> bool:
-        """The row of the present state, with accelerations and forces of a forward pass there."""
-        model, data, here = self._model, self._data, self._at_row
-        self._mujoco.mj_copyState(model, data, here, self._state)
-        self._mujoco.mj_getState(model, data, self._inputs, self._user)
-        self._mujoco.mj_forward(model, here)
-        return self._give(t, here)
+    def _forward(self, data: Data) -> None:
+        """Accelerations and forces of the present state, on the copy; the inputs that acted."""
+        self._mujoco.mj_copyState(self._model, data, self._at_row, self._state)
+        self._mujoco.mj_getState(self._model, data, self._inputs, self._user)
+        self._mujoco.mj_forward(self._model, self._at_row)
 
     def _jump(self) -> None:
         """Where inputs changed at the row before, that row again with the inputs which then acted."""
         model, data, here = self._model, self._data, self._at_row
-        self._mujoco.mj_getState(model, data, self._given, self._user)
-        if self._given.tobytes() != self._inputs.tobytes():
+        self._mujoco.mj_getState(model, data, self._present, self._user)
+        if self._present.tobytes() != self._inputs.tobytes():
             self._mujoco.mj_copyState(model, data, here, self._user)
             self._mujoco.mj_forward(model, here)
-            self._give(self.monitor.t, here)
+            self._read()
+            self.monitor.jump()
 
-    def _give(self, t: float, here: Data) -> bool:
-        self._read(here)
-        if not self.monitor.rows:
-            return self.monitor.update(t, here.qpos, here.qvel, here.qacc, self._groups)
-        return self.monitor.take(t, here.qpos, here.qvel, here.qacc, self._groups.values())
+    def _layout(self, data: Data) -> tuple[Given, Array]:
+        """What a row brings, and where it is found: in mjData itself, if nothing is to be computed."""
+        held, forces = ((), self._names) if self._stages else (self._names, ())
+        given = Given(forces, held, rated=self._stages)
+        named = {name: getattr(data, f"qfrc_{name}") for group in SUMS for name in group}
+        arrays = {"q": data.qpos, "u": data.qvel, "udot": data.qacc, **named}
+        places = {name: array.ctypes.data for name, array in arrays.items()}
+        first = min(arrays, key=lambda name: places[name])
+        ends = [places[name] + array.nbytes for name, array in arrays.items()]
+        size = (max(ends) - places[first]) // 8
+        if self._compensated or self._missing or size > WITHIN_REACH:
+            nq, nu = len(data.qpos), len(data.qvel)
+            return given, np.zeros(given.place(nq, nu).size)
+        at = {name: (place - places[first]) // 8 for name, place in places.items()}
+        blocks = tuple(tuple((at[name], sign) for name, sign in group.items()) for group in SUMS)
+        memory = Memory(size, at["q"], at["u"], at["udot"], blocks)
+        # One allocation, mjData's buffer, holds all arrays but those of contacts and constraint rows
+        # (mjdata.h), and lives as long as any of them.
+        row = np.lib.stride_tricks.as_strided(arrays[first], (size,), (8,), writeable=False)
+        return replace(given, memory=memory), row
 
-    @property
-    def _plain(self) -> bool:
-        """Whether the groups are sums of forces in mjData with the same signs for all speeds."""
-        return not (self._compensated or self._missing)
-
-    def _summed(self, data: Data) -> Array:
-        """The groups one after the other, `_read` in two calls of NumPy: these are all of its time."""
-        np.concatenate([getattr(data, name) for name in TERMS], out=self._terms.reshape(-1))
-        np.dot(SIGNS, self._terms, out=self._sums)
-        return self._sums.reshape(-1)
-
-    def _read(self, data: Data) -> dict[str, Array]:
-        """The groups of forces in mjData, of the forward pass that it holds."""
-        other = data.qfrc_smooth + data.qfrc_bias
-        other -= data.qfrc_spring
-        other -= data.qfrc_damper
+    def _read(self) -> None:
+        """Copy the row of the forward pass that mjData holds, with groups that are not there as such."""
+        if self._given.memory is not None:
+            return
+        data = self._at_row if self._stages else self._data
         actuator = data.qfrc_actuator
+        other = data.qfrc_smooth + data.qfrc_bias - data.qfrc_spring - data.qfrc_damper
         if self._compensated:
             own = self._elements.as_actuator
             actuator = actuator - np.where(own, data.qfrc_gravcomp, 0.0)
             other -= data.qfrc_gravcomp
-        other -= actuator
-        groups = self._groups
-        groups["actuator all"], groups["constraint all"] = actuator, data.qfrc_constraint
-        groups["applied all"] = other
+        groups = [actuator, data.qfrc_constraint, other - actuator]
         if self._missing:
             forces = passive_forces(self._model, data, self._elements, self._plastic)
             lacking = [force for name, force in forces.items() if name in self._missing]
             self._plastic = np.array(data.plastic)  # as it is in the next pass
-            groups[PASSIVE] = np.sum([*lacking, np.zeros(self._model.nv)], axis=0)
-        return groups
+            groups.append(np.sum([*lacking, np.zeros(self._model.nv)], axis=0))
+        rates = [data.qacc] if self._stages else []
+        np.concatenate((data.qpos, data.qvel, *rates, *groups), out=self._row)
 
     def _not_imported(self, known: set[ChannelName]) -> frozenset[str]:
         """Channels of springs and dampers that MuJoCo has and the mechanism does not."""

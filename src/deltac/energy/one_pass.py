@@ -1,11 +1,11 @@
 """Ledgers of long logs in one pass: integrals over all rows, columns at all or at a few of them.
 
-Rows go in blocks through what stays in a core's cache: into columns, through the equations, the powers back into
-rows, and through `Running`, which sums them and what their error bars are made of. Nothing is written but what is
-kept: all rows, or of equal parts of the log those with the largest |ΔC|.
+Rows go in blocks through what stays in a core's cache: into columns, through the equations, the powers back
+into rows, and through `Running`, which sums them and what their error bars are made of. Nothing is written
+but what is kept: all rows, or of equal parts of the log those with the largest |ΔC|.
 
-Blocks are summed by themselves, by whatever thread, and put together in their order, so that the result is the
-same to the last bit on any number of threads.
+Blocks are summed by themselves, by whatever thread, and put together in their order, so that the result is
+the same to the last bit on any number of threads.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from threading import Condition
 from typing import TypeAlias
 
@@ -104,21 +105,18 @@ class _Layout:
             for name in variants(symbols, function.name)
         ]
         self.functions = [k for _, k in pairs]
-        self._weights = np.array([f.E(Energies(*np.eye(4))) for f, _ in pairs])  # E is linear
+        energies = Energies(*np.eye(4))
+        parts = (*np.eye(4), energies.K)
+        self._weights = np.array([*parts, *(f.E(energies) for f, _ in pairs)])  # E is linear
         self.n_between, self.n_out = kernels.between.n_out, kernels.at_samples.n_out
         self.between = slice(self.n_out - self.n_between, self.n_out)
         self.channels = own["channels"]
         self.leading = slice(len(kernels.channels), None)
 
-    def E(self, known: Array) -> Array:
-        """E of each testing function (f, B)."""
-        return np.asarray(self._weights @ known[self.energies])
-
-    def extremes(self, known: Array) -> tuple[Array, Array]:
-        """Least and largest K2, K1, K0, V and K (5,)."""
-        parts = known[self.energies]
-        K = parts[0] + parts[1] + parts[2]
-        return np.append(parts.min(axis=1), K.min()), np.append(parts.max(axis=1), K.max())
+    def of_energies(self, known: Array) -> tuple[Array, Array]:
+        """K2, K1, K0, V and K (5, B), and E of each testing function (f, B)."""
+        found = self._weights @ known[self.energies]
+        return found[:5], found[5:]
 
 
 @dataclass(frozen=True)
@@ -164,8 +162,9 @@ class _Before:
 class _Worker:
     """Evaluates blocks, one after the other, in memory of its own.
 
-    After `evaluate` the block is at hand: `known` (n, rows + 1), and by `value` and `reached` the integrals and
-    the extremes of errors (k, n) at some of its rows.
+    After `evaluate` the block is at hand: `known` (n, rows + 1), `delta_c`, what each testing function gained
+    since its first row (f, rows + 1; J), and by `value` and `reached` the integrals and the extremes of
+    errors (k, n) at some of its rows.
     """
 
     def __init__(
@@ -187,12 +186,13 @@ class _Worker:
         self._flow = flow = Flow(size, len(layout.potential), LIKELY / self.width)
         around, core = self._y[:, : size + 2 * REACH + 1], self._y[:, REACH : REACH + size + 1]
         pairs = [(around[layout.between], running.powers), (core[layout.conservative], flow.powers)]
-        for k, place in enumerate(layout.potential):
-            pairs.append((core[place : place + 1], flow.works[:, k : k + 1]))
+        for k, run in _runs(layout.potential):
+            pairs.append((core[run], flow.works[:, k : k + run.stop - run.start]))
         self._back = [(transposing(a, b), len(a)) for a, b in pairs if len(a)]
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
         self.known = self._y
+        self.delta_c = np.empty((len(layout.functions), size + 1))
 
     def evaluate(self, first: int) -> tuple[int, _Sums]:
         """The block from that row on: how many rows it has, but for the last, and what they come to."""
@@ -213,14 +213,20 @@ class _Worker:
         self._fine, self.known = None, self._y[:, REACH : REACH + self._size + 1]
         running.run()
         for k, driven in layout.driven:
-            flow.works[:, k] -= self.width * running.of(driven)
+            flow.works[:, k] -= self.width * running.of([driven])[0]
+        lowest, highest, delta_c = self._compared(running.of(layout.functions))
         return _Sums(
-            running.value(self._size),
-            *(running.end(n) for n in ("error", "most", "least", "finer", "coarser")),
-            flow.run(),
-            running.end("size"),
-            *layout.extremes(self.known),
-            self._gained(),
+            value=running.whole(),
+            error=running.end("error"),
+            most=running.end("most"),
+            least=running.end("least"),
+            finer=running.end("finer"),
+            coarser=running.end("coarser"),
+            flow=flow.run(),
+            size=running.end("size"),
+            lowest=lowest,
+            highest=highest,
+            delta_c=delta_c,
         )
 
     def _at_an_end(self, first: int, last: int) -> _Sums:
@@ -245,25 +251,31 @@ class _Worker:
         lost = -np.diff(self.known[layout.potential], axis=1)
         for k, driven in layout.driven:
             lost[k] += self.width * np.diff(self._fine[driven])
+        lowest, highest, delta_c = self._compared(self._fine[layout.functions])
         return _Sums(
-            self._fine[:, -1],
-            error[:, end],
-            self._most[:, end],
-            self._least[:, end],
-            np.abs(np.diff(error[:, : end + 1], axis=1)).sum(axis=1),
-            np.abs(np.diff(coarse, axis=1)).sum(axis=1),
-            flowed(self.known[layout.conservative], self.width, lost) / self.width,
-            np.abs(between[:, core][:, :-1]).sum(axis=1),
-            *layout.extremes(self.known),
-            self._gained(),
+            value=self._fine[:, -1],
+            error=error[:, end],
+            most=self._most[:, end],
+            least=self._least[:, end],
+            finer=np.abs(np.diff(error[:, : end + 1], axis=1)).sum(axis=1),
+            coarser=np.abs(np.diff(coarse, axis=1)).sum(axis=1),
+            flow=flowed(self.known[layout.conservative], self.width, lost) / self.width,
+            size=np.abs(between[:, core][:, :-1]).sum(axis=1),
+            lowest=lowest,
+            highest=highest,
+            delta_c=delta_c,
         )
 
-    def _gained(self) -> Array:
-        E = self._layout.E(self.known[:, [0, -1]])
-        value = self._running.value(self._size) if self._fine is None else self._fine[:, -1]
-        return np.asarray(E[:, 1] - E[:, 0] - self.width * value[self._layout.functions])
+    def _compared(self, integrals: Array) -> tuple[Array, Array, Array]:
+        """Least and largest energies (5,), what each testing function gains; keeps that at all rows."""
+        energies, E = self._layout.of_energies(self.known)
+        integrals *= self.width
+        E -= E[:, :1].copy()
+        E -= integrals
+        self.delta_c = E
+        return energies.min(axis=1), energies.max(axis=1), E[:, -1]
 
-    def value(self, rows: NDArray[np.intp] | slice) -> Array:
+    def value(self, rows: NDArray[np.intp]) -> Array:
         """∫P from the block's first row to others (k, n), over h."""
         return self._running.value(rows) if self._fine is None else self._fine[:, rows].T
 
@@ -275,14 +287,12 @@ class _Worker:
         seen = np.minimum((rows + AHEAD + 1) // 2, self._most.shape[1] - 1)
         return self._most[:, seen].T, self._least[:, seen].T
 
-    def delta_c(self) -> Array:
-        """What each testing function gains from the block's first row to each (f, rows + 1), J."""
-        E, columns = self._layout.E(self.known), self._layout.functions
-        if self._fine is None:
-            integrals = np.array([self._running.of(k) for k in columns])
-        else:
-            integrals = self._fine[columns]
-        return np.asarray(E - E[:, :1] - self.width * integrals)
+
+def _runs(places: Sequence[int]) -> Iterator[tuple[int, slice]]:
+    """Neighbouring places together: the number of the first, and where they are."""
+    starts = [k for k, place in enumerate(places) if not k or place != places[k - 1] + 1]
+    for a, b in pairwise((*starts, len(places))):
+        yield a, slice(places[a], places[a] + b - a)
 
 
 def _inputs(
@@ -339,7 +349,7 @@ def in_one_pass(
     enough = LONG if keep is None else max(LEAST, MANY * keep)
     if aside or count < enough or not equidistant(samples.t):
         return None
-    part = 1 if keep is None else min(max(-(-count // keep), 1), PART)
+    part = 1 if keep is None else min(max(count // keep, 1), PART)
     if part > 8 * MULTIPLE:
         part -= part % MULTIPLE
     unit = math.lcm(part, MULTIPLE)
@@ -348,7 +358,8 @@ def in_one_pass(
     starts = range(0, count - 1, size)
     kept = _All(layout, count) if keep is None else _Some(layout, part, count)
     turns, sums = _Turns(), list[_Sums]()
-    before = _Before(*np.zeros((3, layout.n_between)), np.zeros(len(layout.functions)))
+    nothing = np.zeros(layout.n_between)
+    before = _Before(nothing, nothing, nothing, np.zeros(len(layout.functions)))
     workers = min(cores(), len(starts))
 
     def work(number: int) -> None:
@@ -419,7 +430,7 @@ class _Some:
 
     def keep(self, worker: _Worker, first: int, steps: int, before: _Before) -> None:
         """Some rows of a block."""
-        off = np.abs(worker.delta_c() + before.delta_c[:, None]).max(axis=0)
+        off = np.abs(worker.delta_c + before.delta_c[:, None]).max(axis=0)
         rows = _picked(off, self._part, first == 0, first + steps == self._last)
         self._found[first] = (
             rows + first,
@@ -438,9 +449,9 @@ class _Some:
 def _picked(off: Array, part: int, first: bool, last: bool) -> NDArray[np.intp]:
     """Of each part of a block (B,) the row that is furthest `off`; the ends of the log too."""
     whole = (len(off) - 1) // part * part  # the last row is the next block's first
-    rows = [off[:whole].reshape(-1, part).argmax(axis=1) + np.arange(0, whole, part)]
+    rows = off[:whole].reshape(-1, part).argmax(axis=1) + np.arange(0, whole, part)
     rest = off[whole : None if last else -1]
+    more = [0] * first + [len(off) - 1] * last
     if len(rest):
-        rows.append(np.array([whole + rest.argmax()]))
-    ends = [0] * first + [len(off) - 1] * last
-    return np.unique(np.concatenate([*rows, np.array(ends, dtype=np.intp)]))
+        more.append(whole + int(rest.argmax()))
+    return np.unique(np.append(rows, more)) if more else rows

@@ -93,7 +93,8 @@ class LlvmEvaluator:
         evaluate = self._evaluate
 
         def call() -> object:
-            evaluate(*arguments)
+            if arguments[-1]:
+                evaluate(*arguments)
             return kept
 
         return call

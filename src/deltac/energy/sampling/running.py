@@ -5,13 +5,14 @@ end of an integral alone (as Gregory's rule does): with τ_i the tail sums of a 
 
     ∫ P dt / h from row a to row n = Σ P_m (a ≤ m < n) + g_n − g_a,   g_n = P_n/2 + Σ τ_i (P_{n+i} − P_{n−i}).
 
-The differences between integrals over all, every second and every fourth row are such sums too, of alternating
-signs. So a row costs a few sums whatever the order is, and the columns of a log go side by side through SIMD
-vectors. All numbers here are in units of the interval h.
+The differences between integrals over all, every second and every fourth row are such sums too, of
+alternating signs. So a row costs a few sums whatever the order is, and the columns of a log go side by side
+through SIMD vectors. All numbers here are in units of the interval h.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -51,16 +52,38 @@ def _tails() -> Array:
     return np.array([weights[SAMPLED - k :].sum() for k in range(TAPS, 0, -1)])
 
 
+class _Around:
+    """What windows around a row add to the sums before it, by symbols of the powers from row −`REACH` on."""
+
+    def __init__(self, powers: SX) -> None:
+        self._P, self._tau = powers, _tails()
+
+    def apart(self, n: int, k: int) -> SX:
+        return self[n + k] - self[n - k]
+
+    def __getitem__(self, n: int) -> SX:
+        return self._P[REACH + n]
+
+    def g(self, n: int) -> SX:
+        """Of an integral over all rows."""
+        return 0.5 * self[n] + sum(t * self.apart(n, k) for k, t in enumerate(self._tau, start=1))
+
+    def error(self, n: int, step: int) -> SX:
+        """Of that over rows `step` apart, less the one over every second of these; over `step`."""
+        weights = np.zeros(2 * TAPS + 1)
+        weights[1 : TAPS + 1] += self._tau
+        weights[2::2] -= 2.0 * self._tau
+        near = sum(w * self.apart(n, step * k) for k, w in enumerate(weights) if w)
+        return near - 0.5 * self[n]
+
+
 @lru_cache(maxsize=1)
-def _at_row() -> Array:
-    """Weights (3, 2 `REACH` + 1) of the rows around one in its g and in those of the two differences."""
-    found = np.zeros((3, 2 * REACH + 1))
-    for k, tau in enumerate(_tails(), start=1):
-        for row, step, sign in ((0, 1, 1.0), (1, 1, 1.0), (1, 2, -2.0), (2, 2, 1.0), (2, 4, -2.0)):
-            found[row, REACH + k * step] += sign * tau
-            found[row, REACH - k * step] -= sign * tau
-    found[:, REACH] = (0.5, -0.5, -0.5)
-    return found
+def _start_kernel() -> Kernel:
+    """The first numbers of the state before a row, with which the integrals there are zero."""
+    P = ca.SX.sym("P", 2 * REACH + 1)
+    at = _Around(P)
+    start = ca.vertcat(at.g(0), at.error(0, 1), at.error(0, 2))
+    return Kernel({"P": P}, {"state": -start}, name="start of running integrals")
 
 
 @lru_cache(maxsize=4)
@@ -71,34 +94,23 @@ def _running_kernel(rows: int) -> Kernel:
     """
     P, given = ca.SX.sym("P", rows + 2 * REACH + 1), ca.SX.sym("state", len(STATE))
     s = dict(zip(STATE, ca.vertsplit(given)))
-    tau = _tails()
-
-    def apart(n: int, k: int) -> SX:
-        return P[REACH + n + k] - P[REACH + n - k]
-
-    def g(n: int) -> SX:
-        return 0.5 * P[REACH + n] + sum(tau[k - 1] * apart(n, k) for k in range(1, TAPS + 1))
-
-    def error(n: int, step: int) -> SX:
-        """Of all against every second row of those `step` apart, without the sum of alternating signs."""
-        weights: dict[int, float] = {}
-        for k, each in enumerate(tau, start=1):
-            weights[k] = weights.get(k, 0.0) + each
-            weights[2 * k] = weights.get(2 * k, 0.0) - 2.0 * each
-        near = sum(w * apart(n, step * k) for k, w in weights.items())
-        return near - 0.5 * P[REACH + n]
-
-    value, most, least = [], [], []
+    at = _Around(P)
+    value: list[SX] = []
+    most: list[SX] = []
+    least: list[SX] = []
     last = s["error"]
     for n in range(rows + AHEAD + 1):
         if n % 2 == 0 and n:
-            s["odd"] = s["odd"] + (P[REACH + n - 1] - P[REACH + n - 2])
-            now = s["odd"] + error(n, 1)
+            s["odd"] = s["odd"] + (at[n - 1] - at[n - 2])
+            now = s["odd"] + at.error(n, 1)
             if n > rows:  # only looked ahead to
                 high, low = ca.fmax(most[-1], now), ca.fmin(least[-1], now)
             else:
                 s["finer"] += ca.fabs(now - last)
-                high, low = s["most"], s["least"] = ca.fmax(s["most"], now), ca.fmin(s["least"], now)
+                high, low = s["most"], s["least"] = (
+                    ca.fmax(s["most"], now),
+                    ca.fmin(s["least"], now),
+                )
                 last = now
             if n >= AHEAD:
                 most.append(high)
@@ -106,15 +118,15 @@ def _running_kernel(rows: int) -> Kernel:
             if n == rows:
                 ends = s["odd"]
         if n % 4 == 0 and 0 < n <= rows:
-            s["half"] = s["half"] + (P[REACH + n - 2] - P[REACH + n - 4])
-            coarse = 2.0 * (s["half"] + error(n, 2))
+            s["half"] = s["half"] + (at[n - 2] - at[n - 4])
+            coarse = 2.0 * (s["half"] + at.error(n, 2))
             s["coarser"] += ca.fabs(coarse - s["coarse"])
             s["coarse"] = coarse
         if n < rows:
-            value.append(s["sum"] + g(n))
-            s["sum"] = s["sum"] + P[REACH + n]
-            s["size"] = s["size"] + ca.fabs(P[REACH + n])
-    value.append(s["sum"] + g(rows))
+            value.append(s["sum"] + at.g(n))
+            s["sum"] = s["sum"] + at[n]
+            s["size"] = s["size"] + ca.fabs(at[n])
+    value.append(s["sum"] + at.g(rows))
     s |= {"odd": ends, "error": last}
     outputs = {"value": value, "most": most, "least": least, "state": [s[name] for name in STATE]}
     columns = {name: ca.vertcat(*entries) for name, entries in outputs.items()}
@@ -137,10 +149,12 @@ class Running:
         for size in PIECES:
             cuts += range(cuts[-1] + size, rows + 1, size)
         kernels = [_running_kernel(b - a) for a, b in zip(cuts, cuts[1:])]
-        self._start = aligned(len(STATE), lanes)
         self._found = aligned(sum(k.n_out for k in kernels), lanes)
         self._value, self._most, self._least = np.zeros((3, rows + 1), dtype=np.intp)
-        self._calls, before, top = [], self._start, 0
+        start = aligned(len(STATE), lanes)
+        around = self._powers[: 2 * REACH + 1]
+        self._calls = [_start_kernel().bound_batch(around, start[: _start_kernel().n_out])]
+        before, top = start, 0
         for a, b, kernel in zip(cuts, cuts[1:], kernels):
             out = self._found[top : top + kernel.n_out]
             x = self._powers[a : b + 2 * REACH + 1]
@@ -157,20 +171,22 @@ class Running:
 
     def run(self) -> None:
         """All rows of the block."""
-        g = _at_row() @ self._powers[: 2 * REACH + 1]
-        np.negative(g, out=self._start[:3])
         for call in self._calls:
             call()
 
-    def value(self, rows: NDArray[np.intp] | slice) -> Array:
-        """∫ from the block's first row to others (k, n); its last is that after the block."""
+    def value(self, rows: NDArray[np.intp]) -> Array:
+        """∫ from the block's first row to others, and to the one after it (k, n)."""
         return self._found[self._value[rows], : self.columns]
 
-    def of(self, column: int) -> Array:
-        """∫ of one column from the block's first row to each, and to the one after the block (rows + 1,)."""
-        return self._found[self._value, column]
+    def whole(self) -> Array:
+        """∫ over the block (n,)."""
+        return self._found[self._value[-1], : self.columns].copy()
 
-    def reached(self, rows: NDArray[np.intp] | slice) -> tuple[Array, Array]:
+    def of(self, columns: Sequence[int]) -> Array:
+        """∫ of some columns from the block's first row to each, and to the one after it (c, rows + 1)."""
+        return self._found[self._value[None, :], np.array(columns, dtype=np.intp)[:, None]]
+
+    def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Largest and least error so far (k, n), and `AHEAD`, of the rows of a block."""
         return (
             self._found[self._most[rows], : self.columns],
@@ -197,7 +213,7 @@ def _flow_kernel(rows: int) -> Kernel:
 class Flow:
     """∫|P| dt within a block of rows, of columns that come with the work W up to each row.
 
-    An interval counts no more than `bound` |ΔW|, with W in units of the trapezoid of |P|. `powers` and `works`
+    An interval counts no more than `bound` |ΔW|; `bound` is over the interval h. `powers` and `works`
     (rows + 1, n) are to be written before each call of `run`.
     """
 
@@ -221,4 +237,4 @@ class Flow:
         """The sums (n,)."""
         for call in self._calls:
             call()
-        return 0.5 * self._end[: self.columns]
+        return np.asarray(0.5 * self._end[: self.columns])

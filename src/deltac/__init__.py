@@ -9,20 +9,15 @@ in `deltac.solvers`.
 
 from __future__ import annotations
 
-import ast
 from importlib import import_module
-from pathlib import Path
 from typing import Any
+
+from deltac.stubs import listed
 
 __version__ = "0.1.0"
 
 #: public name -> the module that defines it
-_PUBLIC: dict[str, str] = {
-    alias.name: str(statement.module)
-    for statement in ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8")).body
-    if isinstance(statement, ast.ImportFrom)
-    for alias in statement.names
-}
+_PUBLIC = listed(__file__)
 
 #: names of version 0.1 -> what to write now; to go in the next release
 _RENAMED: dict[str, str] = {

@@ -88,6 +88,7 @@ from deltac.recorders import record_batch as record_batch
 from deltac.recorders import record_drake as record_drake
 from deltac.recorders import record_exudyn as record_exudyn
 from deltac.recorders import record_mujoco as record_mujoco
+from deltac.recorders import record_opensim as record_opensim
 from deltac.recorders import record_pinocchio as record_pinocchio
 from deltac.recorders import record_pybullet as record_pybullet
 from deltac.recorders import run_mujoco as run_mujoco

@@ -13,12 +13,11 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeVar, cast, runtime_checkable
 
 from deltac.arguments import checked
 from deltac.errors import (
@@ -37,6 +36,9 @@ from deltac.limits import parse_json, parse_toml
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.scripts import Script
+
+T = TypeVar("T")
 
 BASES = ("fixed", "free")
 """What bears the root link of a URDF file: the ground, or a free joint."""
@@ -170,7 +172,9 @@ class Model:
                 "mechanism.state(...) of this mechanism"
             )
         values = (given.t, *given.q.tolist(), *given.u.tolist())
-        if not all(isinstance(v, Real) and math.isfinite(v) for v in values):
+        if not all(type(v) is float or isinstance(v, Real) for v in values) or not all(
+            map(math.isfinite, values)
+        ):
             raise StateError(
                 "the state is not finite; make it by mechanism.state(...), which says where"
             )
@@ -386,32 +390,28 @@ def _written(mechanism: Mechanism, path: Path) -> State:
 
 
 def from_file(path: Path, name: str, what: str = "model") -> Any:
-    """What a Python file calls `name`; the file is run.
+    """What a Python file calls `name`; of the file, what this name needs is run (`deltac.scripts`).
 
     Raises InputError for a file that is missing or cannot be run, and an unknown name.
     """
-    module = _run(path, what)
+    module = _run(path, what, name)
     if not hasattr(module, name):
         known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
         raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
     return getattr(module, name)
 
 
-def _run(path: Path, what: str) -> ModuleType:
+def _run(path: Path, what: str, *names: str) -> ModuleType:
     if not os.path.isfile(path):
         raise FileError(f"{what} {path}: no such file")
-    spec = spec_from_file_location(f"deltac_model_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module, load = module_from_spec(spec), spec.loader.exec_module
     sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
     try:
-        _users(lambda: load(module), path, f"{what} {path} cannot be run")
+        return _users(lambda: Script(path).run(*names), path, f"{what} {path} cannot be run")
     finally:
         sys.path.pop(0)
-    return module
 
 
-def _users(code: Callable[[], Any], path: Path, said: str) -> Any:
+def _users(code: Callable[[], T], path: Path, said: str) -> T:
     """What code of a user's file returns; an error of it comes with the line of the file."""
     try:
         return code()

@@ -17,7 +17,7 @@ from deltac.diagnosis.explain.regression import Regression, factored
 from deltac.diagnosis.residuals.one_step import OneStep, one_step, stairs
 from deltac.kernels.rows import at_rows
 from deltac.progress import Deadline
-from tests.systems.cart_pole import Array, CartPole, generalized_alpha, log
+from tests.systems.cart_pole import CartPole, generalized_alpha, log
 
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
@@ -154,11 +154,8 @@ class Held(CartPole):
     stop: float = 0.0
     above: float = 0.5
 
-    def acceleration(self, t: float, q: Array, u: Array, force: float | None = None) -> Array:
-        more = -self.drag * u[1] * abs(u[1]) - self.stop * max(q[1] - self.above, 0.0)
-        return super().acceleration(t, q, u, force) + more * np.array(
-            np.linalg.solve(self.inertia_matrix(q), [0.0, 1.0])
-        )
+    def more(self, angle: float, rate: float) -> float:
+        return -self.drag * rate * abs(rate) - self.stop * max(angle - self.above, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib.util
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -269,6 +270,30 @@ def test_environment_forces_the_evaluator() -> None:
     )
     run = in_new_process(code, DELTAC_EVALUATOR="casadi")
     assert run.stdout.split() == ["42.0", "casadi", "False"], run.stderr
+
+
+def test_without_a_compiler_kernels_are_interpreted_and_it_is_said() -> None:
+    code = (
+        "import sys, warnings, casadi, deltac;"
+        "from deltac.kernels import Kernel, evaluator_name;"
+        "from deltac.kernels.evaluators import EvaluatorWarning;"
+        "BREAK;"
+        "x = casadi.SX.sym('x'); warnings.simplefilter('always');"
+        "seen = warnings.catch_warnings(record=True); told = seen.__enter__();"
+        "found = [Kernel({'x': x}, {'y': k * x})(x=21.0)['y'][0] for k in (1, 2)];"
+        "print(found[1], [str(w.message)[:9] for w in told if w.category is EvaluatorWarning])"
+    )
+    missing = "import importlib.util as u; u.find_spec = lambda name: None"
+    run = in_new_process(code.replace("BREAK", missing), DELTAC_EVALUATOR="")
+    assert run.stdout.strip() == "42.0 ['llvmlite ']", run.stderr
+    if importlib.util.find_spec("llvmlite") is None:
+        return
+    broken = "import llvmlite.binding as b; b.create_lljit_compiler = lambda *_, **__: 1 / 0"
+    broken = broken.replace("1 / 0", "(_ for _ in ()).throw(RuntimeError('no'))")
+    run = in_new_process(code.replace("BREAK", broken), DELTAC_EVALUATOR="")
+    assert run.stdout.strip() == "42.0 ['LLVM does']", run.stderr
+    run = in_new_process(code.replace("BREAK", broken), DELTAC_EVALUATOR="llvm")
+    assert "RuntimeError: no" in run.stderr
 
 
 def test_unknown_evaluator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,7 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.recorders import record_pybullet
-from deltac.recorders.pybullet_recorder import _xyzw
-from deltac.recorders.recorder import rotation
+from deltac.recorders.recorder import rotation, xyzw
 from deltac.trajectories import Trajectory
 from tests.recorders.arm import ARM, mechanism
 
@@ -186,7 +185,7 @@ def test_quaternions_of_matrices() -> None:
     for _ in range(50):
         x, y, z, w = found = rng.normal(size=4) * np.array([1, 1, 1, rng.choice([0, 1])])
         found /= np.linalg.norm(found)
-        x, y, z, w = _xyzw(rotation(np.array([found[3], *found[:3]])))
+        x, y, z, w = xyzw(rotation(np.array([found[3], *found[:3]])))
         assert abs(abs(np.dot([x, y, z, w], found)) - 1.0) < 1e-14
 
 

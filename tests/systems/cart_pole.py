@@ -6,8 +6,10 @@ horizontal, so that the pole's centre is at x + l cos θ, −l sin θ.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -36,21 +38,18 @@ class CartPole:
         """The motor's force on the cart, N."""
         return np.asarray(self.drive * np.sin(3.0 * np.asarray(t)))
 
-    def inertia_matrix(self, q: Array) -> Array:
-        """The mass matrix."""
-        coupling = -self.pole * self.length * np.sin(q[1])
-        both = self.inertia + self.pole * self.length**2
-        return np.array([[self.cart + self.pole, coupling], [coupling, both]])
-
     def acceleration(self, t: float, q: Array, u: Array, force: float | None = None) -> Array:
-        """Accelerations of slide and hinge."""
-        m, l, theta = self.pole, self.length, q[1]
-        push = float(self.force(t)) if force is None else force
-        right = [
-            push - self.slide * u[0] + m * l * np.cos(theta) * u[1] ** 2,
-            m * self.gravity * l * np.cos(theta) - self.hinge * u[1],
-        ]
-        return np.asarray(np.linalg.solve(self.inertia_matrix(q), right))
+        """Accelerations of slide and hinge: M u̇ = f by Cramer's rule, in plain numbers."""
+        m, l, theta, rate = self.pole, self.length, float(q[1]), float(u[1])
+        push = self.drive * math.sin(3.0 * t) if force is None else force
+        x = push - self.slide * float(u[0]) + m * l * math.cos(theta) * rate**2
+        y = m * self.gravity * l * math.cos(theta) - self.hinge * rate + self.more(theta, rate)
+        a, b, c = self.cart + m, -m * l * math.sin(theta), self.inertia + m * l**2
+        return np.array([c * x - b * y, a * y - b * x]) / (a * c - b * b)
+
+    def more(self, angle: float, rate: float) -> float:
+        """A torque at the hinge that the mechanism does not have."""
+        return 0.0
 
     def mechanism(self) -> dc.Mechanism:
         """The same as a mechanism; the motor's force is left to the log."""
@@ -100,19 +99,28 @@ def rk4(f, t, q, u, h):  # type: ignore[no-untyped-def]
     return q + h * u + h**2 / 6 * (a1 + a2 + a3), u + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
+def fixed_point(f: Callable[[Array], Array], x: Array) -> Array:
+    """What a contraction tends to, to the last bits."""
+    for _ in range(60):
+        before, x = x, f(x)
+        if close(x, before):
+            break
+    return x
+
+
+def close(x: Array, before: Array) -> bool:
+    """Whether an iteration has come to rest."""
+    return float(np.abs(x - before).max()) < 1e-15 * float(np.abs(x).max())
+
+
 def trapezoidal(f, t, q, u, h):  # type: ignore[no-untyped-def]
     a = f(t, q, u)
-    v = u + h * a
-    for _ in range(60):
-        x = q + h / 2 * (u + v)
-        v = u + h / 2 * (a + f(t + h, x, v))
+    v = fixed_point(lambda v: u + h / 2 * (a + f(t + h, q + h / 2 * (u + v), v)), u + h * a)
     return q + h / 2 * (u + v), v
 
 
 def implicit_euler(f, t, q, u, h):  # type: ignore[no-untyped-def]
-    v = u
-    for _ in range(60):
-        v = u + h * f(t + h, q + h * v, v)
+    v = fixed_point(lambda v: u + h * f(t + h, q + h * v, v), u)
     return q + h * v, v
 
 
@@ -126,6 +134,7 @@ SCHEMES: dict[str, Step] = {
 }
 
 
+@lru_cache(64)
 def log(
     system: CartPole,
     scheme: str = "rk4",
@@ -153,6 +162,7 @@ def log(
     )  # fmt: skip
 
 
+@lru_cache(8)
 def generalized_alpha(system: CartPole, rho: float = 0.7, *, step: float = 0.008) -> dc.Trajectory:
     """Generalized-α (Chung and Hulbert 1993) with its own, algorithmic accelerations in the log."""
     am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
@@ -169,7 +179,9 @@ def generalized_alpha(system: CartPole, rho: float = 0.7, *, step: float = 0.008
             new = ((1 - af) * after + af * exact - am * a) / (1 - am)
             x = q + step * u + step**2 * ((0.5 - beta) * a + beta * new)
             v = u + step * ((1 - gamma) * a + gamma * new)
-            after = system.acceleration(t + step, x, v)
+            before, after = after, system.acceleration(t + step, x, v)
+            if close(after, before):
+                break
         a = ((1 - af) * after + af * exact - am * a) / (1 - am)
         exact, q, u = after, x, v
     t_, q_, u_, a_, f_ = (np.array([row[k] for row in rows]) for k in range(5))

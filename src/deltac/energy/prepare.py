@@ -115,7 +115,7 @@ def _coordinate_rates(mechanism: Mechanism, t: Array, q: Array, u: Array) -> Arr
         rates[rows] = kernel(t=t[rows], q=q[rows], u=u[rows])["qdot"].reshape(-1, q.shape[1])
 
     kernel.compile()
-    spread(evaluate, row_blocks(len(t)))
+    spread(evaluate, row_blocks(len(t)), numbers=q.size)
     return rates
 
 

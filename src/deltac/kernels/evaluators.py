@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Protocol
 
 from deltac.arrays import Array
 from deltac.deprecation import warn_renamed
-from deltac.errors import PackageError, UnknownName, closest
+from deltac.errors import PackageError, UnknownName, closest, warn_user
 
-EVALUATORS = ("llvm", "casadi")
+EVALUATORS = ("llvm", "c", "casadi")
 
 
 class Evaluator(Protocol):
@@ -46,9 +46,7 @@ class Loop(Protocol):
 
 
 def evaluator_name() -> str:
-    """The evaluator in use: `DELTAC_EVALUATOR` if set, else llvm on Linux with llvmlite, else casadi.
-
-    llvmlite has wheels for macOS and Windows too; nobody has tried them with deltac, so there it is a choice.
+    """The evaluator in use: `DELTAC_EVALUATOR` if set, else llvm where llvmlite is installed, else casadi.
 
     Raises:
         InputError: an unknown name, or llvm is asked for and llvmlite is not installed.
@@ -65,7 +63,11 @@ def evaluator_name() -> str:
             "DELTAC_EVALUATOR='llvm', and llvmlite is not installed; "
             "install it, or unset the variable to use casadi"
         )
-    return forced or ("llvm" if installed and sys.platform == "linux" else "casadi")
+    return forced or ("llvm" if installed else "casadi")
+
+
+class EvaluatorWarning(UserWarning):
+    """Kernels are interpreted, for want of a compiler that was not declined."""
 
 
 def compile_function(function: Any, batches: bool = True) -> Evaluator:
@@ -78,21 +80,51 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
     Raises:
         InputError: as `evaluator_name`; an operation that machine code does not have.
     """
-    if evaluator_name() == "llvm":
-        from deltac.kernels.llvm_evaluator import LlvmEvaluator
-
-        return LlvmEvaluator(function, batches)
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
-    return CasadiEvaluator(function)
+    return _machine_code(function, batches) or CasadiEvaluator(function)
 
 
 def compile_loop(function: Any) -> Loop:
     """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
-    if evaluator_name() == "llvm":
-        from deltac.kernels.llvm_evaluator import LlvmEvaluator
-
-        return LlvmEvaluator(function, batches=False)
     from deltac.kernels.casadi_evaluator import CasadiLoop
 
-    return CasadiLoop(function)
+    return _machine_code(function, batches=False) or CasadiLoop(function)
+
+
+def _machine_code(function: Any, batches: bool) -> Any:
+    """The function compiled, as an `Evaluator` and a `Loop`; None where it is to be interpreted."""
+    chosen = bool(os.environ.get("DELTAC_EVALUATOR", "").strip())
+    name = evaluator_name()
+    if name == "c":
+        from deltac.kernels.c_evaluator import c_evaluator
+
+        return c_evaluator(function)
+    if name == "casadi":
+        if not chosen:
+            _interpreting("llvmlite is not installed")
+        return None
+    try:
+        from deltac.kernels.llvm_evaluator import llvm_evaluator
+
+        return llvm_evaluator(function, batches)
+    except (
+        ImportError,
+        OSError,
+        RuntimeError,
+    ) as error:  # of LLVM on a platform that it does not fit
+        if chosen:
+            raise
+        _interpreting(f"LLVM does not work here ({error!s:.300})")
+        return None
+
+
+@cache
+def _interpreting(why: str) -> None:
+    """Say, once in a process, that kernels are slow."""
+    warn_user(
+        f"{why}: kernels are interpreted by CasADi, which takes some ten times as long as machine code. "
+        "Install llvmlite where it has wheels, or set DELTAC_EVALUATOR=c where there is a C compiler; "
+        "DELTAC_EVALUATOR=casadi says that it is meant so",
+        EvaluatorWarning,
+    )

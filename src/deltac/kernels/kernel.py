@@ -276,7 +276,12 @@ class Kernel:
                 f"{self.name}: parameters have shape {p.shape}, expected ({self.n_parameters},) or "
                 f"({times}, {self.n_parameters})"
             )
-        found = {key: self._empty(key, times) for key in self.output_slices}
+        whole = 0 < times <= AT_ONCE  # in one block, of which the results may be views
+        found = (
+            {}
+            if whole
+            else {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
+        )
         for start in range(0, times, AT_ONCE):
             here = slice(start, min(start + AT_ONCE, times))
             x = np.empty((self.n_in, here.stop - start))
@@ -284,8 +289,12 @@ class Kernel:
                 x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][here]).T
             y = self.flat(x, p[here].T if varying and p is not None else p)
             for key, where in self.output_slices.items():
-                shape = found[key].shape[:0:-1]  # of a matrix (T, rows, columns): column by column
-                found[key][here] = y[where].reshape(*shape, y.shape[1]).T
+                shape = self._shape(key)[::-1]  # of a matrix (T, rows, columns): column by column
+                values = y[where].reshape(*shape, y.shape[1]).T
+                if whole:
+                    found[key] = values
+                else:
+                    found[key][here] = values
         return found
 
     def _rows(self, key: str, value: ArrayLike) -> Array:
@@ -301,12 +310,12 @@ class Kernel:
             )
         return array
 
-    def _empty(self, key: str, times: int) -> Array:
-        """Room for an output at so many times, time first."""
+    def _shape(self, key: str) -> tuple[int, ...]:
+        """The shape of an output at one time."""
         rows, columns = self.output_shapes[key]
         if columns == 1:
-            return np.empty(times if rows == 1 else (times, rows))
-        return np.empty((times, rows, columns))
+            return () if rows == 1 else (rows,)
+        return rows, columns
 
     def _batch_parameters(self, parameters: ArrayLike | None, batch: int) -> Array | None:
         n = self.n_parameters

@@ -44,15 +44,26 @@ def check_cancelled() -> None:
         raise Cancelled
 
 
-def spread(work: Callable[[T], object], items: Iterable[T], threads: int | None = None) -> None:
-    """Call `work` on every item, on `threads` cores (all by default).
+WORTH = 1 << 17
+"""Numbers from which on threads for arrays of them save more time than they take."""
+
+
+def spread(
+    work: Callable[[T], object],
+    items: Iterable[T],
+    threads: int | None = None,
+    *,
+    numbers: int = WORTH,
+) -> None:
+    """Call `work` on every item, on `threads` cores (all by default; one for few `numbers` to work on).
 
     The first error, or an interrupt of the caller (Ctrl-C), is raised: no further items are begun, and those
     under way end at their next `check_cancelled`. NumPy and compiled kernels let go of Python's lock while
     they work.
     """
     chosen = list(items)
-    count = min(threads or cores(), len(chosen))
+    few = len(chosen) <= 1 or numbers < WORTH
+    count = 1 if few else min(threads or cores(), len(chosen))
     if count <= 1:
         for item in chosen:
             work(item)

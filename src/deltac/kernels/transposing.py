@@ -35,9 +35,18 @@ def transposing(source: Array, target: Array) -> Callable[[int, int, int], None]
     numbers = source.dtype == target.dtype == np.float64 and source.strides[0] >= 0
     if not (width > 1 and strided and numbers and n and evaluator_name() == "llvm"):
         return plain
+    columns = min(n, width)
+    try:
+        _compiled(width, max(min(len(source), width), 1), columns)
+    except (
+        ImportError,
+        OSError,
+        RuntimeError,
+    ):  # LLVM does not fit the platform, which kernels tell
+        return plain
     start, over = source.ctypes.data, source.strides[0]
     end, down = target.ctypes.data, target.strides[0]
-    across, along, columns = over // each, down // each, min(n, width)
+    across, along = over // each, down // each
 
     def fast(first: int, count: int, to: int) -> None:
         if count:
@@ -50,11 +59,14 @@ def transposing(source: Array, target: Array) -> Callable[[int, int, int], None]
 @cache
 def _compiled(width: int, rows: int, columns: int) -> Any:
     """The native function that goes by squares of so many `rows` and `columns`, at most `width`."""
-    from deltac.kernels.llvm_evaluator import native
+    from deltac.kernels.llvm_evaluator import llvm_function
 
-    code = native("transpose", _text(width, rows, columns))
-    kind = ctypes.CFUNCTYPE(None, *2 * (ctypes.c_void_p, ctypes.c_int64), *2 * (ctypes.c_int64,))
-    return kind(code)
+    code = llvm_function("transpose", _text(width, rows, columns))
+    pointer, count = ctypes.c_void_p, ctypes.c_int64
+    kind = ctypes.CFUNCTYPE(None, pointer, count, pointer, count, count, count)
+    function: Any = kind(code["transpose"])
+    function.code = code  # stays as long
+    return function
 
 
 LINE = 64

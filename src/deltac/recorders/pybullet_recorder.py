@@ -26,6 +26,7 @@ from deltac.recorders.recorder import (
     JointColumns,
     Recorder,
     rotation,
+    xyzw,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -227,7 +228,7 @@ class PybulletRecorder(Recorder):
         # comes in as an acceleration. The base's columns are angular, then linear, along its axes; the
         # forces come out linear first.
         R = state.axes
-        where = [*state.centre, *_xyzw(R), *q]
+        where = [*state.centre, *xyzw(R), *q]
         along = [*(R.T @ state.v[3:6]), *(R.T @ state.v[:3]), *state.v[6:]]
         rates = [*(R.T @ a[3:6]), *(R.T @ (a[:3] - self._gravity)), *a[6:]]
         nothing = [0.0] * (6 + len(q))
@@ -269,7 +270,7 @@ class PybulletRecorder(Recorder):
             if joint.kind == "free":
                 R, r = self._arm(state)
                 omega = state.v[3:6]
-                x, y, z, w = _xyzw(R)
+                x, y, z, w = xyzw(R)
                 q += [state.centre - r, np.array([w, x, y, z])]
                 u += [state.v[:3] - np.cross(omega, r), R.T @ omega]
             else:
@@ -312,17 +313,3 @@ class _State:
 def _matrix(xyzw: Any) -> Array:
     x, y, z, w = xyzw
     return rotation(np.array([w, x, y, z]))
-
-
-def _xyzw(R: Array) -> Array:
-    """The unit quaternion x, y, z, w of a rotation matrix, from its largest component on."""
-    trace = float(np.trace(R))
-    squares = np.array([*np.diag(R), trace])  # 4 x², …, 4 w², shifted
-    squares = 1.0 + 2.0 * squares - trace
-    k = int(squares.argmax())
-    K = np.empty((4, 4))
-    K[:3, :3] = R + R.T
-    K[:3, 3] = K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
-    np.fill_diagonal(K, squares)
-    found = K[k]
-    return np.asarray(found / np.linalg.norm(found))

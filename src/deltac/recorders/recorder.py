@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.models import ModelLike, load_model
 from deltac.recorders.builder import TrajectoryBuilder
-from deltac.recorders.monitor import Monitor
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from deltac.recorders.monitor import Monitor
 
 Forces = dict[str, Array]
 
@@ -103,6 +105,20 @@ def rotation(quaternion: Array) -> Array:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def xyzw(R: Array) -> Array:
+    """The unit quaternion x, y, z, w of a rotation matrix, from its largest component on."""
+    trace = float(np.trace(R))
+    squares = np.array([*np.diag(R), trace])  # 4 x², …, 4 w², shifted
+    squares = 1.0 + 2.0 * squares - trace
+    k = int(squares.argmax())
+    K = np.empty((4, 4))
+    K[:3, :3] = R + R.T
+    K[:3, 3] = K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+    np.fill_diagonal(K, squares)
+    found = K[k]
+    return np.asarray(found / np.linalg.norm(found))
 
 
 class Recorder:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import derived
+from deltac.caching import LRUCache, derived
 from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
@@ -139,26 +139,17 @@ INACCURATE, LOST = 1e-6, 0.1
 """Relative errors of the accelerations at the start that are told, and that are refused."""
 
 
-def _check_digits(
-    mechanism: Mechanism,
-    vary: Sequence[str],
-    rows: Sequence[int],
-    state: State,
-    p: Array,
-    *,
-    suspect: bool,
+def _tell_digits(
+    mechanism: Mechanism, vary: Sequence[str], error: float, state: State, p: Array, *, tied: bool
 ) -> None:
-    """StateError for accelerations without a digit, `IllConditionedWarning` for few."""
-    free = mechanism.free
-    motion = equations_of_motion(mechanism, vary)
-    q, u = state.q[free.q], state.u[free.u]
-    error = acceleration_error(motion, rows, state.t, q, u, p, suspect=suspect)
+    """StateError for accelerations without a digit, `IllConditionedWarning` for few; `error` is theirs."""
     if not error > INACCURATE:
         return
-    M = motion.ties(state.t, q, u, p)[0]
+    free = mechanism.free
+    M = equations_of_motion(mechanism, vary).ties(state.t, state.q[free.q], state.u[free.u], p)[0]
     words = (
         f"the accelerations of {mechanism.name!r} at the start are wrong by {error:.1g} of themselves in "
-        f"double precision: {_contrast(mechanism, M, tied=bool(rows))}"
+        f"double precision: {_contrast(mechanism, M, tied=tied)}"
     )
     remedy = (
         "Fasten what weighs nothing beside the rest (a fixed joint), or give it the mass of what it "
@@ -199,13 +190,40 @@ def check_accelerations(
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
 ) -> None:
-    """The accelerations at the start must be finite, have digits, and the mass matrix be regular."""
+    """The accelerations at the start must be finite, have digits, and the mass matrix be regular.
+
+    What was found of the last few starts is kept with the flow: many runs begin at one state.
+    """
     if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
         raise StateError(
             "the state is not finite; make it by mechanism.state(...), which says where"
         )
     if not np.isfinite(x0).all():
         raise StateError("the coordinate map has no finite own coordinates for the initial state")
+
+    def look() -> float:
+        return _start_error(flow, mechanism, controller, state, x0, p, vary, rows)
+
+    if flow.traced and controller is None:
+        kept = flow.once("starts", lambda: LRUCache[float](16))
+        place = (state.t, *(a.tobytes() for a in (state.q, state.u, x0, p)))
+        error = kept.get(place, look)
+    else:  # a function of the user may answer otherwise the next time
+        error = look()
+    _tell_digits(mechanism, vary, error, state, p, tied=bool(rows))
+
+
+def _start_error(
+    flow: Flow,
+    mechanism: Mechanism,
+    controller: Controller | None,
+    state: State,
+    x0: Array,
+    p: Array,
+    vary: Sequence[str],
+    rows: Sequence[int],
+) -> float:
+    """The relative error of the accelerations at a start; InputError where there are none."""
     if flow.traced and controller is None:
         (xdot,) = evaluate_at(_accelerations(flow), state.t, x0, p)
     else:
@@ -213,15 +231,18 @@ def check_accelerations(
         rate.hold(state.t, x0)
         xdot = rate(state.t, x0)
     _, u_part, _ = flow.parts
+    error = 0.0
     if flow.equations is None:
         n = len(flow.system.free_u)
         (M,) = evaluate_at(_inertias(flow), state.t, x0, p)
-        if error := singular_inertia(mechanism, M.reshape(n, n)):
-            raise error
+        if singular := singular_inertia(mechanism, M.reshape(n, n)):
+            raise singular
         suspect = False
         if flow.traced and controller is None and len(x0[u_part]) == n:
             suspect = noise(_at_start(flow, state.t, p), M.reshape(n, n), x0) > NOISY
-        _check_digits(mechanism, vary, rows, state, p, suspect=suspect)
+        free, motion = mechanism.free, equations_of_motion(mechanism, vary)
+        at = (state.t, state.q[free.q], state.u[free.u], p)
+        error = acceleration_error(motion, rows, *at, suspect=suspect)
     bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
     if bad.size:
         names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
@@ -230,6 +251,7 @@ def check_accelerations(
             f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
             ": a law is not defined there, or equations by hand give no number"
         )
+    return error
 
 
 def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:

@@ -235,7 +235,7 @@ def _no_form(
 ) -> InputError:
     """Why a function that is said to be ẏ = f(t, y) cannot be called so."""
     why = f"its arguments are {signature(equations.rhs)}"
-    for form in [one for one in candidates if "state" in one.arguments][:1]:
+    for form in [one for one in candidates if one.order][:1]:
         try:
             evaluate(form)
         except ValueError as error:

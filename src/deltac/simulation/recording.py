@@ -76,14 +76,14 @@ def recorded(
     singular = _singular(flow, seen, motion, p)
     note = _where(singular) if singular.size else _near(seen, motion, provenance)
     q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
-    good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
-    if not good.all():  # the last state before a run broke down may have no acceleration
-        stop = int(np.argmin(good))
-        if stop == 0:
+    if not (np.isfinite(udot).all() and np.isfinite(driving).all()):
+        # The last state before a run broke down may have no acceleration.
+        good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
+        rows = int(np.argmin(good))
+        if rows == 0:
             raise DeltacError(
                 f"the accelerations are not finite at the start; {provenance.message}"
             )
-        rows = stop
     forces = {
         name: force[:rows] for name, force in logged_forces(flow, seen, motion.inputs).items()
     }
@@ -135,11 +135,10 @@ def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motio
     if "phi" not in seen or flow.bound is None:
         return motion
     rows, phi = flow.bound.rows, np.abs(seen["phi"].reshape(len(motion.t), -1))
-    lost = ~(phi <= LOST).all(axis=1)
-    if not lost.any():
+    if phi.max(initial=0.0) <= LOST:  # no NaN is
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
         return replace(motion, message=motion.message + locked) if motion.message else motion
-    first = max(1, int(np.argmax(lost)))
+    first = max(1, int(np.argmax(~(phi <= LOST).all(axis=1))))
     name = rows.names[int(np.nanargmax(phi[first]))]
     message = (
         f"stopped: constraint {name!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
@@ -154,7 +153,11 @@ def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> A
 
     The factorisation fails at such a sample, but least squares tell what the mechanism does.
     """
-    if "pivot" not in seen or flow.equations is not None:
+    if (
+        "pivot" not in seen
+        or flow.equations is not None
+        or seen["pivot"].min(initial=1.0) > SMALLEST_PIVOT
+    ):
         return np.empty(0)
     flagged = np.flatnonzero(~(seen["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1))
     if flagged.size and not flow.inputs.shape[0]:

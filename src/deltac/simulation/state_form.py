@@ -53,8 +53,8 @@ MATCH = 1e-6
 class StateForm:
     """How a function takes the state and returns its rates.
 
-    arguments  what each argument is: "t", "q", "u", "state" or "control" (zeros of length `controls`; a
-               number for 0)
+    arguments  what each argument is: "t", "q", "u", "state", "control" (zeros of length `controls`; a number
+               for 0), or "augmented": a state with `controls` zeros after it, as solvers of gym want it
     order      entry k of the state is entry order[k] of (q, u); the rates are returned in the same order
     """
 
@@ -77,16 +77,23 @@ class StateForm:
             "q": lambda: q,
             "u": lambda: u,
             "state": lambda: join([entries[k] for k in self.order]),
+            "augmented": lambda: join([entries[k] for k in self.order] + [zero] * self.controls),
             "control": lambda: join([zero] * self.controls) if self.controls else zero,
         }
         return [known[what]() for what in self.arguments]
+
+    @property
+    def appended(self) -> int:
+        """How many numbers follow the state in its vector."""
+        return self.controls if "augmented" in self.arguments else 0
 
     def split(self, found: Sequence[Any], nq: int, nu: int) -> tuple[list[Any], list[Any]]:
         """q̇ (empty if not returned) and u̇ of the numbers that a function returned; ValueError for others."""
         if len(found) == nu:
             return [], list(found)
-        if len(found) != nq + nu:
+        if len(found) != nq + nu + self.appended:
             raise ValueError(f"it returns {len(found)} numbers")
+        found = found[: nq + nu]  # what follows are rates of what follows the state
         back: list[Any] = [None] * len(found)
         for entry, k in zip(found, self.order or range(nq + nu)):
             back[k] = entry
@@ -95,9 +102,9 @@ class StateForm:
     def describe(self, coordinates: Sequence[str], speeds: Sequence[str]) -> str:
         """The form in words: "f(t, y) with y = (x, theta, u.x, u.theta)"."""
         names = state_names(coordinates, speeds)
-        said = {"state": "y", "control": "0"}
+        said = {"state": "y", "control": "0", "augmented": f"[y{', 0' * self.controls}]"}
         text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
-        if "state" in self.arguments:
+        if self.order:
             text += f" with y = ({', '.join(names[k] for k in self.order)})"
         return text
 
@@ -127,7 +134,7 @@ def forms(
     timed = next((k for k, name in enumerate(names) if name.lower() in TIMES), None)
     rest = [name for k, name in enumerate(names) if k != timed]
     bodies: dict[int, list[list[str]]] = {
-        1: [["state"]],
+        1: [["state"], ["augmented"]],
         2: [["q", "u"], ["state", "control"]],
         3: [["q", "u", "control"]],
     }
@@ -147,8 +154,10 @@ def forms(
     orders = list(usual_orders(nq, nu))
     for kind in kinds:
         sizes = dict.fromkeys((motors, 0, 1, nu, 2, 3, 4)) if "control" in kind else (0,)
+        if "augmented" in kind:
+            sizes = dict.fromkeys(n for n in (motors, 1, nu, 2, 3, 4) if n)
         for controls in sizes:
-            for order in orders if "state" in kind else [()]:
+            for order in orders if {"state", "augmented"} & set(kind) else [()]:
                 yield StateForm(tuple(kind), order, controls)
 
 
@@ -239,7 +248,7 @@ def as_told(
     """Of some forms those that the user tells: of a state vector ("ode"), its entries in that order."""
     kept = list(found)
     if form == "ode" or order is not None:
-        kept = [one for one in kept if "state" in one.arguments]
+        kept = [one for one in kept if one.order]
     if order is not None:
         kept = list(dict.fromkeys(replace(one, order=order) for one in kept))
     return kept

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from deltac.errors import WrongType
@@ -95,6 +96,11 @@ class Kinematics:
     @classmethod
     def of(cls, coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
         """What the names say; coordinates without a speed of a fitting name are left out."""
+        return cls._of(tuple(coordinates), tuple(speeds))
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def _of(cls, coordinates: tuple[str, ...], speeds: tuple[str, ...]) -> Kinematics:
         place = {name: index for index, name in enumerate(speeds)}
         rates = [
             (index, place[speed])

@@ -10,7 +10,7 @@ raise no suspicion.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -107,7 +107,7 @@ def suspicions(
     if len(run) < 4 or "u" in run.provenance.derived:
         return found  # u was derived from q: they agree by construction
     kinematics = Kinematics.of(run.coordinates, run.speeds)
-    fits = {(i, j): _fit(*_increments(run, i, j)) for i, j in kinematics.rates}
+    fits = _fits(run, kinematics.rates)
     turns = [_turning(run, *place) for place in kinematics.quaternions]
     ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
     for value, unit in _TIMES.items():
@@ -154,10 +154,16 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
 # -- coordinates and their rates -----------------------------------------------------------------
 
 
-def _increments(run: Trajectory, i: int, j: int) -> tuple[FloatArray, FloatArray]:
-    told = 0.5 * np.diff(run.t) * (run.u[1:, j] + run.u[:-1, j])
+def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], _Fit]:
+    """The fit of each coordinate to its speed, by their places."""
+    if not pairs:
+        return {}
     near = ~_wide(run.t)
-    return np.diff(run.q[:, i])[near], told[near]
+    places, rates = (list(of) for of in zip(*pairs))
+    u = run.u[:, rates]
+    told = 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
+    columns = (np.ascontiguousarray(x[near].T) for x in (np.diff(run.q[:, places], axis=0), told))
+    return {pair: _fit(*both) for pair, *both in zip(pairs, *columns)}
 
 
 def _fit(moved: FloatArray, told: FloatArray) -> _Fit:
@@ -352,7 +358,7 @@ def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
 def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the intervals (T−1,) are far wider than both of their neighbours."""
     h = np.diff(t)
-    if len(h) < 3:
+    if len(h) < 3 or h.max() <= _GAP * h.min():
         return np.zeros(len(h), dtype=np.bool_)
     return np.asarray(h > _GAP * _beside(h))
 

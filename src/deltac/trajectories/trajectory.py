@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.arguments import checked
+from deltac.caching import Once
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -136,7 +137,7 @@ class Provenance:
 
 @checked
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Trajectory(Shown):
+class Trajectory(Shown, Once):
     """Samples of a motion; immutable, validated, rows in time order.
 
     t           (T,) time, s, strictly increasing
@@ -477,6 +478,8 @@ class Trajectory(Shown):
 
 def _take_from_notes(provenance: Provenance) -> None:
     """Put the notes of older logs in their places; text that is none of theirs stays a note."""
+    if not provenance.notes:
+        return
     notes = dict(provenance.notes)
     for name in ("ended", "equations", "singular", "stage"):
         if name in notes and not getattr(provenance, name):
@@ -517,8 +520,11 @@ def as_numbers(label: str, values: Any) -> FloatArray:
         raise WrongType(
             f"{label}: found values of type {array.dtype}, expected real numbers (SI units)"
         )
-    with np.errstate(over="ignore"):  # a long double beyond float64 is caught as infinite
+    if array.dtype.itemsize <= 8:
         copy = np.array(array, dtype=np.float64, order="C")
+    else:
+        with np.errstate(over="ignore"):  # a long double beyond float64 is caught as infinite
+            copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
 
@@ -560,7 +566,8 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
         if not isinstance(name, str) or not name.strip():
             raise LogError(f"{what}: found {name!r}, expected a name that is not blank")
         # Control characters, lone surrogates and line separators do not survive a text file.
-        if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in name):
+        lost = ("Cc", "Cs", "Zl", "Zp")
+        if not name.isprintable() and any(unicodedata.category(c) in lost for c in name):
             raise LogError(f"{what}: {name!r} has a control character or a line break; rename it")
         if name in seen:
             raise LogError(f"{what}: {name!r} appears twice; names must be distinct")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.evidence import gather
+from deltac.diagnosis.audit.evidence import Known, first_tests, gather
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes, told
@@ -23,8 +23,8 @@ from deltac.energy import Ledger, balance
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, load_model
-from deltac.progress import Deadline, Parts, Progress
+from deltac.models import Model, ModelLike, load_model
+from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
@@ -274,38 +274,102 @@ def audit(
     Raises:
         InputError: model or log cannot be read, or the log is not of this model.
     """
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    _check_tolerance(tolerance)
     loaded = load_model(model)
-    mechanism = loaded.mechanism
     deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
     of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
 
-        log, of_replay = replayed(model, mechanism, log, mapping)
+        log, of_replay = replayed(model, loaded.mechanism, log, mapping)
         mapping = None
-    log_read = read_log(mechanism, log, work, mapping, progress=parts.part("read"))
-    import_report = loaded.import_report
-    findings = [*of_replay, *log_read.findings]
-    findings += checks.suspicious_conventions(mechanism, log_read.consecutive, findings)
-    findings += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
-    findings += checks.impacts_not_held(mechanism, log_read.run)
+    known = _known(loaded, log, tolerance, work, mapping, of_replay, parts.part("read"))
+    (step,) = first_tests(loaded.mechanism, [known])
+    options = (tolerance, work, strict)
+    return _judged(loaded, known, step, *options, deadline, parts.part("evidence"))
+
+
+def audit_together(
+    model: ModelLike,
+    runs: Sequence[Trajectory],
+    *,
+    tolerance: float = TOLERANCE,
+    work: str | None = None,
+    strict: bool = False,
+) -> list[Audit | InputError]:
+    """`audit` of several runs, or why one cannot be judged; the one-step test sees all of them at once."""
+    _check_tolerance(tolerance)
+    loaded = load_model(model)
+    found: list[Audit | InputError] = []
+    known: list[Known | InputError] = []
+    for run in runs:
+        try:
+            known.append(_known(loaded, run, tolerance, work))
+        except InputError as error:
+            known.append(error)
+    steps = iter(first_tests(loaded.mechanism, [k for k in known if not isinstance(k, InputError)]))
+    for one in known:
+        if isinstance(one, InputError):
+            found.append(one)
+            continue
+        try:
+            deadline = Deadline(SECONDS)
+            found.append(_judged(loaded, one, next(steps), tolerance, work, strict, deadline))
+        except InputError as error:
+            found.append(error)
+    return found
+
+
+def _check_tolerance(tolerance: float) -> None:
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+
+
+def _known(
+    loaded: Model,
+    log: Any,
+    tolerance: float,
+    work: str | None,
+    mapping: Any = None,
+    findings: Sequence[Finding] = (),
+    progress: Progress | None = None,
+) -> Known:
+    """A log that was read and balanced, with what its columns say before the equations are looked at."""
+    mechanism = loaded.mechanism
+    log_read = read_log(mechanism, log, work, mapping, progress=progress or untold)
+    found = [*findings, *log_read.findings]
+    found += checks.suspicious_conventions(mechanism, log_read.consecutive, found)
+    found += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
+    found += checks.impacts_not_held(mechanism, log_read.run)
     measured = log_read.run.udot is not None and not _derived(log_read.run, "udot")
+    return Known(log_read, tuple(found), measured)
+
+
+def _judged(
+    loaded: Model,
+    known: Known,
+    step: OneStep | None,
+    tolerance: float,
+    work: str | None,
+    strict: bool,
+    deadline: Deadline,
+    progress: Progress = untold,
+) -> Audit:
+    """The audit of a log with the one-step test of its rows."""
+    mechanism, import_report = loaded.mechanism, loaded.import_report
     evidence = gather(
         mechanism,
-        log_read,
+        known,
+        step,
         work,
         tolerance,
         import_report,
-        findings,
-        measured=measured,
         deadline=deadline,
-        progress=parts.part("evidence"),
+        progress=progress,
     )
     log_read = evidence.log
     run, ledger = log_read.run, log_read.ledger
-    findings += evidence.findings
+    findings = [*known.findings, *evidence.findings]
     function = _function(ledger)
     energy_error = ledger.uncorrected(function)
     missing = checks.assumed_zero(run, import_report)

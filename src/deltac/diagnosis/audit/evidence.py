@@ -8,7 +8,7 @@ each other by a known integrator has right equations, whatever else its columns 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,7 @@ from deltac.diagnosis.residuals.one_step import (
     UNEVEN,
     OneStep,
     one_step,
+    one_steps,
     stairs,
     trimmed,
 )
@@ -96,31 +97,69 @@ class Evidence:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A log and what its columns say before the equations are looked at.
+
+    log       the log with its ledger
+    findings  of conventions, violations, rates
+    measured  whether it has accelerations of its own
+    """
+
+    log: Log
+    findings: tuple[Finding, ...]
+    measured: bool
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the log contradicts itself."""
+        return any(f.weight == "doubt" for f in self.findings)
+
+    @property
+    def given(self) -> bool:
+        """Whether its accelerations are known to be those of the rows."""
+        return self.measured and trusted(self.log.run)
+
+    @property
+    def between(self) -> bool:
+        """Whether its rows lie between the solver's steps."""
+        return self.log.run.provenance.notes.get(ROWS) == INTERPOLATED
+
+
+def first_tests(mechanism: Mechanism, logs: Sequence[Known]) -> list[OneStep | None]:
+    """The one-step test of the rows of logs as they are, all at once; None where it is not made."""
+    if not len(mechanism.free.u):
+        return [None] * len(logs)
+    tested = [not (k.doubted or k.given or k.between) for k in logs]
+    runs = [
+        (k.log.consecutive, _late(k.log), unsteadiness(k.log.comparisons))
+        for k, wanted in zip(logs, tested)
+        if wanted
+    ]
+    made = iter(one_steps(mechanism, runs))
+    return [next(made) if wanted else None for wanted in tested]
+
+
 def gather(
     mechanism: Mechanism,
-    log: Log,
+    known: Known,
+    step: OneStep | None,
     work: str | None,
     tolerance: float,
     import_report: ImportReport | None,
-    known: list[Finding],
     *,
-    measured: bool,
     deadline: Deadline,
     progress: Progress = untold,
 ) -> Evidence:
-    """All evidence on the equations; `measured` tells whether the log has accelerations of its own.
+    """All evidence on the equations; `step` is the first one-step test of the log, see `first_tests`.
 
     A log that is doubted explains nothing: its residual is shown, and no cause is sought. `progress` is told
     how far the search for causes has come; it ends with what it has when the `deadline` has passed.
     """
+    log, measured, doubted, between = known.log, known.measured, known.doubted, known.between
     if not len(mechanism.free.u):
         return Evidence(log, None, None, ())
-    doubted = any(f.weight == "doubt" for f in known)
     given = trusted(log.run)
-    step = None
-    between = log.run.provenance.notes.get(ROWS) == INTERPOLATED
-    if not doubted and not (given and measured) and not between:
-        step = one_step(mechanism, log.consecutive, _late(log), unsteadiness(log.comparisons))
     found: list[Finding] = []
     if step is not None and not step.closes and log.consecutive is log.run:
         acted = as_acted(mechanism, log.run)

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
@@ -94,23 +95,27 @@ def _in_symbols(kane: Kane, key: Key, row: int) -> Any:
     function = ca.Function("term", [system.t, own_q, own_u, system.p], [ca.densify(ca.cse(term))])
     if function.n_instructions() > MOST_INSTRUCTIONS:
         return None
-    try:
-        names = [[symbol_of(name) for name in group] for group in _names(kane)]
-        return _tidy(to_sympy(function, names)[0][0])
-    except (InputError, ValueError, TypeError, ArithmeticError):  # what SymPy cannot write
-        return None
+    names = _names(kane)
+    return _TIDIED.get((function.serialize(), *map(tuple, names)), lambda: _tidied(function, names))
 
 
-def _tidy(expression: Any) -> Any:
-    """Sums of products of sines collected; None for what is long."""
+_TIDIED: LRUCache[Any] = LRUCache(512)
+"""Terms in SymPy's symbols: simplifying one takes a tenth of a second, and each is asked for twice."""
+
+
+def _tidied(function: ca.Function, names: Sequence[Sequence[str]]) -> Any:
+    """The value of a function of arguments of those names, sines collected; None where it is too long."""
     import sympy
 
-    if _larger(expression, MOST_NODES):
+    try:
+        symbols = [[symbol_of(name) for name in group] for group in names]
+        expression = to_sympy(function, symbols)[0][0]
+        if _larger(expression, MOST_NODES):
+            return None
+        expanded = sympy.expand(sympy.nsimplify(sympy.sympify(expression), rational=True))
+        return None if _larger(expanded, MOST_NODES) else sympy.fu(expanded)
+    except (InputError, ValueError, TypeError, ArithmeticError):  # what SymPy cannot write
         return None
-    expanded = sympy.expand(sympy.nsimplify(sympy.sympify(expression), rational=True))
-    if _larger(expanded, MOST_NODES):
-        return None
-    return sympy.fu(expanded)
 
 
 def _as_text(expression: Any) -> str:

@@ -17,6 +17,7 @@ from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
+from deltac.scripts import Script
 from deltac.simulation.equations import Equations
 
 LIBRARIES = (".so", ".dll", ".dylib")
@@ -26,10 +27,15 @@ LIBRARIES = (".so", ".dll", ".dylib")
 def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Callable[..., Any]:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
-    The name may have dots: `CartPole.rates` is a method of an object that is made without arguments. A
-    function without parameters is asked for the equations. ``LIBRARY.so:NAME`` is a function of a shared
-    library, ``UNIT.fmu`` an FMU for model exchange (its coordinates ordered by these names, where it has
-    them), see `docs/other-languages.md`. Raises InputError for anything else.
+    The name may have dots: `CartPole.rates` is a method of an object that is made without arguments, or as
+    the file makes it. A function without parameters is asked for the equations. Further parameters of a
+    function have the values with which the file itself hands it to a solver, as in
+    ``odeint(f, y0, t, args=(m, l))``.
+
+    ``LIBRARY.so:NAME`` is a function of a shared library, ``UNIT.fmu`` an FMU for model exchange (its
+    coordinates ordered by these names, where it has them), see `docs/other-languages.md`.
+
+    Raises InputError for anything else.
     """
     if text.lower().endswith(".fmu"):
         return load_fmu(text, coordinates)
@@ -38,7 +44,8 @@ def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Ca
         return _of_library(Path(file), symbol)
     path, name = _divided(text, "equations", "FUNCTION")
     first, *rest = name.split(".")
-    found = _asked(_member(from_file(path, first, "equations"), rest, text), text)
+    script = Script(path)
+    found = _asked(_member(from_file(path, first, "equations"), rest, script, text), text)
     if isinstance(found, Equations):
         return replace(found, rhs=_staying(found.rhs, text))
     if not callable(found):
@@ -46,7 +53,7 @@ def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Ca
             f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
-    return _staying(found, text)
+    return _staying(script.as_called(name, found), text)
 
 
 def _of_library(path: Path, name: str) -> Callable[..., Any]:
@@ -72,14 +79,27 @@ def _of_library(path: Path, name: str) -> Callable[..., Any]:
     return rhs
 
 
-def _member(found: Any, names: list[str], text: str) -> Any:
+def _member(found: Any, names: list[str], script: Script, text: str) -> Any:
     """What names with dots mean; a class stands for an object of it."""
+
+    def made(kind: type) -> Any:
+        try:
+            return kind()
+        except TypeError as error:
+            instance = script.instance(kind.__qualname__)
+            if instance is None:
+                raise SourceError(
+                    f"equations {text}: {error}; the file makes no {kind.__name__} whose arguments could be "
+                    "taken. Give a function without arguments that returns what is to be called"
+                ) from error
+            return instance
+
     try:
         for name in names:
             if isinstance(found, type) and inspect.isfunction(
                 inspect.getattr_static(found, name, None)
             ):
-                found = found()
+                found = made(found)
             inner = _local_functions(found)
             if name in inner and not hasattr(found, name):
                 raise SourceError(
@@ -88,7 +108,7 @@ def _member(found: Any, names: list[str], text: str) -> Any:
                     "arguments return it and name that function"
                 )
             found = getattr(found, name)
-        return found() if isinstance(found, type) else found
+        return made(found) if isinstance(found, type) else found
     except SourceError:
         raise
     except Exception as error:  # whatever a constructor of the user's raises

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
+from deltac.caching import derived
+from deltac.trajectories import Trajectory
 
 SINGLE = float(np.finfo(np.float32).eps)
 HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).smallest_subnormal)
@@ -136,3 +138,9 @@ def white_noise(x: Array) -> Array:
 def scatter(values: Array) -> Array:
     """Three standard deviations of noise and half a digit of every number (T, n)."""
     return np.asarray(resolution(values) + 3.0 * white_noise(values))
+
+
+@derived
+def scatter_of(run: Trajectory) -> tuple[Array, Array]:
+    """`scatter` of the coordinates and of the speeds of a run."""
+    return scatter(run.q), scatter(run.u)

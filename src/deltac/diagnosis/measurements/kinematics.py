@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import medians, resolution, scatter
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter_of
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
@@ -94,7 +94,11 @@ class Comparison:
         told: ∫x' dt of each (I,).
         start: the row at the start of each interval (I,).
         h: length of each (I,), s.
-        steady: whether r is the same all along the log.
+        off: root mean square of the defects, as a share of the movement; the largest tenth left out.
+        alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
+        significant: whether the defects are beyond their error bars.
+        outliers: intervals whose defect stands out of its bar and of the scatter of all others (I,).
+        steady: whether r is the same all along the log, where r is not one.
         instant: whether θ is told: the rate changes from row to row by more than its noise.
         unsteady: the movement that neither bars nor the quadrature of any scheme explain, as a share of it
             (root mean square): time stamps that scatter, rows that were interpolated, filtered speeds.
@@ -109,6 +113,10 @@ class Comparison:
     told: Array
     start: NDArray[np.intp]
     h: Array
+    off: float
+    alike: float
+    significant: bool
+    outliers: Mask
     steady: bool
     instant: bool
     unsteady: float
@@ -117,24 +125,6 @@ class Comparison:
     def scaled(self) -> bool:
         """Whether the rate is off by a factor."""
         return self.steady and abs(self.ratio - 1.0) > max(self.ratio_error, LEAST_RATIO)
-
-    @property
-    def off(self) -> float:
-        """Root mean square of the defects, as a share of the movement; the largest tenth left out."""
-        return _size(self.defect) / max(_size(self.moved), 1e-300)
-
-    @property
-    def significant(self) -> bool:
-        """Whether the defects are beyond their error bars."""
-        return _size(self.defect) > 4.0 * max(_size(self.bar), 1e-300)
-
-    @property
-    def outliers(self) -> Mask:
-        """Intervals whose defect stands out of its bar and of the scatter of all others."""
-        if not len(self.defect):
-            return np.zeros(0, dtype=np.bool_)
-        typical = 1.4826 * float(np.median(np.abs(self.defect)))
-        return np.abs(self.defect) > FAR * (self.bar + typical) + 1e-6 * _size(self.moved)
 
 
 AT_ONCE = 1 << 17
@@ -175,31 +165,36 @@ def _compared(
     # A scheme, or a delay, is late by a time that is the same where rows are lost.
     typical = float(np.median(np.diff(t)))
     for a, b in edges:
-        s, x = t[a:b], rate[a:b]
-        h = np.diff(s)[:, None]
-        fine, coarse = (spline_integrals(s, x, k) for k in (5, 3))
-        trapezoid = 0.5 * h * (x[1:] + x[:-1])
-        second = np.diff(x, 2, axis=0)
-        curved = 0.5 * h * (np.vstack([second, second[-1]]) + np.vstack([second[0], second]))
-        spread = np.abs(fine - coarse) + 0.02 * np.abs(fine - trapezoid)
+        s = t[a:b]
+        fine, coarse = (spline_integrals(s, rate[a:b], k).T for k in (5, 3))
+        x = np.ascontiguousarray(rate[a:b].T)  # a row of every array is a column of the log
+        change = np.diff(x)
+        second = np.diff(change)
+        half = 0.5 * np.diff(s)
+        trapezoid = half * (x[:, 1:] + x[:, :-1])
+        ends = (second[:, :1], second, second[:, -1:])
+        curved = half * (np.hstack(ends[1:]) + np.hstack(ends[:2]))
         bias = fine - coarse
-        parts.append((fine, trapezoid, typical * np.diff(x, axis=0), curved, spread, bias))
+        spread = np.abs(bias) + 0.02 * np.abs(fine - trapezoid)
+        parts.append((fine, trapezoid, typical * change, curved, spread, bias))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
-    # From here on a row of every array is a column of the log.
-    fine, trapezoid, L, C, S, B = (np.ascontiguousarray(np.concatenate(x).T) for x in zip(*parts))
+    fine, trapezoid, L, C, S, B = (np.hstack(x) for x in zip(*parts))
     D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
-    moving = np.flatnonzero((_sizes(fine) > 0.0) & (_sizes(D) > 0.0))
+    extent = _sizes(D)
+    moving = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
     found: list[Comparison | None] = [None] * len(D)
     if not len(moving):
         return found
-    fine, trapezoid, L, C, S, B, D, noise = (
-        x[moving] for x in (fine, trapezoid, L, C, S, B, D, noise)
-    )
+    if len(moving) < len(D):
+        fine, trapezoid, L, C, S, B, D, noise, extent = (
+            x[moving] for x in (fine, trapezoid, L, C, S, B, D, noise, extent)
+        )
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     told = np.stack([fine, trapezoid])
-    r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * _sizes(D)[:, None] + S), noise)
+    r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * extent[:, None] + S), noise)
     best = np.argmin(medians(np.abs(left)), axis=0)
     I, r, late, left, keep = (x[best, np.arange(len(D))] for x in (told, r, late, left, keep))
+    bars = noise + S
     kept = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * left**2, axis=-1) / kept)
     # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
@@ -213,28 +208,37 @@ def _compared(
     else:
         c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
     # Nor is r told better than one quadrature along the rows tells it like another.
-    otherwise = np.abs(np.sum(B * fine, axis=-1)) / np.sum(fine**2, axis=-1)
+    otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise
+    scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     most = QUADRATURE + PROJECTION * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
     by_scheme = np.clip(np.sum(keep * C * left, axis=-1) / squares, -most, most)
-    rest = _sizes(left - by_scheme[:, None] * C)
-    unsteady = np.sqrt(np.maximum(rest**2 - _sizes(noise + S) ** 2, 0.0)) / _sizes(D)
+    rest, barred, defect = _sizes(left - by_scheme[:, None] * C), _sizes(bars), _sizes(left)
+    unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
     instant = _sizes(L) > 4.0 * _sizes(noise)
+    size = np.abs(left)
+    outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
+    squared = np.vecdot(D, D) * np.vecdot(I, I)
+    alike = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     h = np.diff(t)[start]
     for k, column in enumerate(moving):
-        kept_rows = keep[k]
         found[column] = Comparison(
             float(r[k]),
             float(ratio_error[k]),
             float(late[k]),
             left[k],
-            noise[k] + S[k],
+            bars[k],
             D[k],
             I[k],
             start,
             h,
-            _steady(I[k, kept_rows], (D[k] - late[k] * L[k])[kept_rows], float(r[k])),
+            float(defect[k] / max(extent[k], 1e-300)),
+            float(alike[k]),
+            bool(defect[k] > 4.0 * max(barred[k], 1e-300)),
+            outliers[k],
+            bool(scaled[k])
+            and _steady(I[k, keep[k]], (D[k] - late[k] * L[k])[keep[k]], float(r[k])),
             bool(instant[k]),
             float(unsteady[k]),
         )
@@ -266,22 +270,52 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     return first - k * z, z, variance
 
 
+SETTLED = 1e-10
+"""Change of r and θ below which they are found."""
+
+HOPELESS = 1e3
+"""How many times more than one that is settled another quadrature must leave to be given up."""
+
+
 def _robust(
     told: Array, linear: Array, moved: Array, spread: Array, noise: Array
 ) -> tuple[Array, Array, Array, Mask]:
     """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
 
-    Along the last axis, of every column at once.
+    Along the last axis, of every column and each of the quadratures `told` of it at once, until they are
+    settled. A quadrature that another one leaves far behind is given up: its r and θ are rough.
     """
-    weight = 1.0 / spread
+    quadratures, columns, _ = told.shape
+    r, late, typical = np.zeros((3, quadratures * columns))
+    open_ = np.arange(quadratures * columns)
+    settled = np.zeros(len(open_), dtype=np.bool_)
+    x, of = told.reshape(len(open_), -1), open_ % columns
+    y, m, s = (a[of] for a in (linear, moved, spread))
+    weight = 1.0 / s
     for _ in range(12):
-        r, late, _ = _least_squares(told * weight, linear * weight, moved * weight)
-        left = moved - r[..., None] * told - late[..., None] * linear
-        size = np.abs(left)
-        typical = medians(size)[..., None]
+        of = open_ % columns
+        before = r[open_], late[open_]
+        now = _least_squares(x * weight, y * weight, m * weight)[:2]
+        r[open_], late[open_] = now
+        size = np.abs(m - now[0][:, None] * x - now[1][:, None] * y)
+        middle = medians(size)
+        typical[open_] = middle
         # Absolute values count, not squares: a few impacts must not bend the line.
-        weight = 1.0 / np.sqrt(spread * np.maximum(size, 1e-3 * spread + typical))
-    return r, late, left, size <= 7.0 * typical + 3.0 * noise
+        size = np.maximum(size, 1e-3 * s + middle[:, None])
+        size *= s
+        weight = 1.0 / np.sqrt(size, out=size)
+        done = np.all(np.abs(np.subtract(now, before)) <= SETTLED * np.maximum(np.abs(now), 1.0), 0)
+        settled[open_[done]] = True
+        found = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
+        on = ~done & (middle <= HOPELESS * found[of])
+        if not on.any():
+            break
+        if not on.all():
+            open_ = open_[on]
+            x, y, m, s, weight = (a[on] for a in (x, y, m, s, weight))
+    r, late, typical = (a.reshape(quadratures, columns) for a in (r, late, typical))
+    left = moved - r[..., None] * told - late[..., None] * linear
+    return r, late, left, np.abs(left) <= 7.0 * typical[..., None] + 3.0 * noise
 
 
 def _steady(told: Array, moved: Array, ratio: float) -> bool:
@@ -302,8 +336,8 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
         return {}
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     free = {int(k) for k in mechanism.free.u}
-    fine_u = scatter(run.u) * float(np.diff(run.t).max(initial=0.0))
-    fine_q = scatter(run.q)
+    fine_q, fine_u = scatter_of(run)
+    fine_u = fine_u * float(np.diff(run.t).max(initial=0.0))
     projected = bool(mechanism.constraints)
     rates: list[int] = []
     moved, bars = [], []
@@ -388,7 +422,7 @@ def accelerations(run: Trajectory) -> Accelerations:
     assert run.udot is not None
     told = np.full_like(run.u, np.nan)
     edges = stretches(run)
-    fine = scatter(run.u)
+    fine = scatter_of(run)[1]
     for a, b in edges:
         told[a:b] = spline_rates(run.t[a:b], run.u[a:b], 5)
     bar = fine[1:] + fine[:-1]
@@ -513,6 +547,8 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     same = np.all(np.diff(run.q, axis=0) == 0.0, axis=1) & np.all(
         np.diff(run.u, axis=0) == 0.0, axis=1
     )
+    if not same.any():
+        return run, []
     told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
     moving = np.any(
         told > 4.0 * resolution(run.q).max(axis=0, initial=0.0).max(initial=0.0), axis=1
@@ -565,19 +601,26 @@ def _at_the_pace_of_the_slower(
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """Angles that jump by whole turns, as those reduced to (−π, π] do."""
-    q, found = np.array(run.q), []
+    pairs = [
+        (i, j)
+        for i, j in Kinematics.of(run.coordinates, run.speeds).rates
+        if mechanism.coordinates[i].unit == "rad"
+    ]
+    if not pairs:
+        return run, []
     turn = 2.0 * np.pi
-    h = np.diff(run.t)
-    for i, j in Kinematics.of(run.coordinates, run.speeds).rates:
-        if mechanism.coordinates[i].unit != "rad":
-            continue
-        told = 0.5 * h * (run.u[1:, j] + run.u[:-1, j])
-        excess = np.diff(q[:, i]) - told
-        turns = np.round(excess / turn)
-        jumps = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
+    places, rates = (list(of) for of in zip(*pairs))
+    excess = np.diff(run.q[:, places], axis=0)
+    excess -= 0.5 * np.diff(run.t)[:, None] * (run.u[1:, rates] + run.u[:-1, rates])
+    if not np.abs(excess).max(initial=0.0) > 0.5 * turn:
+        return run, []
+    q, found = np.array(run.q), []
+    turns = np.round(excess / turn)
+    jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
+    for i, turned, jumps in zip(places, turns.T, jumping.T):
         within = np.abs(np.ptp(q[:, i]) - turn) < 0.6 or np.ptp(q[:, i]) < turn
         if jumps.any() and within:
-            q[1:, i] -= turn * np.cumsum(np.where(jumps, turns, 0.0))
+            q[1:, i] -= turn * np.cumsum(np.where(jumps, turned, 0.0))
             found.append(
                 Finding(
                     "wrapped-angle",
@@ -596,9 +639,11 @@ def _without_spikes(
     """Single rows of which a column lies far off its neighbours; only a few are taken out."""
     rows: dict[int, str] = {}
     for name, made in comparisons.items():
-        out = made.outliers
+        if not made.outliers.any():
+            continue
         j = run.speeds.index(name)
-        ends = {int(row) for k in np.flatnonzero(out) for row in (made.start[k], made.start[k] + 1)}
+        starts = made.start[made.outliers].tolist()
+        ends = {row for k in starts for row in (k, k + 1)}
         for row in ends:
             if not 2 <= row < len(run) - 2:
                 continue
@@ -643,7 +688,11 @@ def _wrong_rates(
                 name,
             )
     rest = {n: c for n, c in comparisons.items() if n not in swapped}
-    clipped = [n for n, c in rest.items() if _is_clipped(run, n, c)]
+    size = np.abs(run.u)
+    worst = size.max(axis=0, initial=0.0)
+    at = np.count_nonzero(size >= worst * (1.0 - 1e-12), axis=0)
+    several = {run.speeds[k] for k in np.flatnonzero((at >= 6) & (worst > 0.0))}
+    clipped = [n for n, c in rest.items() if n in several and _is_clipped(run, n, c)]
     for name in clipped:
         yield Finding(
             "clipped-column",
@@ -738,7 +787,7 @@ def _swapped(run: Trajectory, comparisons: dict[str, Comparison]) -> Iterator[tu
         size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
         return abs(float(a.moved @ b.told)) / size if size else 0.0
 
-    poor = {n: c for n, c in comparisons.items() if fits(c, c) < 0.95}
+    poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
     for a, x in poor.items():
         for b, y in poor.items():
             if a != b and fits(x, y) > 0.99 and fits(y, x) > 0.99:
@@ -749,8 +798,6 @@ def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
     u = run.speed(name)
     worst = float(np.abs(u).max())
     at = np.abs(u) >= worst * (1.0 - 1e-12)
-    if worst == 0.0 or at.sum() < 6:
-        return False
     inside = at[c.start] & at[c.start + 1]
     if inside.sum() < 4 or not (~inside).any():
         return False

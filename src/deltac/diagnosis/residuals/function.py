@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import factorial
 from typing import Any
@@ -70,6 +70,35 @@ class Caller:
 
         found = likeliest(candidates, evaluate, *(x[:, places] for x in right))
         self.form = PLAIN if found is None else found
+        if found is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
+            raise SourceError(self._how_to_call(candidates, evaluate))
+
+    def _how_to_call(
+        self, candidates: Sequence[StateForm], evaluate: Callable[[StateForm], object]
+    ) -> str:
+        """Why the function is called in no way that is known, and what to write."""
+        try:
+            own = inspect.signature(self.rhs)
+            arguments, names = str(own), ", ".join(own.parameters)
+        except ValueError:
+            arguments, names = "", "…"
+        tried = ""
+        for form in candidates:
+            try:
+                evaluate(form)
+            except InputError as error:
+                answered = error.__cause__ is None  # it gave an answer, of a wrong kind
+                if answered or not tried:
+                    said = form.describe(self.kane.told_names, self.kane.speed_names)
+                    tried = f" Taken as {said}: {str(error).partition('. State:')[0]}."
+                if answered:
+                    break
+        name = self.name if self.name.replace(".", "").isidentifier() else "f"
+        return (
+            f"{self.name}{arguments}: expected a function of (t, q, u) that returns u̇, or of (t, y), (y, t) "
+            f"or (y, control) that returns ẏ.{tried} Name one that calls it, such as:\n\n"
+            f"    def rhs(t, q, u):\n        return {name}({names})\n"
+        )
 
     def with_form(self, form: StateForm) -> Caller:
         """The same function, taken to be of another form."""
@@ -161,7 +190,7 @@ class Caller:
                 f"{self.name} returned {_short(found)}, expected {n} real numbers: u̇ of "
                 f"{', '.join(states.speeds)}. State: {_state(states, k)}"
             )
-        if real.shape == (n + len(states.q),):
+        if real.shape == (n + len(states.q) + self.form.appended,):
             rates, accelerations = self.form.split(list(real), len(states.q), n)
             return np.array([*rates, *accelerations])
         if real.shape != (n,):
@@ -248,6 +277,17 @@ def _numbers(values: Array) -> str:
 def _short(found: Any) -> str:
     text = repr(found)
     return f"{type(found).__name__} {text[:60]}{'…' if len(text) > 60 else ''}"
+
+
+def _takes(rhs: Callable[..., Any], arguments: Sequence[Any]) -> bool:
+    """Whether a function can be called with these arguments, as far as it says."""
+    try:
+        inspect.signature(rhs).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:
+        pass
+    return True
 
 
 def _line(error: Exception, rhs: Callable[..., Any]) -> str:

@@ -21,17 +21,16 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from itertools import count
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.measurements.digits import resolution, scatter
+from deltac.diagnosis.measurements.digits import medians, resolution, scatter, scatter_of
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -161,7 +160,9 @@ class Functions:
         self.acceleration = Expression("a", inputs, a, often=True)
         self.damping = Expression("d", inputs, damping)
         self.terms = Expression("s", inputs, size)
-        self.matrices = Expression("m", place, crba(s)[at, at], G)
+        M, w = crba(s)[at, at], ca.SX.sym("w", len(at))
+        self.matrices = Expression("m", place, M, G)
+        self.energy = Expression("e", {**place, "w": w}, ca.bilin(M, w, w))
         self.qdot = Expression("r", {**place, "u": s.u}, s.qdot)
         if bound is not None:
             terms = ca.mtimes(ca.fabs(G), ca.fabs(s.u_all[at]))
@@ -181,7 +182,7 @@ class Model:
         symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
         self.symbols = symbols
         made = symbols.once("one step", lambda: Functions(mechanism, self.log, symbols))
-        self._functions = made
+        self.functions = made
         self.rows_of_G, self.n = made.rows_of_G, made.n
         self.damped, self.of_time = made.damped, made.of_time
         self.cost = int(made.acceleration.function.n_instructions())
@@ -197,24 +198,34 @@ class Model:
 
     def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """u̇ (T, n) of the free speeds."""
-        return self._functions.acceleration(t, q, u, F)[0]
+        return self.functions.acceleration(t, q, u, F)[0]
+
+    def at(self, rows: Rows) -> Array:
+        """The same at rows."""
+        return self.acceleration(rows.t, rows.q, rows.u, rows.F)
 
     def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Generalized forces (T, n) of the model's own dampers."""
-        return self._functions.damping(t, q, u, F)[0]
+        return self.functions.damping(t, q, u, F)[0]
 
     def terms(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Sum of the absolute forces and bias of each equation (T, n)."""
-        return self._functions.terms(t, q, u, F)[0]
+        return self.functions.terms(t, q, u, F)[0]
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates."""
-        return self._functions.qdot(t, q, u)[0]
+        return self.functions.qdot(t, q, u)[0]
 
     def inertia(self, t: Array, q: Array) -> Array:
         """Inertia N (T, n, n): M, or with constraints that of the motions that these leave, M C M."""
         M, G = self._matrices(t, q)
         return M @ self._compliance(M, G) @ M if self.rows_of_G else M
+
+    def size(self, t: Array, q: Array, w: Array) -> Array:
+        """√(wᵀN w) (T,) of accelerations (T, n), N as `inertia`."""
+        if self.rows_of_G:
+            return _norm(self.inertia(t, q), w)
+        return np.asarray(np.sqrt(np.maximum(self.functions.energy(t, q, w)[0][:, 0], 0.0)))
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What forces (T, n) add to the accelerations (T, n)."""
@@ -224,7 +235,7 @@ class Model:
         return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
     def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
-        flat, g = self._functions.matrices(t, q)
+        flat, g = self.functions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
         return flat.reshape(len(t), self.n, self.n), G
 
@@ -239,7 +250,7 @@ class Model:
         """How far speeds violate the constraints, as a share of what is added up in them."""
         if not self.rows_of_G:
             return 0.0
-        psi, terms = self._functions.psi(rows.t, rows.q, rows.u)
+        psi, terms = self.functions.psi(rows.t, rows.q, rows.u)
         return float(np.max(trimmed(psi) / np.maximum(trimmed(terms), 1e-300)))
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
@@ -277,6 +288,18 @@ class Rows:
         """Mean accelerations (T − 1, n)."""
         return np.asarray(np.diff(self.u, axis=0) / self.h)
 
+    def taken(self, rows: slice | NDArray[np.intp]) -> Rows:
+        """Some of them."""
+        return Rows(self.t[rows], self.q[rows], self.u[rows], self.F[rows])
+
+    @staticmethod
+    def joined(parts: Sequence[Rows]) -> Rows:
+        """Rows of several, one after the other."""
+        t = np.concatenate([r.t for r in parts])
+        columns = zip(*((r.q.T, r.u.T, r.F.T) for r in parts))
+        # Column by column, as the model's functions take and give them.
+        return Rows(t, *(np.ascontiguousarray(np.concatenate(x, axis=1)).T for x in columns))
+
     def shaken(self, size: Rows, rng: np.random.Generator) -> Rows:
         """The same with every number moved at random by its `size`."""
 
@@ -294,7 +317,8 @@ def _rows_of(
     forces = [values for values in model.log.values(run).values()]
     F = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
     q, u = run.q[:, free.q], run.u[:, free.u]
-    noise = [scatter(x) if x.shape[1] else np.zeros_like(x) for x in (q, u, F)]
+    of_q, of_u = (x[:, places] for x, places in zip(scatter_of(run), (free.q, free.u)))
+    noise = (of_q, of_u, scatter(F) if F.shape[1] else F)
     found = []
     for a, b in edges:
         here = slice(a, b)
@@ -390,7 +414,7 @@ TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """What an integrator makes of some steps: their mean accelerations `a` (I, n).
+    """What an integrator makes of some steps: their mean accelerations `a` (I, n), found when asked for.
 
     `forces` tells which ones it took ("start", "end", "smooth"), `at` the instants (t, q, u, F) of which its
     equations are, or the middle of a step where it takes several.
@@ -398,13 +422,59 @@ class Relation:
 
     name: str
     forces: str
-    a: Array
     at: Rows
+    find: Callable[[], Array]
+
+    @cached_property
+    def a(self) -> Array:
+        """Mean accelerations (I, n)."""
+        return self.find()
 
     @property
     def mark(self) -> str:
         """The forces, as a mark of its name."""
         return "" if self.forces == "start" else f"@{self.forces}"
+
+    def of(self, some: slice) -> Relation:
+        """Its part for some of the steps."""
+        return Relation(self.name, self.forces, self.at.taken(some), lambda: self.a[some])
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Steps that are looked at, of one log or of several side by side: those that start at rows k of each.
+
+    Logs side by side have forces that change all or none, and steps that are even all or none (`alike`).
+    """
+
+    model: Model
+    parts: Sequence[tuple[Rows, NDArray[np.intp]]]
+    _rows: dict[int, Rows] = field(default_factory=dict)
+    _accelerations: dict[int, Array] = field(default_factory=dict)
+
+    @staticmethod
+    def alike(whole: Rows, k: NDArray[np.intp]) -> tuple[bool, bool]:
+        """Whether forces change from row to row there, and whether all steps of a log are of one length."""
+        held = whole.F.shape[1] > 0 and bool(np.any(whole.F[k] != whole.F[k + 1]))
+        return held, bool(np.ptp(whole.h) < 1e-6 * float(whole.h.min()))
+
+    def rows(self, j: int) -> Rows:
+        """The rows j after the starts of the steps; the last one in place of those beyond."""
+        if j not in self._rows:
+            here = [r.taken(np.minimum(k + j, len(r.t) - 1)) for r, k in self.parts]
+            self._rows[j] = Rows.joined(here)
+        return self._rows[j]
+
+    def acceleration(self, j: int) -> Array:
+        """The model's accelerations (I, n) at these."""
+        if j not in self._accelerations:
+            self._accelerations[j] = self.model.at(self.rows(j))
+        return self._accelerations[j]
+
+    def D(self, j: int = 0) -> Array:
+        """Mean accelerations (I, n) of the steps, or of those that start j rows later."""
+        a, b = self.rows(j), self.rows(j + 1)
+        return np.asarray((b.u - a.u) / (b.t - a.t)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,8 +505,10 @@ class Steps:
 
     @cached_property
     def offs(self) -> Array:
-        """The same of all relations (I, number of them)."""
-        left = self.D[..., None] - np.stack([r.a for r in self.relations], axis=2)
+        """The same of all relations but `ACCURATE`, which comes last (I, number of them)."""
+        left = np.empty((*self.D.shape, sum(r.name != ACCURATE for r in self.relations)))
+        for k in range(left.shape[2]):
+            np.subtract(self.D, self.relations[k].a, out=left[..., k])
         energy: Array = np.sum(left * (self.N @ left), axis=1)
         return np.sqrt(np.maximum(energy, 0.0))
 
@@ -456,52 +528,57 @@ def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
     return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
 
 
-def _relations(
-    model: Model, whole: Rows, k: NDArray[np.intp], only: int | None = None
-) -> list[Relation]:
-    """Every integrator of the dictionary at some steps, or `only` that of one place among them."""
+def _relations(chosen: Chosen) -> list[Relation]:
+    """Every integrator of the dictionary at some steps."""
     from scipy.interpolate import make_interp_spline
 
-    t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
-    t1, q1, u1, F1 = whole.t[k + 1], whole.q[k + 1], whole.u[k + 1], whole.F[k + 1]
-    h0 = whole.h[k]
-    a00 = model.acceleration(t0, q0, u0, F0)
-    held = F0.shape[1] > 0 and bool(np.any(F0 != F1))
+    model, start, end = chosen.model, chosen.rows(0), chosen.rows(1)
+    t0, q0, u0, F0 = start.t, start.q, start.u, start.F
+    t1, q1, u1, F1 = end.t, end.q, end.u, end.F
+    h0 = (t1 - t0)[:, None]
+    held, even = Chosen.alike(*chosen.parts[0])
     middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
-    mean = 0.5 * (F0 + F1)
-    between = make_interp_spline(whole.t, whole.F, k=5) if held else None
-    places, found = count(), list[Relation]()
+    half_t, half_u, mean = 0.5 * (t0 + t1), 0.5 * (u0 + u1), 0.5 * (F0 + F1)
+    between = [make_interp_spline(r.t, r.F, k=5) for r, _ in chosen.parts] if held else []
+    found = list[Relation]()
 
     def smooth(c: float) -> Array:
-        return F0 if between is None else np.asarray(between(t0 + c * h0[:, 0]))
+        if not held:
+            return F0
+        splines = zip(between, chosen.parts)
+        return np.concatenate([f(r.t[k] + c * np.diff(r.t)[k]) for f, (r, k) in splines])
 
-    def offer(marked: str, value: Callable[[], Array]) -> None:
-        if next(places) != only and only is not None:
-            return
+    def offer(marked: str, find: Callable[[], Array]) -> None:
         name, _, forces = marked.partition("@")
         F = {"": F0, "end": F1, "smooth": mean}[forces]
-        at = Rows(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F)
+        at = Rows(half_t, middle, half_u, F)
         if name in _INSTANTS:
             at_t, at_q, at_u = _INSTANTS[name]
             at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
-        found.append(Relation(name, forces or "start", value(), at))
+        found.append(Relation(name, forces or "start", at, find))
 
     @cache
     def rate() -> Array:
         return model.rate(t0, q0, u0)
 
-    @cache
+    def a00() -> Array:
+        return chosen.acceleration(0)
+
     def a11() -> Array:
-        return model.acceleration(t1, q1, u1, F1)
+        return chosen.acceleration(1)
 
     def offer_held(mark: str, F: Array) -> None:
         """Those that hold their forces over a step."""
-        a = a00 if mark == "" else model.acceleration(t0, q0, u0, F)
-        offer("euler" + mark, lambda: a)
+
+        @cache
+        def a() -> Array:
+            return a00() if mark == "" else model.acceleration(t0, q0, u0, F)
+
+        offer("euler" + mark, a)
 
         def damped() -> Array:
             change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
-            return a + model.response(t0, q0, change)
+            return a() + model.response(t0, q0, change)
 
         if model.damped:
             offer("implicit-damping-euler" + mark, damped)
@@ -511,46 +588,43 @@ def _relations(
             ahead, back = (
                 model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0)
             )
-            return a + (ahead - back) / (2.0 * step)
+            return a() + (ahead - back) / (2.0 * step)
+
+        @cache
+        def a_end() -> Array:
+            return a11() if mark == "" and not held else model.acceleration(t1, q1, u1, F)
 
         offer("linearly-implicit-euler" + mark, linear)
-        offer("implicit-euler" + mark, lambda: model.acceleration(t1, q1, u1, F))
+        offer("implicit-euler" + mark, a_end)
         offer("semi-implicit-euler-vu" + mark, lambda: model.acceleration(t0, q1, u0, F))
         offer("implicit-speed-euler" + mark, lambda: model.acceleration(t1, q0, u1, F))
-        same = mark == "" and not held
-        offer(
-            "trapezoidal" + mark,
-            lambda: 0.5 * (a + (a11() if same else model.acceleration(t1, q1, u1, F))),
-        )
-        offer(
-            "implicit-midpoint" + mark,
-            lambda: model.acceleration(0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F),
-        )
+        offer("trapezoidal" + mark, lambda: 0.5 * (a() + a_end()))
+        offer("implicit-midpoint" + mark, lambda: model.acceleration(half_t, middle, half_u, F))
         offer(
             "verlet" + mark,
-            lambda: 0.5 * (a + model.acceleration(t1, q1, u0 + 0.5 * h0 * a, F)),
+            lambda: 0.5 * (a() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a(), F)),
         )
         for name in TABLEAUS:
             made = partial(_runge_kutta, model, name, t0, q0, u0, partial(_held, F), h0)
-            offer(name + mark, partial(made, first=lambda: (rate(), a)))
+            offer(name + mark, partial(made, first=lambda: (rate(), a())))
 
     offer_held("", F0)
     if held:  # or forces that change within a step
         offer_held("@end", F1)
-        offer("trapezoidal@smooth", lambda: 0.5 * (a00 + a11()))
+        offer("trapezoidal@smooth", lambda: 0.5 * (a00() + a11()))
         for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
-            along = (0.5 * (t0 + t1), middle, 0.5 * (u0 + u1), F)
+            along = (half_t, middle, half_u, F)
             offer("implicit-midpoint@smooth", partial(model.acceleration, *along))
 
         def carried() -> Array:
-            before = model.acceleration(t0, q0, u0, whole.F[k - 1])
+            before = model.acceleration(t0, q0, u0, chosen.rows(-1).F)
             return 0.5 * (before + model.acceleration(t1, q1, u1, F0))
 
         # Newmark's method carries its acceleration over, with the force of the step before.
         offer("trapezoidal", carried)
         offer(
             "verlet@smooth",
-            lambda: 0.5 * (a00 + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00, F1)),
+            lambda: 0.5 * (a00() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00(), F1)),
         )
         for name in TABLEAUS:
             made = partial(_runge_kutta, model, name, t0, q0, u0, h=h0)
@@ -565,12 +639,11 @@ def _relations(
                 offer(f"{name}{ON_THE_GROUP}@smooth", partial(turned, force=smooth))
 
     def accurate() -> Array:
-        return _mean(whole.t, model.acceleration(whole.t, whole.q, whole.u, whole.F), 5)[k]
+        return np.concatenate([_mean(r.t, model.at(r), 5)[k] for r, k in chosen.parts])
 
+    if even:
+        found += _two_step_relations(chosen)
     offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
-    if np.ptp(whole.h) < 1e-6 * float(whole.h.min()):
-        several = _two_step_relations(model, whole, k)
-        found += [r for r in several if only is None or next(places) == only]
     return found
 
 
@@ -578,13 +651,19 @@ SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """ρ∞ of the generalized-α methods that are tried: those that people choose."""
 
 
-def _two_step_relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[Relation]:
+def _two_step_relations(chosen: Chosen) -> list[Relation]:
     """Adams–Bashforth and generalized-α, D[n] + x D[n−1] = y₀ a[n−1] + y₁ a[n] + y₂ a[n+1], over one step."""
-    rows = [
-        Rows(whole.t[k + j], whole.q[k + j], whole.u[k + j], whole.F[k + j]) for j in (-1, 0, 1)
-    ]
-    a = [model.acceleration(r.t, r.q, r.u, r.F) for r in rows]
-    D, last = whole.D[k], whole.D[k - 1]
+
+    @cache
+    def parts() -> tuple[Array, ...]:
+        before, here, after = (chosen.acceleration(j) for j in (-1, 0, 1))
+        return here, chosen.D() - chosen.D(-1), before - here, after - here
+
+    def made(x: float, y0: float, y2: float) -> Array:
+        here, change, before, after = parts()
+        told = here + (y0 / (1.0 + x)) * before + (y2 / (1.0 + x)) * after
+        return told + (x / (1.0 + x)) * change if x else told
+
     methods = [("adams-bashforth-2", 0.0, -0.5, 0.0)]
     for rho in SPECTRAL_RADII:
         am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
@@ -592,73 +671,93 @@ def _two_step_relations(model: Model, whole: Rows, k: NDArray[np.intp]) -> list[
         scale = 1.0 / (1.0 - am)
         y0, y2 = (1.0 - gamma) * af * scale, gamma * (1.0 - af) * scale
         methods.append(("generalized-alpha", am * scale, y0, y2))
-    found = []
-    for name, x, y0, y2 in methods:
-        made = y0 * a[0] + (1.0 + x - y0 - y2) * a[1] + y2 * a[2]
-        found.append(Relation(name, "smooth", D - (D + x * last - made) / (1.0 + x), rows[1]))
-    return found
+    start = chosen.rows(0)
+    return [Relation(name, "smooth", start, partial(made, *of)) for name, *of in methods]
 
 
 ACCURATE = "accurate"
 """The relation of a motion that steps follow to more digits than rows are told by."""
 
 
-def identify(
-    model: Model, stretches_: Sequence[tuple[Rows, Rows]], late: float
-) -> tuple[Scheme | None, float, Steps | None]:
-    """The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at.
+Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None]"
+"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at."""
 
-    What is left is a share of the accelerations. `late` is θ of q against u, which tells explicit from
-    semi-implicit Euler.
+SIDE_BY_SIDE = 4096
+"""Steps of several logs that are looked at side by side: their numbers stay in the processor's cache."""
+
+
+def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
+    """The integrators whose steps the rows of logs are, those of one model side by side.
+
+    What is left is a share of the accelerations.
     """
-    whole, size = max(stretches_, key=lambda pair: len(pair[0].t))
-    k = _steps_looked_at(whole)
-    if not len(k):
-        return None, 1.0, None
-    h0, D = whole.h[k], whole.D
-    t0, q0, u0, F0 = whole.t[k], whole.q[k], whole.u[k], whole.F[k]
-    a00 = model.acceleration(t0, q0, u0, F0)
-    N = model.inertia(t0, q0)
-    relations = _relations(model, whole, k)
-    Dk = D[k]
-    typical = float(np.median(_norm(N, a00))) + float(np.median(_norm(N, Dk))) + 1e-300
-    # Digits of u in D, and of q and u in a: by moving them.
-    rng = np.random.default_rng(3)
-    here, fine = Rows(t0, q0, u0, F0), Rows(t0, size.q[k], size.u[k], size.F[k])
-    other = here.shaken(fine, rng)
-    shaken = model.acceleration(other.t, other.q, other.u, other.F) - a00
-    digits = float(np.median(_norm(N, size.u[k] / h0) + _norm(N, shaken))) / typical
-    digits = max(
-        digits,
-        50.0 * EPS * float(np.abs(u0).max(initial=0.0) / h0.min()) / max(np.abs(Dk).max(), 1e-300),
-    )
-    steps = Steps(model, Rows(t0, q0, u0, F0), Dk, N, relations, digits, late)
-    ranked = sorted(
-        (
-            (float(left) / typical, k)
-            for k, left in enumerate(_nearly_all(steps.offs))
-            if relations[k].name != ACCURATE
-        )
-    )
+    found: list[Identified] = [(None, 1.0, None)] * len(logs)
+    alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
+    for place, log in enumerate(logs):
+        whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
+        k = _steps_looked_at(whole)
+        if len(k):
+            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
+    at_once = SIDE_BY_SIDE // IDENTIFYING
+    for same in alike.values():
+        for several in (same[i : i + at_once] for i in range(0, len(same), at_once)):
+            chosen = Chosen(model, [(whole, k) for _, whole, _, k in several])
+            relations = _relations(chosen)
+            here, a00, D = chosen.rows(0), chosen.acceleration(0), chosen.D()
+            N = model.inertia(here.t, here.q)
+            # Digits of u in D, and of q and u in a: by moving them.
+            other = [
+                whole.taken(k).shaken(size.taken(k), np.random.default_rng(3))
+                for _, whole, size, k in several
+            ]
+            shaken = model.at(Rows.joined(other)) - a00
+            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            digits_of = _norm(N, np.concatenate(fine)) + _norm(N, shaken)
+            of_a, of_D = _norm(N, a00), _norm(N, D)
+            last = 0
+            for place, whole, _, k in several:
+                some = slice(last, last := last + len(k))
+                a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
+                typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
+                digits = float(medians(digits_of[some])) / typical
+                least = float(np.abs(whole.u[k]).max(initial=0.0) / whole.h[k].min())
+                least *= 50.0 * EPS / max(float(np.abs(D[some]).max()), 1e-300)
+                own = [r.of(some) for r in relations] if len(several) > 1 else relations
+                steps = Steps(
+                    model, whole.taken(k), D[some], N[some], own, max(digits, least),
+                    logs[place].late,
+                )  # fmt: skip
+                two_step = _two_step(whole, a, D[some], N[some], k, typical)
+                found[place] = _identified(steps, two_step, typical, logs[place].stretches)
+    return found
+
+
+def _identified(
+    steps: Steps, two_step: _TwoStep, typical: float, stretches_: Sequence[tuple[Rows, Rows]]
+) -> Identified:
+    """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
+    relations, N, digits = steps.relations, steps.N, steps.digits
+    offs = steps.offs
+    ranked = sorted((float(left) / typical, k) for k, left in enumerate(_nearly_all(offs)))
     limit = 3.0 * digits + CLOSED
     best, first = ranked[0]
-    relation = _two_step(model, whole, D, N, k, typical)
-    closes = relation.left <= 3.0 * digits + 1e-10
-    if closes and relation.name and relation.left < best / DISTINCT:
-        found = Scheme(relation.name, 2, relation.left, digits, "smooth", relation.left)
-        return found, relation.left, steps
+    closes = two_step.left <= 3.0 * digits + 1e-10
+    if closes and two_step.name and two_step.left < best / DISTINCT:
+        found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
+        return found, two_step.left, steps
     if best > limit:
-        medians = np.median(steps.offs, axis=0)
-        half = relations[int(np.argmin(medians))]
-        typical_left = float(medians.min()) / typical
-        if typical_left > CLOSED or half.name == ACCURATE:
-            return None, min(best, relation.left), steps
+        left = np.median(offs, axis=0)
+        half = relations[int(np.argmin(left))]
+        typical_left = float(left.min()) / typical
+        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
+            return None, min(best, two_step.left), steps
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
-        return found, min(best, relation.left), steps
+        return found, min(best, two_step.left), steps
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
-    named = [relations[k] for _, k in sorted(ranked, key=lambda item: item[1])]
-    same = [r for r in named if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
+    apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
+    near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
+    same = [r for r in near_by if _norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
     chosen = same[0]
     alike = {r.name for r in same}
     rivals = [x for x, k in ranked if relations[k].name not in alike]
@@ -666,12 +765,13 @@ def identify(
     unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
-    typical_left = float(np.median(steps.off(chosen))) / typical
+    place = next(k for k, r in enumerate(relations) if r is chosen)
+    typical_left = float(medians(offs[:, place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    place = next(k for k, r in enumerate(relations) if r is chosen)
     everywhere = best <= PROVES and all(
-        _closes_everywhere(model, rows, place, chosen, PROVES * typical) for rows, _ in stretches_
+        _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
+        for rows, _ in stretches_
     )
     scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
     return scheme, best, steps
@@ -682,11 +782,11 @@ def _closes_everywhere(
 ) -> bool:
     """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
     k = np.arange(1, len(rows.t) - 1)
-    found = _relations(model, rows, k, place)
+    chosen = Chosen(model, [(rows, k)])
+    found = _relations(chosen)[place : place + 1]
     if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
         return False  # other ones are offered where no force changes
-    N = model.inertia(rows.t[k], rows.q[k])
-    return bool(np.all(_norm(N, rows.D[k] - found[0].a) <= most))
+    return bool(np.all(model.size(rows.t[k], rows.q[k], chosen.D() - found[0].a) <= most))
 
 
 def _euler(late: float) -> str:
@@ -748,11 +848,11 @@ def _runge_kutta(
         if s:
             weights = rows[s - 1]
             c = float(sum(weights))
-            v = u + h * sum(w * k for w, k in zip(weights, slopes_u))
+            v = u + h * _weighted(weights, slopes_u)
             if on_group:
-                x = model.moved(q, _sum(w * k for w, k in zip(weights, velocities)), h)
+                x = model.moved(q, _weighted(weights, velocities), h)
             else:
-                x = q + h * sum(w * k for w, k in zip(weights, slopes_q))
+                x = q + h * _weighted(weights, slopes_q)
         now = t + c * h[:, 0]
         if s == 0 and first is not None:
             rate, slope = first()
@@ -761,7 +861,15 @@ def _runge_kutta(
         slopes_q.append(rate)
         velocities.append(v)
         slopes_u.append(slope)
-    return np.asarray(sum(w * k for w, k in zip(b, slopes_u)))
+    return _weighted(b, slopes_u)
+
+
+def _weighted(weights: Iterable[float], slopes: Iterable[Array]) -> Array:
+    """Σ w k."""
+    first, *others = (w * k for w, k in zip(weights, slopes) if w)
+    for other in others:
+        first += other
+    return np.asarray(first)
 
 
 @dataclass(frozen=True)
@@ -773,32 +881,30 @@ class _TwoStep:
 
 
 def _two_step(
-    model: Model, rows: Rows, D: Array, N: Array, k: NDArray[np.intp], typical: float
+    rows: Rows, at: Sequence[Array], D: Array, N: Array, k: NDArray[np.intp], typical: float
 ) -> _TwoStep:
     """What the best relation D[n+1] + x D[n] = y0 a[n] + y1 a[n+1] + y2 a[n+2] leaves, 1 + x = Σy.
+
+    `at` are the accelerations of the model at rows k, the next, and the next but one; D those of the steps.
 
     Newmark's method, HHT and generalized-α obey it when their own accelerations are eliminated (Erlicher,
     Bonaventura and Bursi 2002, Comput. Mech. 28).
     """
     h = np.diff(rows.t)
-    k = k[k + 1 < len(D)]
-    k = k[np.abs(h[k] - h[k + 1]) < 1e-6 * h[k]]
-    if len(k) < 12:
+    own = np.flatnonzero(k + 1 < len(h))
+    own = own[np.abs(h[k[own]] - h[k[own] + 1]) < 1e-6 * h[k[own]]]
+    if len(own) < 12:
         return _TwoStep(np.inf, "")
-    a = [
-        model.acceleration(rows.t[k + j], rows.q[k + j], rows.u[k + j], rows.F[k + j])
-        for j in range(3)
-    ]
-    W = N[: len(k)]
+    a, W, k = [x[own] for x in at], N[own], k[own]
     # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
-    right = D[k + 1] - a[1]
-    columns = [a[1] - D[k], a[0] - a[1], a[2] - a[1]]
+    right = (rows.u[k + 2] - rows.u[k + 1]) / h[k + 1, None] - a[1]
+    columns = [a[1] - D[own], a[0] - a[1], a[2] - a[1]]
     forces = np.array([_times(W, x).ravel() for x in columns])
     A = np.array([x.ravel() for x in columns]) @ forces.T
     b = forces @ right.ravel()
     x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
     left = (
-        float(np.median(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        float(medians(_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
         / typical
     )
     if not -0.95 < x < 1.05:
@@ -1027,6 +1133,22 @@ class OneStep:
         return rows
 
 
+@dataclass(frozen=True, eq=False)
+class StretchesOfLog:
+    """A log as the test sees it.
+
+    run        the log
+    stretches  of its rows, each with the scatter of its numbers
+    late       rows by which q is ahead of u: it tells explicit from semi-implicit Euler
+    unsteady   share of the movement that no relation of q and u explains
+    """
+
+    run: Trajectory
+    stretches: Sequence[tuple[Rows, Rows]]
+    late: float
+    unsteady: float
+
+
 def one_step(
     mechanism: Mechanism, run: Trajectory, late: float = 0.0, unsteady: float = 0.0
 ) -> OneStep | None:
@@ -1035,24 +1157,49 @@ def one_step(
     `late` is the lateness of q against u from the kinematic test, `unsteady` the share of the movement that
     it does not explain: rows that keep the relation of q and u no better keep that of u and u̇ no better.
     """
+    return one_steps(mechanism, [(run, late, unsteady)])[0]
+
+
+def one_steps(
+    mechanism: Mechanism, runs: Sequence[tuple[Trajectory, float, float]]
+) -> list[OneStep | None]:
+    """`one_step` of several runs, with what it is told of each, at once."""
+    found: list[OneStep | None] = [None] * len(runs)
     if not len(mechanism.free.u):
-        return None
-    model = Model(mechanism, run)
-    groups = _groups(model)
-    pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(groups)))
-    if not pieces:
-        return None
-    # What filters and means do to a loop shows in its constraints.
-    unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
-    scheme, off, steps = identify(model, pieces, late)
+        return found
+    of_model: dict[Functions, list[tuple[int, Model, StretchesOfLog]]] = {}
+    for place, (run, late, unsteady) in enumerate(runs):
+        model = Model(mechanism, run)
+        pieces = _rows_of(model, run, _edges(run, model.cost, 4 + len(_groups(model))))
+        if not pieces:
+            continue
+        # What filters and means do to a loop shows in its constraints.
+        unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
+        log = StretchesOfLog(run, pieces, late, unsteady)
+        of_model.setdefault(model.functions, []).append((place, model, log))
+    for several in of_model.values():
+        identified = identify(several[0][1], [log for _, _, log in several])
+        for (place, model, log), one in zip(several, identified):
+            found[place] = _tested(model, log, *one)
+    return found
+
+
+def _tested(
+    model: Model, log: StretchesOfLog, scheme: Scheme | None, off: float, steps: Steps | None
+) -> OneStep:
+    """The test of a log of which it is known what integrators leave."""
+    pieces, groups = log.stretches, _groups(model)
 
     @cache
     def found() -> Residual:
         held = all(stairs(rows.F).held for rows, _ in pieces)
         parts = [_defects(model, rows, groups, held) for rows, _ in pieces]
         coefficients = _fit(parts, parts[0].names)
-        return _judged(model, run, pieces, parts, coefficients, off, steps, groups, unsteady, held)
+        return _judged(
+            model, log.run, pieces, parts, coefficients, off, steps, groups, log.unsteady, held
+        )
 
+    mechanism = model.mechanism
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
     return OneStep(scheme, speeds, sum(len(r.t) for r, _ in pieces), off, steps, found)
 

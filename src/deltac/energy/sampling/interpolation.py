@@ -7,7 +7,7 @@ weighted, so that a large constant costs no digits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -140,12 +140,14 @@ def equidistant(t: Array) -> bool:
     return bool(np.abs(t - even).max() <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
 
 
-def clock(t: Array) -> Array:
+def clock(t: Array, *, even: bool | None = None) -> Array:
     """Times from the first on; without their rounding where they are equidistant.
 
-    Stamps of seconds since 1970 are rounded to 2e-7 s, which intervals of milliseconds would feel.
+    Stamps of seconds since 1970 are rounded to 2e-7 s, which intervals of milliseconds would feel. `even`
+    tells whether they are, where that is known.
     """
-    return np.linspace(0.0, t[-1] - t[0], len(t)) if equidistant(t) else t - t[0]
+    even = equidistant(t) if even is None else even
+    return np.linspace(0.0, t[-1] - t[0], len(t)) if even else t - t[0]
 
 
 def cumulating_matrix(weights: Array, size: int) -> Array:
@@ -184,16 +186,13 @@ def window_times(t: Array, start: int, first: int, z: Array, width: Array) -> No
     window, size = z.shape
     begin = t[start : start + size]
     np.subtract(t[start + 1 : start + size + 1], begin, out=width[0])
-    np.subtract(np.lib.stride_tricks.sliding_window_view(t[first:], size)[:window], begin, out=z)
+    for j in range(window):
+        np.subtract(t[first + j : first + j + size], begin, out=z[j])
     z /= width
 
 
-def windows_of(columns: Sequence[Array], first: int, window: int, out: Array) -> None:
-    """Write the windows of time-first columns, (T, n) each, to `out`: (window · Σ n, B), sample by sample."""
-    size = out.shape[1]
-    if not out.shape[0]:
-        return
-    needed = slice(first, first + size + window - 1)
-    part = np.concatenate([column[needed].T for column in columns])
-    view = np.lib.stride_tricks.sliding_window_view(part, size, axis=1)
-    out.reshape(window, -1, size)[...] = view.transpose(1, 0, 2)
+def windows_of(rows: Array, first: int, window: int, out: Array) -> None:
+    """Write the windows of columns, rows here (n, T), to `out`: (window · n, B), sample by sample."""
+    n, size = len(rows), out.shape[1]
+    for j in range(window):
+        out[j * n : (j + 1) * n] = rows[:, first + j : first + j + size]

@@ -9,21 +9,20 @@ samples are sparse. The error is estimated by leaving out every second sample.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import EPS, TINY, Array
 from deltac.energy.sampling.interpolation import (
+    Block,
     band_matrices,
     blocks,
-    clock,
     cumulated_windows,
     cumulating_matrix,
-    equidistant,
     hermite_kernel,
     lagrange_kernel,
     weighted_windows,
@@ -48,6 +47,9 @@ SAMPLED = 8
 ROWS_AT_ONCE = 520
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
+NUMBERS = 1 << 15
+"""Numbers of integrals whose bars are found at once."""
+
 BAND, BANDS = 24, 32
 """Intervals that share a band matrix of weights (small enough that its zeros are cheap), and such matrices
 in a batch.
@@ -62,11 +64,25 @@ def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
 
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
+    t, window = samples.clock, min(SAMPLED, len(samples.t))
+    even = len(t) >= SAMPLED and samples.even
     total = np.empty_like(known)
-    parts = np.array_split(np.arange(len(known)), min(cores(), len(known)) or 1)
-    t = clock(samples.t)
-    spread(lambda rows: _lagrange(t, known, rows, total), parts)
+    sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1))) if even else None
+
+    def some(rows: slice) -> None:
+        if sums is not None:
+            total[rows] = sums.sums(known[rows], 1)
+        else:
+            _lagrange(t, known[rows], window, total[rows])
+
+    spread(some, _shares(known), numbers=known.size)
     return total
+
+
+def _shares(values: Array) -> list[slice]:
+    """The rows of (m, T) in a part for each core."""
+    size = -(-len(values) // min(cores(), max(1, len(values)))) or 1
+    return [slice(a, a + size) for a in range(0, len(values), size)]
 
 
 class EvenSums:
@@ -93,24 +109,17 @@ class EvenSums:
         return found
 
 
-def _lagrange(t: Array, known: Array, rows: NDArray[np.intp], total: Array) -> None:
-    """`lagrange` of some rows, which lie side by side, from start to end."""
-    window = min(SAMPLED, len(t))
+_even_sums = lru_cache(maxsize=16)(EvenSums)
+
+
+def _lagrange(t: Array, powers: Array, window: int, sums: Array) -> None:
+    """`lagrange` at times that are not equidistant, to `sums`."""
     kernel = lagrange_kernel(window)
-    powers, sums = known[rows[0] : rows[-1] + 1], total[rows[0] : rows[-1] + 1]
     sums[:, 0] = 0.0
-    part = np.empty((len(rows), BAND * BANDS))
+    part = np.empty((len(powers), BAND * BANDS))
     bands = band_matrices(BANDS, BAND, window)
-    even = None
-    if equidistant(t):  # the same weights everywhere but near the ends
-        z = np.arange(window) - max(0.0, window // 2 - 1)
-        weights = kernel(z=z, width=(t[-1] - t[0]) / (len(t) - 1))["weights"][0]
-        even = cumulating_matrix(weights, BAND)
     for start, stop, first in blocks(len(t), window, BAND * BANDS):
         size = stop - start
-        if even is not None and size > 1:
-            cumulated_windows(powers[:, first:], even, sums[:, start : stop + 1])
-            continue
         x = np.empty((kernel.n_in, size))
         window_times(t, start, first, x[:window], x[window:])
         weights = kernel.flat(x)
@@ -148,7 +157,7 @@ def hermite_parts(
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of.
     """
-    t, window = clock(samples.t), min(window, len(samples.t))
+    t, window = samples.clock, min(window, len(samples.t))
     names = sorted(samples.smooth, key=lambda name: name not in rates)  # those with rates first
     values = [samples.smooth[name].values for name in names]
     slopes = [samples.smooth[name].rates for name in names]
@@ -163,27 +172,52 @@ def hermite_parts(
         INNER,
     )
     places = _places(sizes | rated)
+    y, dy, f = (_side_by_side(columns, len(t)) for columns in (values, slopes, plain))
     total = np.zeros_like(known)
-    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
-        x = np.empty((kernel.n_in, stop - start))
-        z, width, y, dy, f = (x[where] for where in kernel.input_slices.values())
-        window_times(t, start, first, z, width)
-        windows_of(values, first, window, y)
-        windows_of(slopes, first, window, dy)
-        windows_of(plain, first, window, f)
+    for together in _together(blocks(len(t), window, ROWS_AT_ONCE)):
+        here = slice(together[0][0], together[-1][1])
+        after, size = slice(here.start + 1, here.stop + 1), here.stop - here.start
+        x = np.empty((kernel.n_in, size))
+        for start, stop, first in together:
+            part = x[:, start - here.start : stop - here.start]
+            z, width, *windows = (part[where] for where in kernel.input_slices.values())
+            window_times(t, start, first, z, width)
+            for rows, out in zip((y, dy, f), windows):
+                windows_of(rows, first, window, out)
         found = kernel.flat(x)
-        here, after = slice(start, stop), slice(start + 1, stop + 1)
+        width = x[kernel.input_slices["width"]][0]
         end = known[:, after]
         if samples.held:  # what acts at the end is still that of the start
             end = powers(*samples.at(after, here, rates)).T
+        # The inner nodes of all intervals, one kind after the other.
+        nodes = np.hstack([found[where] for where in kernel.output_slices.values()])
+        times = np.concatenate([samples.t[here] + node * width for node in INNER])
+        at = {name: nodes[place].T for name, place in places.items()}
+        at |= {n: np.tile(held[here], (len(INNER), 1)) for n, held in samples.held.items()}
+        between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
+        inner = powers(times, between).T
         part = OUTER_WEIGHT * (known[:, here] + end)
-        for node, weight, where in zip(INNER, INNER_WEIGHTS, kernel.output_slices.values()):
-            at = {name: found[where][place].T for name, place in places.items()}
-            at |= {name: held[here] for name, held in samples.held.items()}
-            between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
-            part += weight * powers(samples.t[here] + node * width[0], between).T
+        for k, weight in enumerate(INNER_WEIGHTS):
+            part += weight * inner[:, k * size : (k + 1) * size]
         np.multiply(part, width, out=total[:, after])
     return total
+
+
+def _side_by_side(columns: Sequence[Array], count: int) -> Array:
+    """Time-first columns, (T, n) each, as the rows of one array (Σ n, T)."""
+    return np.concatenate([np.empty((0, count)), *(column.T for column in columns)])
+
+
+def _together(several: Iterable[Block]) -> Iterator[list[Block]]:
+    """Neighbouring blocks, with the short ones at the ends of a motion joined to the next."""
+    found: list[Block] = []
+    for block in several:
+        if found and block[1] - found[0][0] > ROWS_AT_ONCE + SAMPLED:
+            yield found
+            found = []
+        found.append(block)
+    if found:
+        yield found
 
 
 def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
@@ -247,7 +281,7 @@ def integrate(
     known = at_samples(samples, powers, rated) if known is None else known
     found = _chosen(samples, powers, known, rated, leading)
     blur = float(np.spacing(np.abs(samples.t).max()))
-    if blur > 4 * np.spacing(np.ptp(samples.t)) and not equidistant(samples.t):
+    if blur > 4 * np.spacing(np.ptp(samples.t)) and not samples.even:
         # Σ P_k (δ_{k+1} − δ_k), summed by parts.
         moved = np.abs(np.diff(known, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(known)
         return replace(found, bar=found.bar + blur * moved.T)
@@ -259,7 +293,7 @@ def _chosen(
 ) -> Integral:
     """The integral by the rule with the smallest bars."""
     thinned = {1: (samples, known)}
-    for n in (2, 4):
+    for n in (2,) if samples.derived else (2, 4):
         thin = samples.every(n)
         # Derived rates are others when samples are left out.
         thinned[n] = thin, at_samples(thin, powers, rated) if samples.derived else known[:, ::n]
@@ -318,19 +352,22 @@ def _estimated(
     ahead = max(rule.window, 4) // 4
     finer, coarser = np.zeros((2, len(fine)))
 
-    def estimate(k: int) -> None:
-        error = fine[k, ::2] - half[k]
-        even = np.maximum.accumulate(np.abs(error))
+    def estimate(rows: slice) -> None:
+        error = fine[rows, ::2] - half[rows]
+        even = np.maximum.accumulate(np.abs(error), axis=1)
         if quarter is not None:
             # Sums over intervals: in a cumulated error contributions may cancel by chance.
-            finer[k] = np.abs(np.diff(error)).sum()
-            coarser[k] = np.abs(np.diff(half[k, ::2] - quarter[k])).sum()
-            even /= reduction(finer[k], coarser[k], rule.order)
-        seen = np.concatenate([even[ahead:], np.full(2 * ahead + 1, even[-1])])
-        bar[k, ::2] = seen[: (count + 1) // 2]
-        bar[k, 1::2] = seen[1 : 1 + count // 2]
+            finer[rows] = np.abs(np.diff(error)).sum(axis=1)
+            coarser[rows] = np.abs(np.diff(half[rows, ::2] - quarter[rows])).sum(axis=1)
+            even /= reduction(finer[rows], coarser[rows], rule.order)[:, None]
+        last = np.broadcast_to(even[:, -1:], (len(even), 2 * ahead + 1))
+        seen = np.hstack([even[:, ahead:], last])
+        bar[rows, ::2] = seen[:, : (count + 1) // 2]
+        bar[rows, 1::2] = seen[:, 1 : 1 + count // 2]
 
-    spread(estimate, range(len(fine)))
+    size = max(1, NUMBERS // count)  # rows whose numbers stay in cache
+    some = [slice(k, k + size) for k in range(0, len(fine), size)]
+    spread(estimate, some, numbers=fine.size)
     order = observed_order(finer[leading], coarser[leading]) if quarter is not None else 0.0
     return Integral(fine.T, bar.T, rule.name, order)
 

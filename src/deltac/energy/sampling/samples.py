@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.energy.sampling.interpolation import clock
+from deltac.energy.sampling.interpolation import clock, equidistant
 from deltac.energy.sampling.splines import spline_rates
 from deltac.kernels.parallel import spread
 
@@ -58,6 +58,16 @@ class Samples:
     held: dict[str, Array]
     derived: frozenset[str] = frozenset()
     inward: Array | None = None
+
+    @cached_property
+    def even(self) -> bool:
+        """Whether the times are equidistant, but for their rounding."""
+        return equidistant(self.t)
+
+    @cached_property
+    def clock(self) -> Array:
+        """Times from the first on (T,); without their rounding where they are equidistant."""
+        return clock(self.t, even=self.even)
 
     def rows(self, rows: slice) -> Samples:
         """Neighbouring samples of a smooth piece."""
@@ -132,5 +142,5 @@ def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None =
     def evaluate(rows: slice) -> None:
         found[:, rows] = powers(*samples.at(rows, rows, rated)).T
 
-    spread(evaluate, others)
+    spread(evaluate, others, numbers=found.size)
     return found

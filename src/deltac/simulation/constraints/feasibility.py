@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.caching import LRUCache
 from deltac.dynamics.constraints import Rows
-from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.dynamics.independence import independence
+from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
+from deltac.dynamics.independence import Independence, independence
 from deltac.errors import ModelError, SolverError, StateError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -61,11 +62,9 @@ def constraint_start(
         )
     motion = equations_of_motion(mechanism, vary)
     q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
-    if told := violated(motion.rows, *motion.violation(state.t, q, u, p)):
-        raise StateError(
-            f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
-        )
-    found = independence(motion, state.t, q, p)
+    kept = motion.system.once("starts", lambda: LRUCache[Independence](16))
+    place = (state.t, *(np.asarray(a, dtype=float).tobytes() for a in (q, u, p)))
+    found = kept.get(place, lambda: _consistent(motion, state.t, q, u, p))
     if found.margin < NEARLY_DEPENDENT and not found.singular:
         raise StateError(
             f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
@@ -84,6 +83,15 @@ def constraint_start(
             f"there, and more than one motion may start; give a nearby state to choose one"
         )
     return found.independent
+
+
+def _consistent(motion: EquationsOfMotion, t: float, q: Array, u: Array, p: Array) -> Independence:
+    """The independence of the constraints at a state that meets them; StateError for one that does not."""
+    if told := violated(motion.rows, *motion.violation(t, q, u, p)):
+        raise StateError(
+            f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
+        )
+    return independence(motion, t, q, p)
 
 
 def violated(rows: Rows, phi: Array, psi: Array) -> str:

@@ -139,12 +139,12 @@ class Loop:
             passed = events.clear(times, np.vstack([self.x, states]))
         if passed:
             first = self._k + 1
-            numbers = np.arange(first, first + passed)
-            samples = (numbers % grid.every == 0) | (numbers == grid.count)
-            if samples.any():
-                inputs = np.tile(self.rate.held, (int(samples.sum()), 1))
-                times = grid.times(first, passed)[samples]
-                self._kept.append((times, states[:passed][samples], inputs))
+            samples = slice(-first % grid.every, passed, grid.every)  # `every` divides the count
+            times, x = grid.times(first, passed)[samples], states[samples]
+            if len(times):
+                inputs = np.broadcast_to(self.rate.held, (len(times), *self.rate.held.shape))
+                # The rows of a block are not held for the sake of a few.
+                self._kept.append((times, x if grid.every == 1 else x.copy(), inputs))
             self._k += passed
             self._sampled = self._k
             self.t, self.x = grid.time(self._k), states[passed - 1].copy()

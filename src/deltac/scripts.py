@@ -1,0 +1,317 @@
+"""Python files of users: what a name in them means, without the simulation and the plots below it.
+
+People write a function, run it and draw, in one file. Only the function is wanted. So only those statements
+are run that it needs: the imports, constants, functions and classes that it refers to, and what these refer
+to in turn. No window opens, nobody waits for the run, and a package that only the plots need may be missing.
+Where that cannot be seen in the text, or fails, the whole file is run.
+"""
+
+from __future__ import annotations
+import __future__
+
+import ast
+import builtins
+import dis
+import inspect
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import redirect_stdout, suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
+from hashlib import sha256
+from importlib.util import decode_source, module_from_spec, spec_from_file_location
+from itertools import chain
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any
+
+from deltac.files import read_bytes
+
+BUILTIN = frozenset(dir(builtins)) | {"__name__", "__file__"}
+
+OPAQUE = frozenset({"exec", "globals", "locals", "__import__"})
+"""Names by which a file may define what its text does not show."""
+
+EVERYTHING = "*"
+"""Stands for the names that an import of all names brings."""
+
+FUTURE = sum(getattr(__future__, name).compiler_flag for name in __future__.all_feature_names)
+
+DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+IMPORTS = (ast.Import, ast.ImportFrom)
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """A statement of a file, on its own.
+
+    reads    names of the file that it uses, also within the functions that it defines
+    binds    names that it defines
+    alters   names of values that it assigns parts of, or for which it makes another name
+    passes   names of values that it hands over or calls methods of, and that may be altered there
+    """
+
+    node: ast.stmt
+    code: CodeType
+    reads: frozenset[str]
+    binds: frozenset[str]
+    alters: frozenset[str]
+    passes: frozenset[str]
+
+    @property
+    def defines(self) -> bool:
+        """Whether it defines a function or a class: what that alters is altered when it is called."""
+        return isinstance(self.node, DEFINITIONS)
+
+
+@dataclass(frozen=True, eq=False)
+class Script:
+    """A Python file of a user.
+
+    Methods raise SyntaxError, InputError as `read_bytes`, and whatever the file raises.
+    """
+
+    path: Path
+
+    @cached_property
+    def tree(self) -> ast.Module:
+        """The file's syntax tree."""
+        return ast.parse(decode_source(read_bytes(self.path, "text")), str(self.path))
+
+    @cached_property
+    def _statements(self) -> tuple[Statement, ...]:
+        return statements_of(self.tree, str(self.path))
+
+    def run(self, *names: str) -> ModuleType:
+        """The file as a module: what these names need of it if that suffices, else all of it.
+
+        What it prints goes to standard error: output is for results.
+        """
+        chosen = needed(self._statements, names) if names else None
+        if chosen is not None:
+            try:
+                return self._done([s.code for s in chosen])
+            except KeyboardInterrupt:
+                raise
+            except BaseException:  # sys.exit() too; the whole file will say what is wrong
+                pass
+        return self._done([compile(self.tree, str(self.path), "exec", dont_inherit=True)])
+
+    def _done(self, parts: Iterable[CodeType]) -> ModuleType:
+        """A module in which code has run. It is registered: dataclasses look their module up."""
+        mark = sha256(str(self.path.resolve()).encode()).hexdigest()[:8]
+        spec = spec_from_file_location(f"deltac_{self.path.stem}_{mark}", self.path)
+        assert spec is not None
+        module = sys.modules[spec.name] = module_from_spec(spec)
+        with redirect_stdout(sys.stderr):
+            for code in parts:
+                exec(code, vars(module))
+        return module
+
+    def as_called(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """A function with the further arguments that the file gives it where it hands it to a solver.
+
+        ``odeint(f, y0, t, args=(m, l))`` and ``solve_ivp(lambda t, y: f(t, y, m, l), …)`` tell what m and l
+        are. The function as it is, where it has none, or none that exist before the file's functions run.
+        """
+        try:
+            parameters = inspect.signature(function).parameters.values()
+        except (TypeError, ValueError):
+            return function
+        required = [p.name for p in parameters if p.default is p.empty]
+        for call in self._calls() if len(required) > 2 else ():
+            for further in _further(call, name, [p.name for p in parameters]):
+                with suppress(
+                    Exception
+                ):  # values that exist only while a function of the file runs
+                    values = self._value(further, call)
+                    if not isinstance(values, dict):
+                        values = dict(zip([p.name for p in parameters][2:], values))
+                    if len(set(required) - values.keys()) <= 3:
+                        return partial(function, **values)
+        return function
+
+    def instance(self, name: str) -> Any:
+        """An object of a class, made as the file itself makes one; None if it makes none."""
+        for call in self._calls():
+            if ast.unparse(call.func) == name:
+                with suppress(
+                    Exception
+                ):  # arguments that exist only while a function of the file runs
+                    return self._value(call, call)
+        return None
+
+    def _calls(self) -> Iterator[ast.Call]:
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
+
+    def _value(self, expression: ast.expr, place: ast.Call) -> Any:
+        """The value of an expression at a place of the file; a function around it is taken as run."""
+        functions = [d for d in ast.walk(self.tree) if isinstance(d, ast.FunctionDef)]
+        around = [d for d in functions if any(node is place for node in ast.walk(d))]
+        inner = [part for d in around for part in (*_defaults(d), *d.body)]
+        code = compile(ast.Expression(expression), str(self.path), "eval", dont_inherit=True)
+        statements = statements_of(self.tree, str(self.path), inner)
+        chosen = needed(statements, _names(code)[0] - BUILTIN)
+        module = self.run() if chosen is None else self._done(s.code for s in chosen)
+        return eval(code, vars(module))
+
+
+def _further(call: ast.Call, name: str, parameters: Sequence[str]) -> Iterator[ast.expr]:
+    """What a call hands over with the function of this name: a tuple, or a dictionary by parameter."""
+    handed = [*call.args, *(k.value for k in call.keywords)]
+    if any(ast.unparse(value) == name for value in handed):
+        for k in call.keywords:
+            if k.arg == "args":
+                several = ast.unparse(k.value).startswith(("(", "[")) or isinstance(
+                    k.value, ast.Name
+                )
+                yield k.value if several else ast.Tuple([k.value], ast.Load())
+    for function in (value for value in handed if isinstance(value, ast.Lambda)):
+        inner = function.body
+        if isinstance(inner, ast.Call) and ast.unparse(inner.func) == name:
+            own = {a.arg for a in function.args.args}
+            given = [*zip(parameters, inner.args), *((k.arg, k.value) for k in inner.keywords)]
+            more = {n: value for n, value in given if not _is_one_of(value, own)}
+            if not any(
+                _is_one_of(node, own) for value in more.values() for node in ast.walk(value)
+            ):
+                keys = [ast.Constant(n) for n in more]
+                yield ast.fix_missing_locations(ast.Dict([*keys], [*more.values()]))
+
+
+def _is_one_of(node: ast.AST, names: Collection[str]) -> bool:
+    return isinstance(node, ast.Name) and node.id in names
+
+
+def _defaults(function: ast.FunctionDef) -> list[ast.stmt]:
+    """Assignments of a function's defaults to its parameters."""
+    arguments = function.args
+    pairs = [
+        *zip(arguments.args[::-1], arguments.defaults[::-1]),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults),
+    ]
+    made = [
+        ast.Assign([ast.Name(a.arg, ast.Store())], default)
+        for a, default in pairs
+        if default is not None
+    ]
+    return [ast.fix_missing_locations(ast.copy_location(node, function)) for node in made]
+
+
+def statements_of(
+    module: ast.Module, path: str = "<text>", more: Iterable[ast.stmt] = ()
+) -> tuple[Statement, ...]:
+    """The statements of a module, each on its own, and `more` of its functions, but their returns."""
+    flags = compile(module, path, "exec", dont_inherit=True).co_flags & FUTURE
+    found = [_statement(node, path, flags) for node in module.body]
+    for node in more:
+        with suppress(SyntaxError):
+            found.append(_statement(node, path, flags))
+    return tuple(found)
+
+
+def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Statement] | None:
+    """The statements without which these names would mean something else; None if that cannot be seen."""
+    bound = {name for s in statements for name in s.binds}
+    if not bound.issuperset(names) or any(s.reads & OPAQUE for s in statements):
+        return None
+    variable = {n for s in statements if not _of_constants(s.node) for n in s.binds}
+    calls = {n: s for s in statements if s.defines for n in s.binds}
+
+    def altered(s: Statement, seen: frozenset[str] = frozenset()) -> set[str]:
+        """Names whose values a statement may alter, by the file's functions that it calls, too."""
+        inner = s.reads & calls.keys() - seen
+        further = (altered(calls[f], seen | inner) for f in inner)
+        return set(s.alters | s.passes & variable).union(*further)
+
+    effects = [set[str]() if s.defines else altered(s) for s in statements]
+    wanted, chosen = set(names), set[int]()
+    while True:
+        more = set()
+        for k, s in enumerate(statements):
+            if k not in chosen and (s.binds | effects[k]) & wanted:
+                more.add(k)
+                wanted |= s.reads | s.binds
+        if not more and not wanted <= bound | BUILTIN | {EVERYTHING}:
+            bound |= wanted  # only an import of all names can bring the others
+            wanted.add(EVERYTHING)
+        elif not more:
+            return [statements[k] for k in sorted(chosen)]
+        chosen |= more
+
+
+def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
+    code = compile(ast.Module([node], []), path, "exec", flags, dont_inherit=True)
+    reads, binds = _names(code)
+    alters, passes, sets = set[str](), set[str](), set[str]()
+    for part in ast.walk(node):
+        if isinstance(part, ast.Subscript | ast.Attribute) and not isinstance(part.ctx, ast.Load):
+            alters.add(_base(part))
+        elif isinstance(part, ast.AugAssign):
+            alters.add(_base(part.target))
+        elif (
+            isinstance(part, ast.Assign | ast.AnnAssign | ast.NamedExpr) and part.value is not None
+        ):
+            alters |= _whole(part.value)
+        elif isinstance(part, ast.Global):
+            sets |= set(part.names)
+        elif isinstance(part, ast.Call):
+            passes.add(_base(part.func))
+            for value in chain(part.args, (k.value for k in part.keywords)):
+                passes |= _whole(value)
+    return Statement(
+        node,
+        code,
+        reads=frozenset(reads),
+        binds=frozenset(binds),
+        alters=frozenset(alters & (reads | binds) | sets),
+        passes=frozenset(passes & reads),
+    )
+
+
+def _names(code: CodeType) -> tuple[set[str], set[str]]:
+    """The names of the module that code reads, functions in it included, and those that it binds."""
+    reads, binds = set[str](), set[str]()
+    for instruction in dis.get_instructions(code):
+        what = instruction.opname
+        if "NAME" in what or "GLOBAL" in what:
+            (reads if what.startswith("LOAD") else binds).add(str(instruction.argval))
+        elif what == "IMPORT_STAR" or instruction.argrepr == "INTRINSIC_IMPORT_STAR":
+            binds.add(EVERYTHING)
+    for inner in filter(inspect.iscode, code.co_consts):
+        reads |= _names(inner)[0]
+    return reads, binds
+
+
+def _base(node: ast.expr) -> str:
+    """The name p in p.a["b"].c; empty for anything else."""
+    while isinstance(node, ast.Attribute | ast.Subscript | ast.Starred):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def _whole(node: ast.expr) -> set[str]:
+    """The names whose values themselves, or parts of them, an expression hands on."""
+    if isinstance(node, ast.Tuple | ast.List | ast.Set):
+        return {n for value in node.elts for n in _whole(value)}
+    if isinstance(node, ast.Dict):
+        return {n for value in node.values for n in _whole(value)}
+    return {_base(node)}
+
+
+def _of_constants(node: ast.stmt) -> bool:
+    """Whether what a statement binds is a module, a function, a class, or a number: nothing alters these."""
+    if isinstance(node, (*DEFINITIONS, *IMPORTS)):
+        return True
+    numbers = (
+        ast.Constant,
+        ast.UnaryOp,
+        ast.BinOp,
+        ast.operator,
+        ast.unaryop,
+        ast.Name,
+        ast.expr_context,
+    )
+    value = getattr(node, "value", None)
+    parts = list(ast.walk(value)) if isinstance(value, ast.expr) else [node]
+    return all(isinstance(part, (*numbers, ast.Tuple)) for part in parts)

@@ -75,6 +75,7 @@ FINDINGS: dict[str, str] = {
     "duplicated-rows": "rows repeat the row before though the motion goes on",
     "held-columns": "coordinates or speeds are those of a slower sensor, repeated from row to row",
     "wrapped-angle": "an angle is wrapped to one turn",
+    "spoiled-ends": "the first or last rows hold what a filter or a difference left there",
     "spikes": "single values lie far off their neighbours",
     "udot-differenced": "the accelerations are a difference quotient of the speeds",
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",

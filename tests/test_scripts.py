@@ -11,6 +11,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.repair.repair import repair_loaded
 from deltac.scripts import Script
 
 G, L = 9.81, 0.7
@@ -115,6 +116,11 @@ HANDED = {
     "solve_ivp": "sol = solve_ivp(fun=f, t_span=(0, 1), y0=[0.1, 0], args=(g, length))",
     "a lambda": "sol = solve_ivp(lambda y, t: f(y, t, g, length), (0, 1), [0.1, 0.0])",
     "in a function": "def main():\n    return odeint(f, [0.1, 0.0], ts, args=(g, length))",
+    "of a function": (
+        "def main():\n    a = g\n    b = length\n    if a < 0: return\n    odeint(f, y0, ts, args=(a, b))"
+    ),
+    "of defaults": "def main(a=g, b=length):\n    odeint(f, y0, ts, args=(a, b))",
+    "by name": "sol = solve_ivp(lambda y, t: f(y, t, b=length, a=g), (0, 1), [0.1, 0.0])",
     "as a tuple": "parameters = (g, length)\nsol = odeint(f, [0.1, 0.0], ts, args=parameters)",
 }
 
@@ -131,6 +137,23 @@ def f(y, t, a, b):
     rhs = load_equations(f"{script(tmp_path, text).path}:f")
     check = dc.check_equations(pendulum(), rhs)
     assert check.verdict.kind == "consistent"
+
+
+def test_a_function_with_further_arguments_is_repaired(tmp_path: Path) -> None:
+    text = f"""
+from math import sin
+import no_such_package_of_plots
+def f(y, t, a, b):
+    return [y[1], a / b * sin(y[0])]
+def main():
+    length = {L}
+    return odeint(f, [0.1, 0.0], ts, args=({G}, length))
+"""
+    target = f"{script(tmp_path, text).path}:f"
+    found = repair_loaded(pendulum(), target, load_equations(target))
+    assert found.certain
+    assert found.fixes[0].ran
+    assert found.fixes[0].lines == (5,)
 
 
 def test_an_object_is_made_as_the_file_makes_it(tmp_path: Path) -> None:

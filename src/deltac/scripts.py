@@ -14,7 +14,7 @@ import builtins
 import dis
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -23,7 +23,7 @@ from importlib.util import decode_source, module_from_spec, spec_from_file_locat
 from itertools import chain
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any, cast
+from typing import Any
 
 from deltac.files import read_bytes
 
@@ -42,7 +42,7 @@ IMPORTS = (ast.Import, ast.ImportFrom)
 
 
 @dataclass(frozen=True, eq=False)
-class _Statement:
+class Statement:
     """A statement of a file, on its own.
 
     reads    names of the file that it uses, also within the functions that it defines
@@ -78,72 +78,35 @@ class Script:
         """The file's syntax tree."""
         return ast.parse(decode_source(read_bytes(self.path, "text")), str(self.path))
 
+    @cached_property
+    def _statements(self) -> tuple[Statement, ...]:
+        return statements_of(self.tree, str(self.path))
+
     def run(self, *names: str) -> ModuleType:
         """The file as a module: what these names need of it if that suffices, else all of it.
 
         What it prints goes to standard error: output is for results.
         """
-        needed = self._needed(names) if names else None
-        with redirect_stdout(sys.stderr):
-            if needed is not None:
-                module = self._module()
-                try:
-                    for statement in needed:
-                        exec(statement.code, vars(module))
-                    return module
-                except KeyboardInterrupt:
-                    raise
-                except (
-                    BaseException
-                ):  # a script may call sys.exit(); the whole file will say what is wrong
-                    pass
-            module = self._module()
-            exec(compile(self.tree, str(self.path), "exec", dont_inherit=True), vars(module))
-            return module
+        chosen = needed(self._statements, names) if names else None
+        if chosen is not None:
+            try:
+                return self._done([s.code for s in chosen])
+            except KeyboardInterrupt:
+                raise
+            except BaseException:  # sys.exit() too; the whole file will say what is wrong
+                pass
+        return self._done([compile(self.tree, str(self.path), "exec", dont_inherit=True)])
 
-    def _module(self) -> ModuleType:
-        """An empty module, which is registered: dataclasses look up the module that they are of."""
+    def _done(self, parts: Iterable[CodeType]) -> ModuleType:
+        """A module in which code has run. It is registered: dataclasses look their module up."""
         mark = sha256(str(self.path.resolve()).encode()).hexdigest()[:8]
         spec = spec_from_file_location(f"deltac_{self.path.stem}_{mark}", self.path)
         assert spec is not None
-        module = module_from_spec(spec)
-        sys.modules[module.__name__] = module
+        module = sys.modules[spec.name] = module_from_spec(spec)
+        with redirect_stdout(sys.stderr):
+            for code in parts:
+                exec(code, vars(module))
         return module
-
-    @cached_property
-    def _statements(self) -> tuple[_Statement, ...]:
-        flags = compile(self.tree, str(self.path), "exec", dont_inherit=True).co_flags & FUTURE
-        return tuple(_statement(node, str(self.path), flags) for node in self.tree.body)
-
-    def _needed(self, names: tuple[str, ...]) -> list[_Statement] | None:
-        """The statements without which these names would mean something else; None if that cannot be seen."""
-        statements = self._statements
-        bound = {name for s in statements for name in s.binds}
-        if not bound.issuperset(names) or any(s.reads & OPAQUE for s in statements):
-            return None
-        variable = {n for s in statements if not _of_constants(s.node) for n in s.binds}
-        calls = {n: s for s in statements if s.defines for n in s.binds}
-
-        def altered(s: _Statement, seen: frozenset[str] = frozenset()) -> set[str]:
-            """Names whose values a statement may alter, by the file's functions that it calls, too."""
-            inner = s.reads & calls.keys() - seen
-            further = (altered(calls[f], seen | inner) for f in inner)
-            return set(s.alters | s.passes & variable).union(*further)
-
-        effects = [set[str]() if s.defines else altered(s) for s in statements]
-        wanted, chosen = set(names), set[int]()
-        while True:
-            more = set()
-            for k, s in enumerate(statements):
-                if k not in chosen and (s.binds | effects[k]) & wanted:
-                    more.add(k)
-                    wanted |= s.reads | s.binds
-            if not more and not wanted <= bound | BUILTIN | {EVERYTHING}:
-                bound |= wanted
-                wanted.add(EVERYTHING)
-            elif not more:
-                return [statements[k] for k in sorted(chosen)]
-            chosen |= more
 
     def as_called(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """A function with the further arguments that the file gives it where it hands it to a solver.
@@ -155,46 +118,129 @@ class Script:
             parameters = inspect.signature(function).parameters.values()
         except (TypeError, ValueError):
             return function
-        places = [p for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
-        needed = sum(p.default is p.empty for p in places)
-        for expression in self._handed(name) if needed > 2 else ():
-            with suppress(Exception):  # values that exist only while a function of the file runs
-                value = self._value(expression, name)
-                if isinstance(expression, ast.Lambda):
-                    return cast(Callable[..., Any], value)
-                values = value if isinstance(value, tuple) else (value,)
-                if needed <= 2 + len(values) <= len(places):
-                    return partial(function, **{p.name: x for p, x in zip(places[2:], values)})
+        required = [p.name for p in parameters if p.default is p.empty]
+        for call in self._calls() if len(required) > 2 else ():
+            for further in _further(call, name, [p.name for p in parameters]):
+                with suppress(
+                    Exception
+                ):  # values that exist only while a function of the file runs
+                    values = self._value(further, call)
+                    if not isinstance(values, dict):
+                        values = dict(zip([p.name for p in parameters][2:], values))
+                    if len(set(required) - values.keys()) <= 3:
+                        return partial(function, **values)
         return function
 
     def instance(self, name: str) -> Any:
         """An object of a class, made as the file itself makes one; None if it makes none."""
-        for call in (node for node in ast.walk(self.tree) if isinstance(node, ast.Call)):
+        for call in self._calls():
             if ast.unparse(call.func) == name:
                 with suppress(
                     Exception
                 ):  # arguments that exist only while a function of the file runs
-                    return self._value(call, name)
+                    return self._value(call, call)
         return None
 
-    def _value(self, expression: ast.expr, name: str) -> Any:
-        """The value of an expression of the file, which is about the name."""
+    def _calls(self) -> Iterator[ast.Call]:
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
+
+    def _value(self, expression: ast.expr, place: ast.Call) -> Any:
+        """The value of an expression at a place of the file; a function around it is taken as run."""
+        functions = [d for d in ast.walk(self.tree) if isinstance(d, ast.FunctionDef)]
+        around = [d for d in functions if any(node is place for node in ast.walk(d))]
+        inner = [part for d in around for part in (*_defaults(d), *d.body)]
         code = compile(ast.Expression(expression), str(self.path), "eval", dont_inherit=True)
-        names = _names(code)[0] - BUILTIN
-        return eval(code, vars(self.run(name.partition(".")[0], *names)))
-
-    def _handed(self, name: str) -> Iterator[ast.expr]:
-        """Expressions of the file: its `args` where the function is handed over, and lambdas that call it."""
-        for call in (node for node in ast.walk(self.tree) if isinstance(node, ast.Call)):
-            given = [*call.args, *(k.value for k in call.keywords)]
-            if any(ast.unparse(value) == name for value in given):
-                yield from (k.value for k in call.keywords if k.arg == "args")
-            for value in given:
-                if isinstance(value, ast.Lambda) and _hands_on(value, name):
-                    yield value
+        statements = statements_of(self.tree, str(self.path), inner)
+        chosen = needed(statements, _names(code)[0] - BUILTIN)
+        module = self.run() if chosen is None else self._done(s.code for s in chosen)
+        return eval(code, vars(module))
 
 
-def _statement(node: ast.stmt, path: str, flags: int) -> _Statement:
+def _further(call: ast.Call, name: str, parameters: Sequence[str]) -> Iterator[ast.expr]:
+    """What a call hands over with the function of this name: a tuple, or a dictionary by parameter."""
+    handed = [*call.args, *(k.value for k in call.keywords)]
+    if any(ast.unparse(value) == name for value in handed):
+        for k in call.keywords:
+            if k.arg == "args":
+                several = ast.unparse(k.value).startswith(("(", "[")) or isinstance(
+                    k.value, ast.Name
+                )
+                yield k.value if several else ast.Tuple([k.value], ast.Load())
+    for function in (value for value in handed if isinstance(value, ast.Lambda)):
+        inner = function.body
+        if isinstance(inner, ast.Call) and ast.unparse(inner.func) == name:
+            own = {a.arg for a in function.args.args}
+            given = [*zip(parameters, inner.args), *((k.arg, k.value) for k in inner.keywords)]
+            more = {n: value for n, value in given if not _is_one_of(value, own)}
+            if not any(
+                _is_one_of(node, own) for value in more.values() for node in ast.walk(value)
+            ):
+                keys = [ast.Constant(n) for n in more]
+                yield ast.fix_missing_locations(ast.Dict([*keys], [*more.values()]))
+
+
+def _is_one_of(node: ast.AST, names: Collection[str]) -> bool:
+    return isinstance(node, ast.Name) and node.id in names
+
+
+def _defaults(function: ast.FunctionDef) -> list[ast.stmt]:
+    """Assignments of a function's defaults to its parameters."""
+    arguments = function.args
+    pairs = [
+        *zip(arguments.args[::-1], arguments.defaults[::-1]),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults),
+    ]
+    made = [
+        ast.Assign([ast.Name(a.arg, ast.Store())], default)
+        for a, default in pairs
+        if default is not None
+    ]
+    return [ast.fix_missing_locations(ast.copy_location(node, function)) for node in made]
+
+
+def statements_of(
+    module: ast.Module, path: str = "<text>", more: Iterable[ast.stmt] = ()
+) -> tuple[Statement, ...]:
+    """The statements of a module, each on its own, and `more` of its functions, but their returns."""
+    flags = compile(module, path, "exec", dont_inherit=True).co_flags & FUTURE
+    found = [_statement(node, path, flags) for node in module.body]
+    for node in more:
+        with suppress(SyntaxError):
+            found.append(_statement(node, path, flags))
+    return tuple(found)
+
+
+def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Statement] | None:
+    """The statements without which these names would mean something else; None if that cannot be seen."""
+    bound = {name for s in statements for name in s.binds}
+    if not bound.issuperset(names) or any(s.reads & OPAQUE for s in statements):
+        return None
+    variable = {n for s in statements if not _of_constants(s.node) for n in s.binds}
+    calls = {n: s for s in statements if s.defines for n in s.binds}
+
+    def altered(s: Statement, seen: frozenset[str] = frozenset()) -> set[str]:
+        """Names whose values a statement may alter, by the file's functions that it calls, too."""
+        inner = s.reads & calls.keys() - seen
+        further = (altered(calls[f], seen | inner) for f in inner)
+        return set(s.alters | s.passes & variable).union(*further)
+
+    effects = [set[str]() if s.defines else altered(s) for s in statements]
+    wanted, chosen = set(names), set[int]()
+    while True:
+        more = set()
+        for k, s in enumerate(statements):
+            if k not in chosen and (s.binds | effects[k]) & wanted:
+                more.add(k)
+                wanted |= s.reads | s.binds
+        if not more and not wanted <= bound | BUILTIN | {EVERYTHING}:
+            bound |= wanted  # only an import of all names can bring the others
+            wanted.add(EVERYTHING)
+        elif not more:
+            return [statements[k] for k in sorted(chosen)]
+        chosen |= more
+
+
+def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
     code = compile(ast.Module([node], []), path, "exec", flags, dont_inherit=True)
     reads, binds = _names(code)
     alters, passes, sets = set[str](), set[str](), set[str]()
@@ -213,7 +259,7 @@ def _statement(node: ast.stmt, path: str, flags: int) -> _Statement:
             passes.add(_base(part.func))
             for value in chain(part.args, (k.value for k in part.keywords)):
                 passes |= _whole(value)
-    return _Statement(
+    return Statement(
         node,
         code,
         reads=frozenset(reads),
@@ -235,15 +281,6 @@ def _names(code: CodeType) -> tuple[set[str], set[str]]:
     for inner in filter(inspect.iscode, code.co_consts):
         reads |= _names(inner)[0]
     return reads, binds
-
-
-def _hands_on(function: ast.Lambda, name: str) -> bool:
-    """Whether a lambda calls the function of this name with its own arguments, and further ones."""
-    call = function.body
-    if not isinstance(call, ast.Call) or ast.unparse(call.func) != name:
-        return False
-    own = {argument.arg for argument in function.args.args}
-    return own <= {value.id for value in call.args if isinstance(value, ast.Name)}
 
 
 def _base(node: ast.expr) -> str:

@@ -34,6 +34,9 @@ class Evaluator(Protocol):
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
 
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`batch` of these arrays, without arguments; it keeps them."""
+
 
 class Loop(Protocol):
     """A function `x ← f(x, p)`, ready to be run over and over in native code."""

@@ -36,7 +36,7 @@ from deltac.repair.tracing.program import (
     reading,
 )
 from deltac.repair.tracing.samples import RIGHT, Target
-from deltac.repair.tracing.source import Source, innermost, read_source, source_of
+from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
 from deltac.repair.tracing.values import Refused
 from deltac.simulation.equations import Equations
@@ -152,7 +152,7 @@ def repair_loaded(
     target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
     try:
-        source = replace(read_source(text), told=told)
+        source = replace(read_source(partial_in(plain) or text), told=told)
         if python is not None:
             source = replace(source, outside=dict(python.__globals__))
         _as_run(source, plain, target)

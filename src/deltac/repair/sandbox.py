@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.repair.tracing.modules import bound
 from deltac.repair.tracing.samples import Samples
-from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.source import Source, partial_in
+from deltac.scripts import needed, statements_of
 from deltac.simulation.state_form import PLAIN
 
 WORKER = Path(__file__).with_name("sandbox_worker.py")
@@ -47,30 +47,23 @@ def task(source: Source) -> Task | None:
         return None
     form = source.form or PLAIN
     folder = "" if source.path is None else str(source.path.resolve().parent)
-    body = needed(source.module, source.qualified.partition(".")[0])
-    text = ast.unparse(ast.Module(body=body, type_ignores=[]))
+    text = ast.unparse(module_for(source.module, source.qualified.partition(".")[0]))
+    partial = partial_in(source.root)
+    given = {} if partial is None else partial.keywords
+    if any(
+        not isinstance(value, int | float | str | list | tuple | dict) for value in given.values()
+    ):
+        return None
+    if given:
+        values = ", ".join(f"{name}={value!r}" for name, value in given.items())
+        text += f"\nimport functools\n{source.qualified} = functools.partial({source.qualified}, {values})"
     return Task(text, source.qualified, form.arguments, form.order, form.controls, folder)
 
 
-def needed(module: ast.Module, name: str) -> list[ast.stmt]:
-    """The statements of a module that a name depends on, in order."""
-    names, chosen = {name}, set()
-    waiting = True
-    while waiting:
-        waiting = False
-        for k, statement in enumerate(module.body):
-            if k not in chosen and (_always(statement) or bound(statement) & names):
-                chosen.add(k)
-                names |= {n.id for n in ast.walk(statement) if isinstance(n, ast.Name)}
-                waiting = True
-    return [module.body[k] for k in sorted(chosen)]
-
-
-def _always(statement: ast.stmt) -> bool:
-    """Whether a statement may set any name: a star import, or one of the future."""
-    if not isinstance(statement, ast.ImportFrom):
-        return False
-    return statement.module == "__future__" or any(a.name == "*" for a in statement.names)
+def module_for(module: ast.Module, name: str) -> ast.Module:
+    """What a name needs of a module; all of it where that cannot be seen."""
+    chosen = needed(statements_of(module), [name])
+    return module if chosen is None else ast.Module([s.node for s in chosen], [])
 
 
 def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | str]:

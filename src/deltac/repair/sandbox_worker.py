@@ -59,6 +59,7 @@ def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -
         "q": np.array(q),
         "u": np.array(u),
         "state": np.array([entries[k] for k in task["order"]]),
+        "augmented": np.array([entries[k] for k in task["order"]] + [0.0] * task["controls"]),
         "control": np.zeros(task["controls"]) if task["controls"] else 0.0,
     }
     return [known[what] for what in task["arguments"]]
@@ -68,6 +69,8 @@ def _sorted(value: Any, task: dict[str, Any], nq: int, nu: int) -> list[float]:
     """u̇, then q̇ where it is returned."""
     parts = value if isinstance(value, tuple | list) else [value]
     found = np.concatenate([np.asarray(p, dtype=float).ravel() for p in parts])
+    if "augmented" in task["arguments"]:
+        found = found[: nq + nu]
     if len(found) != nq + nu:
         return [float(x) for x in found]
     back = np.empty(nq + nu)

@@ -13,6 +13,7 @@ from deltac.arrays import Array
 from deltac.deprecation import RenamedAttribute
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import Known, first_tests, gather
+from deltac.diagnosis.audit.noise import energy_of_noise
 from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes, told
@@ -382,6 +383,7 @@ def _judged(
     works = foreign_channels(mechanism, log_read.consecutive, import_report)
     findings += foreign_notes(works, ledger.energy_exchanged)
     held = held_between_rows(log_read)
+    noise = energy_of_noise(mechanism, log_read, work, function, evidence.step)
     measures = Measures(
         energy_exchanged=ledger.energy_exchanged,
         held_energy=_held_energy(ledger),
@@ -389,7 +391,8 @@ def _judged(
         + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
         left=float(np.abs(energy_error).max()),
-        bar=float(ledger.error_bar[function].max()) + held,
+        bar=float(ledger.error_bar[function].max()) + held + noise,
+        noise=noise,
         held=held,
         tolerance=tolerance,
         spacing=float(np.median(np.diff(log_read.consecutive.t))),
@@ -399,7 +402,11 @@ def _judged(
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
     )
     findings += small_but_real(measures, evidence)
-    ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
+    # A motion drifts off its constraints by whatever else is wrong, too.
+    ranked = sorted(
+        findings,
+        key=lambda f: (("cause", "doubt", "note").index(f.weight), f.kind == "constraint-drift"),
+    )
     verdict = judge(measures, evidence, tuple(ranked))
     return Audit(
         ledger=ledger,

@@ -56,6 +56,9 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
+FEW = 3
+"""Causes together that such a residual may have."""
+
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
@@ -70,6 +73,9 @@ REPRODUCED = 0.75
 
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""
+
+ENDS, BEYOND_OTHERS = 0.02, 3.0
+"""Share of a log at each end that may be left out, where it leaves so many times more than all others."""
 
 SHORT = 0.5
 """Share of the windows up to which a residual is one of now and then."""
@@ -165,6 +171,13 @@ def gather(
         acted = as_acted(mechanism, log.run)
         if acted is not None:
             run, found = acted
+            log = balanced(mechanism, run, work, log.findings, log.comparisons)
+            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+    if step is not None and not step.closes and log.consecutive is log.run:
+        within = _without_ends(log.run, step)
+        if within is not None:
+            run, spoiled = within
+            found.append(spoiled)
             log = balanced(mechanism, run, work, log.findings, log.comparisons)
             step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
     if between and not (given and measured):
@@ -268,6 +281,36 @@ def _late(log: Log) -> float:
     """By how many rows coordinates are ahead of their speeds, over all of them."""
     lates = [c.late for c in log.comparisons.values() if c.off < 0.1 and c.instant]
     return float(np.median(lates)) if lates else 0.0
+
+
+def _without_ends(run: Trajectory, step: OneStep) -> tuple[Trajectory, Finding] | None:
+    """The log without what differences and filters leave in its first and last rows; None if nothing is.
+
+    Rows at an end leave more than any others by far: energies that are counted from the first of them are off
+    all along the log.
+    """
+    left = np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1)
+    count = int(ENDS * len(left))
+    if count < 1 or run.works or run.integrals:
+        return None
+    most = BEYOND_OTHERS * float(left[count:-count].max())
+    first = np.flatnonzero(left[:count] > most)
+    last = np.flatnonzero(left[-count:] > most)
+    start = float(step.t[first[-1]]) if len(first) else run.t[0]
+    end = float(step.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
+    part = run.between(start, end)
+    if len(part) == len(run):
+        return None
+    rows = len(run) - len(part)
+    finding = Finding(
+        "spoiled-ends",
+        "the first or last rows obey the equations far less than all others do, as filters and differences "
+        "leave them",
+        f"{rows} {'rows were' if rows > 1 else 'row was'} left out: those from t = {part.t[0]:.6g} to "
+        f"{part.t[-1]:.6g} s are judged",
+        "Cut the ends of what was filtered or differenced",
+    )
+    return part, finding
 
 
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:
@@ -434,16 +477,20 @@ def _explained(
 ) -> Explanation | None:
     """The few causes that explain the residual of consecutive samples; None where these are too few.
 
-    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    What is silent for a while can be fitted roughly by many things: then only an exact fit counts, and
+    several causes only where they leave nothing but noise.
     """
     if len(run) < LEAST_ROWS:
         return None
-    least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-    with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-        return explanation(
-            mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
-        )
-    return None
+    told = None
+    for least, most in ((EXACT, 1), (1.0, FEW)) if now_and_then else ((EXPLAINS, MOST),):
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            told = explanation(
+                mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
+            )
+        if told is not None and told.findings:
+            break
+    return told
 
 
 def _differing(

@@ -49,7 +49,8 @@ class Measures:
     energy_exchanged; held_energy: what of energy the system has at a time
     scale     all of that, and the energies themselves; kinetic: the largest K
     left      largest |ΔC|, corrections included; bar: the error bar of its quadrature, and `held`:
-              what of it comes of forces held over steps that were not all logged
+              what of it comes of forces held over steps that were not all logged; `noise`: of the
+              digits of the log and noise on it
     tolerance accepted share of the smaller of energy_exchanged and energy held
     spacing   of the samples; step: of the simulator, if known; method: how the work was taken
     outside_gaps  gives left and bar of the parts between gaps, if rows are missing
@@ -63,6 +64,7 @@ class Measures:
     left: float
     bar: float
     held: float
+    noise: float
     tolerance: float
     spacing: float
     step: float | None
@@ -214,9 +216,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         )
     unsure = not measures.fine and not measures.clear
     if unsure or measures.left <= measures.allowed + measures.bar:
-        if borne and measures.left <= measures.allowed + measures.bar:
+        # Rows that no mistake of this size can hide behind tell more than a balance of such a bar.
+        known = step is not None and _hides(step) <= measures.allowed + measures.bar
+        if borne and known and measures.left <= measures.allowed + measures.bar:
             return verdict("consistent", "medium", balance, *equations, _by_steps(measures))
-        if not borne or measures.left <= measures.bar:
+        if not (borne and known) or measures.left <= measures.bar:
             return verdict("unresolved", "high", balance, *equations, _sampling(measures))
     if not tested and not (step is not None and _hides(step) <= HALF * measures.left):
         wanted = (
@@ -340,6 +344,11 @@ def _open(step: OneStep) -> str:
 
 
 def _by_steps(m: Measures) -> str:
+    if m.noise > HALF * m.bar:
+        return (
+            f"With the digits of the log and the noise on it the energy is known only to ± {m.bar:.2g} J; "
+            f"the verdict rests on the test from row to row"
+        )
     return (
         f"At {1.0 / m.spacing:.4g} Hz the energy is known only to ± {m.bar:.2g} J; the verdict rests on "
         f"the test from row to row"
@@ -394,7 +403,12 @@ def _missing_rows(outside: Measures) -> str:
 
 
 def _sampling(m: Measures) -> str:
-    """Which sampling rate would bring the error bar to where it decides."""
+    """Which sampling rate, or how much less noise, would bring the error bar to where it decides."""
+    if m.noise > HALF * m.bar:
+        return (
+            f"Unresolved because the digits of the log and the noise on it leave the energy known to ± "
+            f"{m.bar:.2g} J, {m.bar / m.allowed:.2g} times the tolerance: log with more digits, or less noise"
+        )
     order = min(max(m.order, 1.0), 8.0)
     if m.bar > m.allowed:
         wanted = m.allowed

@@ -117,8 +117,8 @@ FEWEST = 3
 CHANCE = 4.0
 """Standard deviations by which an estimated covariance may be off."""
 
-HIDING = 3.0
-"""Times the work of noise on the log that a mistake may do under it."""
+BLOCKS = 16
+"""Parts of a log over whose scatter the standard error of a number is taken."""
 
 CARRIED = 2.0
 """How much worse than q and u rows may keep the relation of u and u̇."""
@@ -943,9 +943,10 @@ class Residual:
         bars: what the error bar is made of, by name (n,).
         fitted: coefficients of the scheme columns.
         taken: root mean square of what they took off, without the largest tenth (n,).
-        hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left, as
-            far as noise tells it.
+        hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left,
+            and the largest that a damper, a constant force or another inertia of a joint may have done.
         spent: energy (J) that the residual does in it, without sign.
+        noisy: how much of what looks like noise on the log is that, in standard deviations.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
             the largest coefficient that a consistent scheme may have.
     """
@@ -961,6 +962,7 @@ class Residual:
     hidden: float
     spent: float
     bars: Mapping[str, Array]
+    noisy: float
     columns: Callable[[Array, Array, Array, Array], Array]
 
 
@@ -1044,6 +1046,11 @@ class OneStep:
     def spent(self) -> float:
         """Energy (J) that the residual does, without sign."""
         return self.found().spent
+
+    @property
+    def noisy(self) -> float:
+        """How much of apparent noise is that; see `Residual`."""
+        return self.found().noisy
 
     @property
     def columns(self) -> Callable[[Array, Array, Array, Array], Array]:
@@ -1550,24 +1557,74 @@ def _judged(
         """The largest work (J) of a force in the time of the log."""
         return float(np.abs(np.cumsum(np.sum(u * force, axis=1) * share[:, 0])).max()) * time
 
-    # Columns of second order take off a mistake as well; the next order is as large as they are.
-    absorbed = sum(
-        growth * fitted[n] * work(np.concatenate([p.column_forces[n] for p in parts]))
-        for n in SECOND
-    )
-    # So do forces of other rows, which the ledger takes as they were logged.
-    absorbed += sum(
-        abs(c.get(n, 0.0))
-        * work(np.concatenate([forces(p, p.forces.get(n, 0.0 * p.w)) for p in parts]))
-        for n in sorted({n for p in parts for n in p.forces})
-    )
-    hidden = work(left) + HIDING * work(np.concatenate(noise)) + float(absorbed)
+    hidden = work(left) + _mistakes(pieces, parts, tuple(c), residual, width, time)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     return Residual(
         times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,
-        {**bars, "noise": noise_bar, "rounding": rounding},
+        {**bars, "noise": noise_bar, "rounding": rounding}, believed * min(1.0, np.sqrt(3.0) * real),
         partial(_as_forces, model, groups, tuple(c), held),
     )  # fmt: skip
+
+
+def _mistakes(
+    pieces: Sequence[tuple[Rows, Rows]],
+    parts: Sequence[_Defects],
+    names: Sequence[str],
+    residual: Array,
+    width: int,
+    time: float,
+) -> float:
+    """The largest work (J) that a simple mistake may have done in a time without being seen.
+
+    A damper, a constant force or another inertia of one joint is fitted to the residual (W, n) together with
+    the scheme columns, each of which may be as large as its bound; three standard errors are added. Those are
+    the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
+    """
+    lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
+    weight = 1.0 / np.maximum(_rms(residual), 1e-300)
+
+    def weighted(forces: Iterable[Array]) -> Array:
+        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
+
+    bounds = {n: max(p.bounds.get(n, 0.0) for p in parts) for n in names}
+    columns = [
+        bounds[n] * weighted(p.column_forces.get(n, 0.0 * p.w) for p in parts) for n in names
+    ]
+    windows, n = residual.shape
+    X = np.reshape(columns, (len(names), windows * n)).T
+    U, size, _ = np.linalg.svd(X, full_matrices=False)
+    taken = size**2 / (1.0 + size**2)
+    U, y = U.reshape(windows, n, -1), residual * weight
+    starts = np.unique(np.linspace(0, windows, BLOCKS + 1).astype(np.intp))[:-1]
+
+    def by_block(x: Array) -> Array:
+        return np.asarray(np.add.reduceat(x, starts))
+
+    of_columns = by_block(np.einsum("wnp,wn->wp", U, y))
+    u = np.concatenate([r.u[p.at] for (r, _), p in zip(pieces, parts)])
+    share = np.concatenate(lengths)[:, None] * (time / sum(float(h.sum()) for h in lengths))
+    most = 0.0
+    for kind in (
+        [r.u[p.at] for (r, _), p in zip(pieces, parts)],
+        [np.ones_like(p.w) for p in parts],
+        [_times(p.N, p.a) for p in parts],
+    ):
+        m = weighted(kind)
+        with_columns, products, squares = (
+            by_block(U * m[..., None]),
+            by_block(m * y),
+            by_block(m * m),
+        )
+        a = with_columns.sum(axis=0)
+        seen = np.maximum(squares.sum(axis=0) - np.sum(taken * a * a, axis=1), 1e-300)
+        theta = (products.sum(axis=0) - (taken * a) @ of_columns.sum(axis=0)) / seen
+        scores = products - of_columns @ (taken * a).T
+        scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
+        error = np.sqrt(np.maximum(1.0 / seen, np.sum(scores**2, axis=0) / seen**2))
+        done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
+        exists = squares.sum(axis=0) > 0.0
+        most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))
+    return most
 
 
 def _share_of_noise(

@@ -53,7 +53,7 @@ def found_by_running(
     source: Source, samples: Samples, deadline: float
 ) -> list[tuple[tuple[Candidate, ...], Source]]:
     """Single edits that make the function right where it is run, cheapest first, with what they make."""
-    statements = sandbox.needed(source.module, source.qualified.partition(".")[0])
+    statements = sandbox.module_for(source.module, source.qualified.partition(".")[0]).body
     candidates = sorted(text_edits(source, statements), key=lambda c: (c.cost, c.place))
     found: list[tuple[tuple[Candidate, ...], Source]] = []
     tasks = _tasks(source, candidates)

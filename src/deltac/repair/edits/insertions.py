@@ -131,13 +131,14 @@ class Vocabulary:
                 rows = np.concatenate([rows, [rows[i] + rows[j], rows[i] - rows[j]]])
         return Atoms(tuple(texts), rows, names, min(core, TRIPLE), min(names, TRIPLE))
 
-    def table(self, atoms: Atoms, degree: int, quotients: bool) -> Table:
-        """`powers_of`, kept."""
+    def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> Table:
+        """`powers_of`, kept; of three at a time, the first `triple` at most."""
         # Constants of the same texts have the same values; others may have been set again.
         constant = atoms.values.shape[1] < len(self.program.samples.t)
-        key = (atoms.texts if constant else id(atoms), degree, quotients)
+        triple = min(atoms.triple, triple)
+        key = (atoms.texts if constant else atoms, degree, quotients, triple)
         if key not in self._tables:
-            self._tables[key] = powers_of(atoms, degree, quotients)
+            self._tables[key] = powers_of(replace(atoms, triple=triple), degree, quotients)
         return self._tables[key]
 
     def _expressions(self, owner: ast.AST) -> dict[str, tuple[int, set[str]]]:
@@ -279,12 +280,12 @@ def sums(program: Program, requirement: Requirement, words: Vocabulary) -> Itera
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
     state, constant = words.atoms(requirement)
-    state = replace(state, triple=min(state.triple, SUM_TRIPLE))
-    sides = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, True))
+    few = words.table(state, 3, False, triple=SUM_TRIPLE)
+    sides = (state, few), (constant, words.table(constant, 3, True))
     group = program.samples.group
     for missing in (True, False):
         wanted = requirement.required - requirement.value * missing
-        for p, q in two_products(wanted, group, *sides):
+        for p, q in two_products(wanted, group, *sides, but=-requirement.value * missing):
             p, q = (p, q) if p.number > 0 else (q, p)
             both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
             if missing:
@@ -561,10 +562,12 @@ def two_products(
     group: NDArray[np.intp],
     state: tuple[Atoms, Table],
     constant: tuple[Atoms, Table],
+    but: Array,
 ) -> list[tuple[Product, Product]]:
-    """Pairs of products whose sum equals `wanted` (B,), the simplest first.
+    """Pairs of products whose sum equals `wanted` (B,), the simplest first; none of them equal to `but` (B,).
 
-    By least squares over the states of the first set of parameters, for all pairs at once from the Gram
+    A term that takes off what stands there is no missing one: the other stands in its place. By least squares
+    over the states of the first set of parameters, for all pairs at once from the Gram
     matrix; those that fit are tried at the others.
     """
     values, nominal = state[1].values, group == 0
@@ -596,6 +599,9 @@ def two_products(
             < 1e-6 * np.abs(y).max()
         ):
             continue  # one of them is not needed
+        terms = coefficients[:, group] * columns
+        if (np.abs(terms - but).max(axis=1) <= CONSTANT * np.abs(terms).max(axis=1)).any():
+            continue
         first, second = (
             [
                 _product(number, state[1].powers(int(k)), state[0], powers, constant[0])

@@ -190,6 +190,13 @@ def _of_function(function: Callable[..., Any]) -> Source:
     )
 
 
+def partial_in(function: Any) -> partial[Any] | None:
+    """The partial function behind wrappers; None if there is none."""
+    while function is not None and not isinstance(function, partial):
+        function = getattr(function, "__wrapped__", None)
+    return function
+
+
 def innermost(function: Any) -> types.FunctionType | None:
     """The Python function behind methods, partial functions and compilers; None if there is none."""
     for _ in range(20):

@@ -1,0 +1,91 @@
+"""What noise, digits and the ends of a log make of ΔC, and what may hide behind them.
+
+The oracle is a cart-pole with hand-written equations, and noise whose size is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis.audit.noise import energy_of_noise
+from deltac.diagnosis.inputs.logs import read_log
+from deltac.diagnosis.residuals.one_step import one_step
+from tests.systems.cart_pole import CartPole, log
+
+RIGHT = CartPole()
+MECHANISM = RIGHT.mechanism()
+WORK, FUNCTION = "samples", "wang"
+
+
+def noisy(run: dc.Trajectory, seed: int, q: float, u: float) -> dc.Trajectory:
+    rng = np.random.default_rng(seed)
+    return replace(
+        run,
+        q=run.q + q * rng.standard_normal(run.q.shape),
+        u=run.u + u * rng.standard_normal(run.u.shape),
+    )
+
+
+def test_the_bar_of_the_energy_covers_noise() -> None:
+    """|ΔC| of right equations stays within it in 19 logs of 20; it is at most three times too wide."""
+    run = log(RIGHT, "rk4", accelerations=False)
+    ratios = []
+    for seed in range(20):
+        read = read_log(MECHANISM, noisy(run, seed, 1e-4, 1e-2), WORK, None)
+        step = one_step(MECHANISM, read.run)
+        bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, step)
+        ratios.append(float(np.abs(read.ledger.delta_c[FUNCTION]).max()) / bar)
+    assert np.mean(np.array(ratios) <= 1.0) >= 0.95
+    assert np.median(ratios) > 1.0 / 3.0
+
+
+def test_the_bar_of_the_energy_covers_digits() -> None:
+    run = log(RIGHT, "rk4", accelerations=False)
+    half = replace(
+        run, q=run.q.astype(np.float16).astype(float), u=run.u.astype(np.float16).astype(float)
+    )
+    read = read_log(MECHANISM, half, WORK, None)
+    bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, None)
+    left = float(np.abs(read.ledger.delta_c[FUNCTION]).max())
+    assert left <= bar <= 10.0 * left
+    # Doubles have no bar of this kind.
+    read = read_log(MECHANISM, run, WORK, None)
+    assert energy_of_noise(MECHANISM, read, WORK, FUNCTION, None) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_right_equations_under_noise_are_not_accused(seed: int) -> None:
+    found = dc.audit(MECHANISM, noisy(log(RIGHT, "rk4", accelerations=False), seed, 1e-4, 1e-2))
+    assert found.verdict.kind in ("consistent", "unresolved")
+
+
+@pytest.mark.parametrize("scheme", ["explicit-euler", "semi-implicit-euler", "heun"])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("damper", [0.0, 1e-3, 1e-2])
+def test_no_mistake_does_more_than_what_may_be_hidden(
+    scheme: str, noise: float, damper: float
+) -> None:
+    """The work of a damper that the model lacks, however the log was made, against the bound."""
+    run = log(replace(RIGHT, hinge=RIGHT.hinge + damper), scheme, accelerations=False)
+    run = noisy(run, 7, 0.1 * noise, noise)
+    step = one_step(MECHANISM, run.every(2))
+    assert step is not None
+    done = damper * float(np.sum(run.u[:-1, 1] ** 2 * np.diff(run.t)))
+    assert step.hidden + step.spent >= 0.9 * done
+
+
+def test_ends_that_a_difference_spoiled_are_left_out() -> None:
+    """Speeds made of the coordinates by `np.gradient`, whose first and last are of lower order."""
+    run = log(RIGHT, "rk4", accelerations=False)
+    run = replace(run, u=np.gradient(run.q, run.t, axis=0))
+    found = dc.audit(MECHANISM, run)
+    assert "F-SPOILED-ENDS" in {f.code for f in found.findings}
+    assert found.run.t[0] > run.t[0] and found.run.t[-1] < run.t[-1]
+    assert len(found.run) >= 0.95 * len(run)
+    assert found.verdict.kind == "consistent"
+    whole = np.abs(dc.balance(MECHANISM, run).delta_c[FUNCTION]).max()
+    assert np.abs(found.energy_error).max() < 0.25 * whole

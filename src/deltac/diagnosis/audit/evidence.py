@@ -170,19 +170,25 @@ def gather(
         return Evidence(log, None, None, ())
     given = trusted(log.run)
     found: list[Finding] = []
-    if step is not None and not step.closes and log.consecutive is log.run:
+    whole = log.consecutive is log.run
+
+    def of_part(run: Trajectory) -> tuple[Log, OneStep | None]:
+        """The log that consists of some of the rows, and its test."""
+        comparisons = {n: c.between(log.run.t, run.t) for n, c in log.comparisons.items()}
+        part = balanced(mechanism, run, work, log.findings, comparisons)
+        return part, one_step(mechanism, run, _late(part), unsteadiness(comparisons))
+
+    if step is not None and not step.closes and whole:
         acted = as_acted(mechanism, log.run)
         if acted is not None:
             run, found = acted
-            log = balanced(mechanism, run, work, log.findings, log.comparisons)
-            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
-    if step is not None and not step.closes and log.consecutive is log.run:
+            log, step = of_part(run)
+    if step is not None and not step.closes and whole:
         within = _without_ends(log.run, step)
         if within is not None:
             run, spoiled = within
             found.append(spoiled)
-            log = balanced(mechanism, run, work, log.findings, log.comparisons)
-            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+            log, step = of_part(run)
     if between and not (given and measured):
         found.append(_interpolated())
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:

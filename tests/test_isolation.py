@@ -132,6 +132,6 @@ def test_a_file_that_keeps_its_decoder_busy_for_ever() -> None:
     """Found by mutation: the HDF5 library reads a text of it without end."""
     pytest.importorskip("h5py")
     path = HERE.parent / "trajectories" / "hostile" / "endless-text.h5"
-    with Limits(seconds=2).applied(), pytest.raises(InputError) as caught:
+    with Limits(seconds=1).applied(), pytest.raises(InputError) as caught:
         read_trajectory(path)
     assert caught.value.code in ("E-LIMIT", "E-FILE")  # E-FILE where another release of it refuses

@@ -16,6 +16,8 @@ FINDINGS: dict[str, str] = {
     "body-centre": "the mass centre of a body differs",
     "body-moments": "the central moments of inertia of a body differ by one factor",
     "body-moment": "one central moment of inertia of a body differs",
+    "velocity-terms": "centrifugal, Coriolis and gyroscopic terms are missing, or have another factor",
+    "gyroscopic-terms": "the gyroscopic terms of a body are missing, or have another factor",
     "body-tensor": "the central inertia tensor of a body differs",
     "actuator-gear": "an actuator delivers another multiple of its logged force",
     "actuator-delay": "an actuator's force acted later than logged",

@@ -71,14 +71,15 @@ def read_text(path: str | Path, limit: str = "text") -> str:
 
 @contextmanager
 def appearing(
-    path: str | Path, mode: int | None = None, replace: bool = True
+    path: str | Path, mode: int | None = None, replace: bool = True, durable: bool = True
 ) -> Iterator[BinaryIO]:
     """A file to write to, that takes the place of `path` once it is complete and on the disk.
 
     It is written beside `path` (through a link, not over it), synchronised and renamed, so that a crash or
     an interrupt leaves the old file or the new one. What killed processes left in the folder is removed.
     The rights are `mode`, else those of the file that is replaced, else of the umask. Without `replace`
-    a file that another process has put there meanwhile stays.
+    a file that another process has put there meanwhile stays. What is not `durable` may be lost or damaged
+    when the power fails, and need not wait for the disk (10 ms).
 
     Raises InputError for a folder that does not exist, OSError when the disk refuses.
     """
@@ -97,15 +98,18 @@ def appearing(
             if mode is None:
                 with suppress(FileNotFoundError):
                     os.chmod(temporary, stat.S_IMODE(target.stat().st_mode))
-            os.fsync(file.fileno())
+            if durable:
+                os.fsync(file.fileno())
             if fcntl is not None:  # while it is locked: see `remove_abandoned`
                 _put(temporary, target, replace)
         if fcntl is None:  # Windows renames no open file
             _put(temporary, target, replace)
-        _synchronise(target.parent)
+        if durable:
+            _synchronise(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
-    remove_abandoned(target.parent)
+    if durable:
+        remove_abandoned(target.parent)
 
 
 def _put(temporary: Path, target: Path, replace: bool) -> None:

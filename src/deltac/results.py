@@ -318,6 +318,7 @@ class Finding(Record, also=("code",)):
     weight    "cause": it explains what is wrong; "doubt": the log cannot be judged as it stands; "note"
     element   the joint, body or channel, where there is one
     factor    what to multiply by (a force, a mass), or the coefficient found, with its standard `error`
+    equals    kind and element of other causes that explain the same, as far as the log tells
     """
 
     kind: str
@@ -328,6 +329,7 @@ class Finding(Record, also=("code",)):
     element: str = ""
     factor: float | None = None
     error: float | None = None
+    equals: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if self.kind not in FINDINGS:

@@ -23,7 +23,7 @@ AGREEMENT = 1e-12
 """Relative, with up to 132 speeds; found: 3e-15."""
 
 
-LARGE = ("fruitfly", "dog_v2", "dog-run", "dog-stand", "dog-trot", "dog-walk")
+LARGE = ("fruitfly", "dog", "rodent", "CMU_V20")
 """Models of a hundred joints and more, and those of the dog again on floors of other sizes."""
 
 

@@ -60,10 +60,20 @@ def case_of(case: str) -> Case:
 SLOW = ("told as a body", "tipped over hard", "Hertz", "upright")
 
 
-every_case = pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, marks=[pytest.mark.slow] if c.endswith(SLOW) else []) for c in CASES],
+LIKE_OTHERS = (
+    *("ball-on-rising-table", "bicycle", "tumbling-box", "disc-on-moving-plane"),
+    *("block-on-incline", "struck-slider-crank", "torque-free-box"),
 )
+"""Problems whose class another fast case shows, and whose motion takes long."""
+
+
+def cases(*slow: str) -> pytest.MarkDecorator:
+    """Every case; those that end like one of `slow` are slow."""
+    marked = [pytest.param(c, marks=[pytest.mark.slow] if c.endswith(slow) else []) for c in CASES]
+    return pytest.mark.parametrize("case", marked)
+
+
+every_case, every_motion = cases(*SLOW), cases(*SLOW, *LIKE_OTHERS)
 
 
 @every_case
@@ -88,20 +98,7 @@ def test_its_degrees_of_freedom(case: str) -> None:
     assert found.residual <= ROUNDING, "the start is consistent as it stands"
 
 
-LIKE_OTHERS = (
-    *("ball-on-rising-table", "bicycle", "tumbling-box", "disc-on-moving-plane"),
-    *("block-on-incline", "struck-slider-crank", "torque-free-box"),
-)
-"""Problems whose class another fast case shows, and whose motion takes long."""
-
-
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(c, marks=[pytest.mark.slow] if c.endswith(SLOW) or c in LIKE_OTHERS else [])
-        for c in CASES
-    ],
-)
+@every_motion
 def test_invariants_stay_constant(case: str) -> None:
     problem, run, fine, _ = case_of(case)
     assert problem.conserved == tuple(problem.invariants)
@@ -114,7 +111,7 @@ def test_invariants_stay_constant(case: str) -> None:
         assert drift <= MARGIN * error + ROUNDING * scale, name
 
 
-@every_case
+@every_motion
 def test_references_are_met(case: str) -> None:
     problem, run, fine, _ = case_of(case)
     for reference in problem.reference:
@@ -126,7 +123,7 @@ def test_references_are_met(case: str) -> None:
         assert abs(value - reference.value) <= tolerance, reference.quantity
 
 
-@every_case
+@every_motion
 def test_the_energy_theorem_closes(case: str) -> None:
     problem, _, _, ledger = case_of(case)
     proper = set(ledger.delta_c)
@@ -140,7 +137,7 @@ def test_the_energy_theorem_closes(case: str) -> None:
         assert (np.abs(ledger.delta_c[name]) <= tolerance).all(), name
 
 
-@every_case
+@every_motion
 def test_energy_alone_is_conserved_only_where_the_problem_says_so(case: str) -> None:
     problem, run, _, ledger = case_of(case)
     energy = ledger.kinetic + ledger.potential_energy
@@ -160,7 +157,7 @@ def test_energy_alone_is_conserved_only_where_the_problem_says_so(case: str) -> 
         assert change >= 1e-6
 
 
-@every_case
+@every_motion
 def test_hand_written_equations_give_the_same_motion(case: str) -> None:
     problem, run, fine, _ = case_of(case)
     if problem.equations is None:

@@ -18,7 +18,7 @@ from deltac import problems
 from deltac.simulation.solvers import SOLVERS
 from tests.support.slow import repeated
 
-THREADS, MEMBERS = 4, 8
+THREADS, MEMBERS = 4, 6
 Run = Callable[[int], tuple[np.ndarray, ...]]
 
 

@@ -227,6 +227,9 @@ def evaluate_at(function: Any, *given: ArrayLike) -> list[Array]:
     batch = max((x.shape[1] for x in columns if x.ndim == 2), default=None)
     if batch is None:
         return _at_one_state(function, columns)
+    if batch == 1:
+        found = _at_one_state(function, [x.reshape(-1) for x in columns])
+        return [x.reshape(-1, 1) for x in found]
     wide = [
         x.reshape(1, -1) if x.ndim == 1 and x.shape == (batch,) and k == 0 else x
         for k, x in enumerate(columns)

@@ -106,9 +106,8 @@ def balance(
     symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
     _check_division(symbols, samples)
     passed = None
-    if keep is not None and method == "samples" and not run.integrals.keys() & BOOKED:
-        evaluation = _evaluation(kernels.at_samples, log, reused=False)
-        passed = in_one_pass(samples, *evaluation, symbols, kernels, functions, keep)
+    if method == "samples" and not run.integrals.keys() & BOOKED:
+        passed = in_one_pass(samples, log, symbols, kernels, functions, keep)
     t = run.t
     if passed is None:
         sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))

@@ -229,7 +229,7 @@ def worst_rows(ledger: Ledger, places: NDArray[np.intp], rows: int, keep: int) -
 
     `places` are those of the ledger's rows in the log, which has so many `rows`.
     """
-    size = -(-rows // keep)
+    size = max(rows // keep, 1)
     worst = np.max([np.abs(d) for d in ledger.delta_c.values()], axis=0)
     order = np.lexsort((-worst, places // size))
     first = np.concatenate([[True], np.diff((places // size)[order]) > 0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -82,21 +83,32 @@ def columns(values: np.ndarray, places: Sequence[int] | np.ndarray) -> np.ndarra
     return values[:, first : last + 1] if neighbours else values[:, places]
 
 
+SIDE_BY_SIDE, IN_TURN = 16, 256
+"""Rows that are added up number by number, and how many such lie side by side: rows are too short alone."""
+
+
 def _any_nonzero(force: np.ndarray) -> np.ndarray:
-    """Which columns of (T, n) have something in them (n,), several rows at a time and on all cores."""
+    """Which columns of (T, n) have something in them (n,), many rows at a time and on all cores."""
     rows, n = force.shape
-    at_once = 64  # rows of a few columns are too short for loops over them to be fast
-    block = 1024 * at_once
-    found = np.zeros((-(-rows // block), n), dtype=bool)
+    block = SIDE_BY_SIDE * IN_TURN
+    whole = rows // block
+    found = np.zeros((whole + 1, n), dtype=bool)
+    found[-1] = (force[whole * block :] != 0.0).any(axis=0)
+    sizes = _sizes()
 
     def look(k: int) -> None:
-        part = force[k * block : (k + 1) * block]
-        whole = len(part) // at_once * at_once
-        bulk = (part[:whole].reshape(-1, at_once * n) != 0.0).any(axis=0)
-        found[k] = bulk.reshape(at_once, n).any(axis=0) | (part[whole:] != 0.0).any(axis=0)
+        part = force[k * block : (k + 1) * block].reshape(SIDE_BY_SIDE, IN_TURN * n)
+        found[k] = (sizes.flat(part)[0] != 0.0).reshape(IN_TURN, n).any(axis=0)
 
-    spread(look, range(len(found)))
+    spread(look, range(whole))
     return np.asarray(found.any(axis=0))
+
+
+@cache
+def _sizes() -> Kernel:
+    """Σ |x| of a few numbers: zero only where all of them are."""
+    x = ca.SX.sym("x", SIDE_BY_SIDE)
+    return Kernel({"x": x}, {"size": ca.sum1(ca.fabs(x))}, name="sizes").compile()
 
 
 @dataclass(frozen=True, eq=False)

@@ -244,10 +244,10 @@ def _write(file: Path, made: Any, secret: bytes) -> None:
     content = _packed(made)
     with suppress(OSError, InputError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with appearing(file, mode=0o600) as stream:
+        with appearing(file, mode=0o600, durable=False) as stream:  # the seal tells what was lost
             stream.write(_seal(file.name, content, secret))
             stream.write(content)
-        _evict(file.parent)
+        _make_room(file.parent, _SEAL + len(content))
 
 
 def _seal(name: str, content: bytes, secret: bytes) -> bytes:
@@ -370,6 +370,18 @@ _warned: list[str] = []
 # -- room ----------------------------------------------------------------------------------------
 
 
+_written: dict[Path, int] = {}
+"""Bytes that this process put into a folder since it last looked how full it is."""
+
+
+def _make_room(folder: Path, size: int) -> None:
+    """Look now and then how full the folder is: where it holds thousands of files, that takes a while."""
+    _written[folder] = _written.get(folder, LIMIT) + size
+    if _written[folder] > LIMIT // 64:
+        _written[folder] = 0
+        _evict(folder)
+
+
 def _evict(folder: Path) -> None:
     """Remove what was used longest ago if there is too much, and what was never finished."""
     remove_abandoned(folder)
@@ -397,11 +409,11 @@ def _files(folder: Path | None, name: re.Pattern[str]) -> list[tuple[Path, int, 
     """Our files of that name: (file, bytes, last used)."""
     found = []
     with suppress(OSError):
-        for file in folder.iterdir() if folder is not None else ():
-            if name.fullmatch(file.name):
+        for entry in os.scandir(folder) if folder is not None else ():
+            if name.fullmatch(entry.name):
                 with suppress(OSError):  # another process may have removed it
-                    about = file.stat()
-                    found.append((file, about.st_size, about.st_mtime))
+                    about = entry.stat()
+                    found.append((Path(entry.path), about.st_size, about.st_mtime))
     return found
 
 

@@ -60,6 +60,10 @@ class CasadiEvaluator:
             for start in range(whole, n):
                 self._column.run(slice(start, start + 1), x, out, parameters)
 
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`batch` of these arrays, without arguments."""
+        return partial(self.batch, x, out, parameters)
+
     def _bind(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Point the buffers at these arrays; CasADi would read past the end of short ones."""
         f = self._function

@@ -181,6 +181,22 @@ class Kernel:
             self._loop.iterate(rows, p)
         return rows[1:]
 
+    def bound_batch(
+        self, x: Array, out: Array, parameters: Array | None = None
+    ) -> Callable[[], object]:
+        """`flat` of the same arrays every time, as a function without arguments, which keeps them.
+
+        All are contiguous float64: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_parameters, B)`, with
+        whole SIMD vectors of columns.
+        """
+        sizes = (self.n_in, self.n_out, self.n_parameters)
+        for array, size in zip((x, out, parameters), sizes, strict=True):
+            shape = (0, out.shape[1]) if array is None else array.shape
+            assert shape == (size, out.shape[1]), f"{self.name}: {shape} for {size} rows"
+            assert array is None or (array.flags.c_contiguous and array.dtype == np.float64)
+        assert out.shape[1] % self._for_batches.width == 0, "columns would be left out"
+        return self._for_batches.bound_batch(x, out, parameters)
+
     def flat(
         self, x: Array, parameters: ArrayLike | None = None, out: Array | None = None
     ) -> Array:

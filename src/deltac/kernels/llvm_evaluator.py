@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from itertools import count
 from typing import Any
@@ -27,7 +28,7 @@ def llvm_evaluator(function: Any, batches: bool = True) -> NativeEvaluator:
     width = simd_width() if batches else 1
     source = (our_code(), _target(), width, batches, function.serialize())
     code = compiled(repr(source), lambda: waiting(lambda: _made(function, width, batches)))
-    return NativeEvaluator(function, _loaded(code), width)
+    return NativeEvaluator(function, _loaded(code, FUNCTIONS), width)
 
 
 def _machine() -> Any:
@@ -94,10 +95,20 @@ def _target() -> str:
     return repr((version, *machine, features))
 
 
+def llvm_function(name: str, text: str) -> Any:
+    """A function in LLVM's language, ready to run: name -> address, which stays as long as this object."""
+    return _loaded(compiled(repr((_target(), text)), lambda: _assembled(text)), (name,))
+
+
 def _made(function: Any, width: int, strided: bool) -> bytes:
     """The object code of a function."""
+    return _assembled(llvm_ir(function, width, strided))
+
+
+def _assembled(text: str) -> bytes:
+    """The object code of a module."""
     machine = _machine()
-    module = llvm.parse_assembly(llvm_ir(function, width, strided), context=llvm.create_context())
+    module = llvm.parse_assembly(text, context=llvm.create_context())
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     return bytes(machine.emit_object(module))
@@ -109,12 +120,12 @@ LOADS = 64
 """Kernels that one linker loads. It keeps 9 kB of each, even of those that are gone, as long as it lives."""
 
 
-def _loaded(code: bytes) -> Any:
+def _loaded(code: bytes, functions: Sequence[str]) -> Any:
     """Object code in memory, ready to run: symbols -> addresses. It stays as long as this object."""
     library = llvm.JITLibraryBuilder().add_object_img(code)
     for name, address in _called().items():
         library.import_symbol(name, address)
-    for name in FUNCTIONS:
+    for name in functions:
         library.export_symbol(name)
     number = next(_loads)
     return library.link(_linker(number // LOADS), f"kernel {number}")

@@ -83,6 +83,21 @@ class NativeEvaluator:
             p = 0 if parameters is None else parameters.ctypes.data
             self._evaluate(x.ctypes.data, out.ctypes.data, p, columns, whole)
 
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
+        """`batch` of these arrays, without arguments."""
+        kept = (self, x, out, parameters)  # as long as the function that is handed out
+        columns = x.shape[1]
+        p = 0 if parameters is None else parameters.ctypes.data
+        arguments = (x.ctypes.data, out.ctypes.data, p, columns, columns - columns % self.width)
+        evaluate = self._evaluate
+
+        def call() -> object:
+            if arguments[-1]:
+                evaluate(*arguments)
+            return kept
+
+        return call
+
     def iterate(self, rows: Array, parameters: Array) -> None:
         """rows[k + 1] = f(rows[k], parameters[k modulo their number]), from the first row on."""
         assert self.width == 1 and self._sizes[0] == self._sizes[1], "f is to make its own input"

@@ -9,6 +9,7 @@ import operator
 import re
 import warnings
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any, NoReturn
 
 from deltac.errors import FileError, ModelError
@@ -36,6 +37,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Expr, Expr], Expr]] = {
 }
 
 
+@lru_cache(maxsize=1024)
 def parse(text: str, where: str) -> Law:
     """The law that a text of the grammar says; see the module's docstring and `as_law`.
 

@@ -20,6 +20,7 @@ import numbers
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -243,6 +244,7 @@ def at_times(law: Law, t: Array) -> Array:
     )
 
 
+@lru_cache(maxsize=512)
 def rate(law: Law) -> Law:
     """The law's partial derivative by t: exact, except that jumps of the law leave no impulse.
 

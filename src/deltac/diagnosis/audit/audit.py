@@ -402,7 +402,11 @@ def _judged(
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
     )
     findings += small_but_real(measures, evidence)
-    ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
+    # A motion drifts off its constraints by whatever else is wrong, too.
+    ranked = sorted(
+        findings,
+        key=lambda f: (("cause", "doubt", "note").index(f.weight), f.kind == "constraint-drift"),
+    )
     verdict = judge(measures, evidence, tuple(ranked))
     return Audit(
         ledger=ledger,

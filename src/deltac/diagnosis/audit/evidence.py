@@ -56,6 +56,9 @@ if TYPE_CHECKING:
 EXACT = 1.0 - 1e-6
 """Share of the squared residual that an explanation must reach where the residual comes and goes."""
 
+FEW = 3
+"""Causes together that such a residual may have."""
+
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
@@ -474,16 +477,20 @@ def _explained(
 ) -> Explanation | None:
     """The few causes that explain the residual of consecutive samples; None where these are too few.
 
-    What is silent for a while can be fitted roughly by many things: then only an exact fit counts.
+    What is silent for a while can be fitted roughly by many things: then only an exact fit counts, and
+    several causes only where they leave nothing but noise.
     """
     if len(run) < LEAST_ROWS:
         return None
-    least, most = (EXACT, 1) if now_and_then else (EXPLAINS, MOST)
-    with contextlib.suppress(InputError):  # gaps leave too few rows in a row
-        return explanation(
-            mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
-        )
-    return None
+    told = None
+    for least, most in ((EXACT, 1), (1.0, FEW)) if now_and_then else ((EXPLAINS, MOST),):
+        with contextlib.suppress(InputError):  # gaps leave too few rows in a row
+            told = explanation(
+                mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
+            )
+        if told is not None and told.findings:
+            break
+    return told
 
 
 def _differing(

@@ -95,9 +95,11 @@ def known_but_for_one(
     if steps is None or step.closes or prescribed:
         return None
     evaluator = Evaluator(mechanism, run)
+    for end, of in zip(evaluator.reach, (np.min, np.max)):  # of the rows that are looked at
+        end[mechanism.free.q] = of(steps.start.q, axis=0)
     kernels = column_kernels(evaluator)
     function = kernels.pointwise()
-    tried = []
+    tried, h = [], float(np.median(np.diff(run.t)))
     for relation in counted(list(_distinct(steps)), progress):
         if deadline.passed("all integrators together with one cause"):
             return None
@@ -106,14 +108,16 @@ def known_but_for_one(
         still = np.zeros_like(at.F)
         columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
         whole = evaluate(function, columns, kernels.speeds)[0]
-        tried.append((relation, *_regression(whole, kernels)))
+        several = ORDERS.get(relation.name, 2) > 1  # instants, of which the columns are of one
+        change = np.gradient(whole, at.t, axis=0) * h if several else None
+        tried.append((relation, *_regression(whole, kernels, change)))
     tried.sort(key=lambda item: promise(item[1].regression))
     pairs = [
         _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
         for relation, prepared, residual, weight in tried[:MOST]
     ]
     best = min(pairs, key=lambda pair: pair.left, default=None)
-    if best is None or not _counts(best, step, float(np.median(np.diff(run.t)))):
+    if best is None or not _counts(best, step, h):
         return None
     name = steps.named(best.relation)
     others = [p.left for p in pairs if steps.named(p.relation) != name]
@@ -135,8 +139,13 @@ def _distinct(steps: Steps) -> list[Relation]:
     return found
 
 
-def _regression(whole: Array, kernels: ColumnKernels) -> tuple[Prepared, Array, Array]:
-    """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations."""
+def _regression(
+    whole: Array, kernels: ColumnKernels, change: Array | None
+) -> tuple[Prepared, Array, Array]:
+    """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations.
+
+    The columns may be off by their `change` (I, n, 1 + P) over a step.
+    """
     scale = terms_of(whole, kernels)
     weight = 1.0 / np.maximum(NOISY * scale, 1e-300)
     matrix = arranged(whole * weight[:, None])
@@ -145,6 +154,9 @@ def _regression(whole: Array, kernels: ColumnKernels) -> tuple[Prepared, Array, 
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
     # What digits and noise leave needs no estimate: no cause takes it off.
     precise = np.sum((LEAST["samples"] * scale * weight) ** 2)
+    blur: Array | None = None
+    if change is not None:
+        blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
     regression = Regression(
         factored(blocks),
         candidates(kernels.evaluator, kernels.columns),
@@ -152,6 +164,7 @@ def _regression(whole: Array, kernels: ColumnKernels) -> tuple[Prepared, Array, 
         np.zeros((width, width)),
         float(len(matrix) * precise),
         weights_of(kernels.columns),
+        blur,
     )
     mechanism = kernels.evaluator.mechanism
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)

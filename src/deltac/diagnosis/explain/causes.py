@@ -22,7 +22,7 @@ from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.joints import Joint
 
-Sign = Literal["any", "positive", "factor"]
+Sign = Literal["any", "positive", "factor", "slip"]
 
 PREFERENCE = (
     "gravity",
@@ -54,9 +54,17 @@ PREFERENCE = (
     "thrust",
     "body-torque",
     "body-tensor",
+    "velocity-terms",
+    "gyroscopic-terms",
 )
 """Of causes that explain the same by as many numbers, the one that comes first is named first."""
 
+
+SLIPS, SLIPPED = (0.0, -1.0, 2.0, 0.5), 0.02
+"""Factors of terms that were forgotten, or have another sign, or a 2 too many or too few; how near."""
+
+UNITS = (3, 6, 7, 9)
+"""Powers of ten between units of masses and inertias: g, kg·mm², g·cm², g·mm²."""
 
 FREE = "free"
 OF_JOINTS = ("missing-friction", "missing-rotor-inertia", "constant-force")
@@ -84,9 +92,13 @@ class Candidate:
     names           of its d numbers
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
-    sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10
+    sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
+                    "slip": it is a factor that a slip in equations makes
     origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
+    touching        least and largest value of a coordinate, where θ is a stiffness with its force at zero,
+                    which only pushes between them
+    stop            a coordinate's place, and the two values of it between which a stop begins
     """
 
     kind: str
@@ -100,6 +112,8 @@ class Candidate:
     quadratic: Array | None = None
     origin: str = ""
     limit: float = np.inf
+    touching: tuple[float, float] | None = None
+    stop: tuple[int, float, float] | None = None
 
     @property
     def size(self) -> int:
@@ -168,6 +182,9 @@ class Candidate:
         value = self.base + theta
         if float(np.linalg.norm(theta)) > self.limit:
             return False
+        if self.touching is not None:
+            ends = [theta[1] - theta[0] * q for q in self.touching]
+            return bool(theta[0] > 0.0 and (max(ends) <= 0.0 or min(ends) >= 0.0))
         if self.kind == "body-tensor":
             principal = np.linalg.eigvalsh(tensor(value))
             return bool(principal[0] > 0.0 and principal[2] <= principal[0] + principal[1])
@@ -175,7 +192,11 @@ class Candidate:
             return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":
             return bool(np.all(value > 0.0))
-        return self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0)))
+        if self.sign == "slip":
+            return any(abs(float(value[0]) - x) < SLIPPED for x in SLIPS)
+        return (
+            self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0))) or other_unit(value)
+        )
 
 
 @dataclass(frozen=True)
@@ -207,6 +228,14 @@ def one(
         yield Candidate(
             kind, element, columns, L, (name,), np.array([base]), (unit,), sign, origin=origin,
         )  # fmt: skip
+
+
+def other_unit(factor: Array) -> bool:
+    """Whether a factor is that between two units of a mass or an inertia."""
+    if factor.size != 1 or float(factor.ravel()[0]) <= 0.0:
+        return False
+    power = abs(float(np.log10(factor.ravel()[0])))
+    return any(abs(power - p) < 0.005 for p in UNITS)
 
 
 def tensor(six: Array) -> Array:
@@ -255,6 +284,7 @@ def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
     system = evaluator.symbols.system
     whole: list[tuple[tuple[int, ...], list[float]]] = []
+    steady: list[int] = []
     for link in system.links:
         if evaluator.mechanism.body(link.joint.child).massless:
             continue
@@ -272,6 +302,9 @@ def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         moments = [0.0] * 4 + _six(b.central)
         every = [x + y for x, y in zip(mass, moments)]
         whole.append((at, take(every)))
+        steady += places(Column("velocity", b.name)) or ()
+        own = places(Column("gyroscopic", b.name))
+        yield from one("gyroscopic-terms", b.name, own, [1.0], "factor", 1.0, "1", "slip")
         factor: Sign = "factor"
         yield from one("body-inertia", b.name, at, take(every), "factor", 1.0, "1", factor)
         yield from one("body-mass", b.name, at, take(mass), "factor", 1.0, "1", factor)
@@ -282,6 +315,10 @@ def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         columns = tuple(k for at, _ in whole for k in at)
         weights = [w for _, some in whole for w in some]
         yield from one("mass-scale", "all bodies", columns, weights, "factor", 1.0, "1", "factor")
+        ones = [1.0] * len(steady)
+        yield from one(
+            "velocity-terms", "all bodies", tuple(steady), ones, "factor", 1.0, "1", "slip"
+        )
 
 
 def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
@@ -332,6 +369,9 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 
 # --- all causes that a mechanism may have --------------------------------------------------------
 
+MOST_LATE = 10.0
+"""Rows by which coordinates may be late: columns are of first order."""
+
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
 """Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
 
@@ -353,7 +393,14 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     found: list[Candidate] = []
     for part in (_gravity, of_bodies, _speeds, _channels, _wrenches):
         found.extend(part(evaluator, places))
-    found.extend(one("late-rows", "", places(Column("late", "")), [1.0], "delay", 0.0, "s"))
+    late = places(Column("late", ""))
+    if late is not None:
+        found.append(
+            Candidate(
+                "late-rows", "", late, np.eye(1), ("delay",), np.zeros(1), ("s",),
+                limit=MOST_LATE * evaluator.spacing,
+            )
+        )  # fmt: skip
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
@@ -459,6 +506,12 @@ def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                     "missing-spring", entry.name, both, np.eye(2), ("stiffness", "force at zero"),
                     np.zeros(2), (f"{force}/{per}", force),
                 )  # fmt: skip
+                at_q = mechanism.coordinates.of(entry.joint).start + row
+                low, high = (float(x[at_q]) for x in evaluator.reach)
+                yield Candidate(
+                    "missing-stop", entry.name, both, np.eye(2), ("stiffness", "force at zero"),
+                    np.zeros(2), (f"{force}/{per}", force), touching=(low, high),
+                )  # fmt: skip
         elif row < len(stiffness) and isinstance(stiffness[row], float) and spring is not None:
             rest = spring[0].rest[row] if isinstance(spring[0], JointSpring) else None
             if isinstance(rest, float) and stiffness[row]:
@@ -525,7 +578,7 @@ def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iter
             names = tuple(f"stiffness {side} {place:.4g} {per}" for place in c[k : k + 2])
             yield Candidate(
                 "missing-stop", entry.name, (*hinge[k : k + 2], *more), L, names, np.zeros(2),
-                (f"{force}/{per}",) * 2, "positive",
+                (f"{force}/{per}",) * 2, "positive", stop=(int(at), c[k], c[k + 1]),
             )  # fmt: skip
 
 

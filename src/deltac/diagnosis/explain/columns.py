@@ -26,8 +26,8 @@ from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
 
 What = Literal[
-    "inertia", "weight", "gravity", "damper", "friction", "drag", "spring", "stop", "constant", "armature",
-    "channel", "delay", "offset", "late", "drag of a body",
+    "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
+    "spring", "stop", "constant", "armature", "channel", "delay", "offset", "late", "drag of a body",
     "force", "moment", "body-force", "body-moment",
 ]  # fmt: skip
 
@@ -37,6 +37,8 @@ class Column:
     """An elementary change: of which body, speed or channel; `index` counts those of one element.
 
     inertia     body; 0 mass, 1–3 first moments, 4–9 Jxx, Jyy, Jzz, Jxy, Jxz, Jyz; kg, kg·m, kg·m²
+    velocity    body; what its inertia makes of speeds alone: centrifugal, Coriolis and gyroscopic terms
+    gyroscopic  body; what its central moments of inertia make of them
     weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
     damper      speed: −u; friction: −sign u; drag: −u|u|; spring: −q; constant: 1; armature: −u̇
@@ -141,10 +143,19 @@ def _inertia(evaluator: Evaluator) -> dict[Column, SX]:
     base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
     V = velocities(s, s.u_all)
     A = accelerations(s, V, evaluator.symbols.udot, base)
+    steady = accelerations(s, V, ca.SX.zeros(s.u_all.shape[0]), None)
     found: dict[Column, SX] = {}
     for k, link in enumerate(s.links):
         if s.mechanism.body(link.joint.child).massless:
             continue
+        turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
+        found[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
+        J = link.inertia.J - link.mass * (
+            ca.sumsqr(link.centre) * ca.SX.eye(3) - ca.mtimes(link.centre, link.centre.T)
+        )
+        moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
+        own = gather(s, {k: ca.vertcat(moment, ca.SX.zeros(3))})
+        found[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
         for index, inertia in enumerate(_unit_inertias()):
             F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
             found[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]

@@ -19,7 +19,7 @@ from deltac.diagnosis.explain.regression import (
     prepare,
 )
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
-from deltac.diagnosis.explain.search import MOST, Found, search
+from deltac.diagnosis.explain.search import MOST, Found, plausible, search
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
@@ -76,7 +76,10 @@ def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Arra
         total = np.zeros(X.shape[:2])
         for k, theta in zip(fit.chosen, fit.theta):
             c = prepared.regression.candidates[k]
-            total += X[..., list(c.columns)] @ c.coefficients(theta)
+            effect = X[..., list(c.columns)] @ c.coefficients(theta)
+            if c.touching is not None:  # it pushes to one side, wherever else the motion goes
+                effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
+            total += effect
         found.append(total.ravel())
     return found
 
@@ -147,6 +150,12 @@ def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 EXPLAINS = 0.95
 """Share of what is no noise that causes must explain of the squared residual to be named."""
+
+ROUGHLY, NEARER = 0.3, 0.5
+"""Share that a stop may leave whose place is not yet known, and of that what it must at a better place."""
+
+WITH_A_STOP = 3
+"""Causes together with a stop at its exact place."""
 
 CLEAR = 4.0
 """A residual whose squares are so many times those of noise and rounding is there."""
@@ -296,12 +305,44 @@ def explanation(
             and slid.explained > explained
         ):
             return slid
+    if unclosed and not prepared.sliding and not deadline.passed("a stop at its exact place"):
+        stopped = _at_its_place(mechanism, run, prepared, excused, deadline)
+        if stopped is not None:
+            there = search(stopped.regression, min(most, WITH_A_STOP), deadline)
+            share = _explained(stopped, there.best)
+            if share > explained and share >= _enough(stopped.regression, there.best, least):
+                return told(mechanism, run, stopped, there, deadline)
     if explained < _enough(regression, found.best, least):  # then one cause, if it says nearly all
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
     if not found.best.chosen or explained < _enough(regression, found.best, least):
         return made("unexplained", Found(found.best, ()), explained)
     return told(mechanism, run, prepared, found, deadline)
+
+
+def _at_its_place(
+    mechanism: Mechanism,
+    run: Trajectory,
+    prepared: Prepared,
+    excused: Excused | None,
+    deadline: Deadline,
+) -> Prepared | None:
+    """The regression with a stop at the place where it leaves least; None where no stop explains most."""
+    better, left = None, ROUGHLY * prepared.regression.total
+    while not deadline.passed():
+        regression = (better or prepared).regression
+        stops = (regression.fit((k,)) for k, c in enumerate(regression.candidates) if c.stop)
+        fits = [fit for fit in stops if fit.left < left and plausible(regression, fit)]
+        if not fits:
+            break
+        best = min(fits, key=lambda fit: fit.left)
+        stop = regression.candidates[best.chosen[0]].stop
+        assert stop is not None
+        place, low, high = stop
+        around = (low - (high - low), high + (high - low))
+        better = prepare(mechanism, run, prepared.form, excused=excused, stops_in={place: around})
+        left = NEARER * best.left
+    return better
 
 
 def _alone(regression: Regression, fit: Fit) -> bool:

@@ -42,6 +42,13 @@ FOLDS, RIDGE = 4, 1e-2
 Terms far larger than it would close any equation: they take all of the model away, masses and forces alike.
 """
 
+CALM = 0.1
+"""Share of the estimated noise that a fit of few numbers leaves, from which on there is not as much."""
+
+BLURRED, FARTHER = 2.0, 10.0
+"""Squares that a fit may leave for columns known only so far, as multiples of what these do, and of the best.
+"""
+
 SURE = 6.0
 """Standard errors by which a cause must stand out to be named."""
 
@@ -57,6 +64,7 @@ class Regression:
         shaken: triangular factor (P + 1, P + 1) of what the log's noise does to [X r].
         precision: sum of squares of r that the log's digits and rounding account for.
         weights: place of each body's mass and first moments -> that of their weight.
+        blur: triangular factor (P + 1, P + 1) of how far the columns may be off, None where they are exact.
     """
 
     blocks: Array
@@ -65,6 +73,7 @@ class Regression:
     shaken: Array
     precision: float
     weights: Mapping[int, int] = field(default_factory=dict)
+    blur: Array | None = None
 
     @cached_property
     def R(self) -> Array:
@@ -85,6 +94,21 @@ class Regression:
     def floor(self, fit: Fit) -> float:
         """The part of what a fit leaves that is no mistake."""
         return self.precision + self.noise(fit)
+
+    def blurred(self, fit: Fit) -> float:
+        """The part of what a fit leaves that may be of columns known only so far."""
+        if self.blur is None:
+            return 0.0
+        return float(np.sum((self.blur[:, :-1] @ self._at(fit)[0]) ** 2))
+
+    def calmed(self, fits: Sequence[Fit]) -> Regression:
+        """The same with as much noise as the best of these fits leaves, where it was taken for far more.
+
+        A few numbers cannot fit noise. Where motion between rows looked like noise, one cause that is right
+        leaves far less.
+        """
+        share = min((f.left / self.noise(f) for f in fits if self.noise(f) > 0.0), default=1.0)
+        return self if share > CALM else replace(self, shaken=np.sqrt(share) * self.shaken)
 
     @cached_property
     def predicted(self) -> float:
@@ -221,9 +245,10 @@ class Regression:
         Both leave no more than precision explains, or the difference of what they leave does not
         stand out of its scatter over the blocks (Vuong 1989, Econometrica 57).
         """
+        blurred = all(fit.left <= self.precision + BLURRED * self.blurred(fit) for fit in (a, b))
+        if blurred and b.left <= self.precision + FARTHER * a.left:
+            return True
         if b.left <= max(4.0 * a.left, self.precision):
-            if max(a.left, b.left) <= self.precision:
-                return True
             difference = self.left_by_block(b) - self.left_by_block(a)
             scatter = float(np.std(difference, ddof=1)) * np.sqrt(len(difference))
             return float(np.sum(difference)) <= sure * scatter and b.left < 2.0 * a.left
@@ -332,11 +357,12 @@ def prepare(
     *,
     sliding: bool = False,
     excused: Excused | None = None,
+    stops_in: Mapping[int, tuple[float, float]] | None = None,
 ) -> Prepared:
     """The regression of a run's residual on all columns of the mechanism.
 
     With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no
-    cause.
+    cause. `stops_in`: between which values of a coordinate stops are looked for, if not all over the log.
 
     Raises InputError for a log of too few rows.
     """
@@ -346,6 +372,9 @@ def prepare(
             "tell causes apart: log a longer or a finer run"
         )
     evaluator = Evaluator(mechanism, run)
+    for place, between in (stops_in or {}).items():
+        for end, value in zip(evaluator.reach, between):
+            end[place] = value
     kernels = column_kernels(evaluator)
     rows = _Rows(kernels, form)
     stretches = _stretches(run, evaluator, kernels, form)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.explain.causes import SLIPPED, Candidate, other_unit
 from deltac.diagnosis.explain.regression import Form
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -17,6 +17,9 @@ from deltac.results import Report, Section, Table
 
 SHOWN = 12
 """Elements not seen in a log that a report names; `unseen` has all of them."""
+
+SHOWN_EQUALS = 3
+"""Causes that a finding names beside its own, where the log does not tell them apart."""
 
 WORTH_SAYING = 1e-7
 """Relative errors below this are not shown: they are the log's rounding."""
@@ -58,6 +61,14 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             axes = ", ".join(c.names)
             where = f"{several} m along {axes} of the body"
             return f"the mass centre of {element} in the run is displaced by {where}"
+        case "velocity-terms" | "gyroscopic-terms":
+            which = "centrifugal, Coriolis and gyroscopic terms of all bodies"
+            if c.kind == "gyroscopic-terms":
+                which = f"gyroscopic terms of {element}"
+            if abs(factor) < SLIPPED:
+                return f"the {which} are missing in the run"
+            sign = " (of the other sign)" if factor < 0.0 else ""
+            return f"the {which} are {shown} times the model's in the run{sign}"
         case "actuator-gear":
             return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
         case "channel-factor" if abs(factor) < 3.0 * error[0]:
@@ -86,6 +97,12 @@ def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> 
             return (
                 f"a spring of {_number(theta[0], error[0])} {c.units[0]} that the model does not have acts "
                 f"on joint {element}, with {_number(theta[1], error[1])} {c.units[1]} at zero"
+            )
+        case "missing-stop" if c.touching is not None:
+            side = "above" if theta[1] - theta[0] * c.touching[1] < 0.0 else "below"
+            return (
+                f"joint {element} touches a stop that the model does not have all the time: a stiffness of "
+                f"{_number(theta[0], error[0])} {c.units[0]} {side} {theta[1] / theta[0]:.4g}"
             )
         case "missing-stop":
             where = " and ".join(name.removeprefix("stiffness ") for name in c.names)
@@ -129,6 +146,8 @@ def remedy(kind: str) -> str:
         return "Write coordinates and speeds of the same instant into one row"
     if kind == "zero-offset":
         return "Calibrate the zero of this coordinate, or subtract the offset"
+    if kind in ("velocity-terms", "gyroscopic-terms"):
+        return "Check the terms in products of speeds in the equations of the run, or its frames"
     if kind == "channel-factor":
         return "Check this element's parameters in the model, or the unit of its logged force"
     if kind == "mass-scale" or kind.startswith("body-"):
@@ -139,6 +158,8 @@ def remedy(kind: str) -> str:
 
 
 def _more(factor: float) -> str:
+    if other_unit(np.array(factor)):
+        return ", the factor between two units"
     percent = 100.0 * abs(factor - 1.0)
     if percent < 1e-4 or factor <= 0.0:
         return ""
@@ -309,28 +330,40 @@ class Explanation(Report, also=("sentence",)):
         """The causes as findings of an audit; none where the residual is not explained."""
         if self.kind not in ("explained", "ambiguous"):
             return ()
-        evidence = f"explains {percent(self.explained)} of the residual of the equations of motion"
+        explains = f"explains {percent(self.explained)} of the residual of the equations of motion"
         if len(self.causes) > 1:
-            evidence = (
+            explains = (
                 f"together these explain {percent(self.explained)} of the residual of the equations"
             )
         if self.alternatives:
-            others = (" and ".join(map(str, other)) for other in self.alternatives[:3])
-            evidence += f"; explained equally well by: {'; '.join(others)}"
-            evidence += f". {self.separating}" if self.separating else ""
-        return tuple(
-            Finding(
-                c.kind,
-                c.sentence,
-                evidence,
-                remedy(c.kind),
-                "cause",
-                c.element,
-                c.values[0],
-                c.errors[0],
-            )
-            for c in self.causes
-        )
+            explains += ", and so do the others as far as this log tells"
+            explains += f". {self.separating}" if self.separating else ""
+        found = []
+        for c in self.causes:
+            equals = self._in_place_of(c)
+            told = "; or ".join(" and ".join(map(str, some)) for some in equals[:SHOWN_EQUALS])
+            more = f"; or {len(equals) - SHOWN_EQUALS} more" if len(equals) > SHOWN_EQUALS else ""
+            others = tuple(dict.fromkeys((x.kind, x.element) for some in equals for x in some))
+            what = f"one of these: {c.sentence}; or {told}{more}" if equals else c.sentence
+            found.append(
+                Finding(
+                    c.kind, what, explains, remedy(c.kind), "cause", c.element, c.values[0], c.errors[0],
+                    others,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    def _in_place_of(self, cause: Cause) -> list[tuple[Cause, ...]]:
+        """What the alternatives have in the place of a cause, of which they have none."""
+        ours = {(c.kind, c.element) for c in self.causes}
+        found = []
+        for other in self.alternatives:
+            theirs = {(c.kind, c.element) for c in other}
+            if (cause.kind, cause.element) not in theirs:
+                found.append(tuple(c for c in other if (c.kind, c.element) not in ours))
+            elif theirs == ours and len(self.causes) == 1:
+                found.append(other)
+        return [some for some in found if some]
 
 
 def percent(share: float) -> str:

@@ -77,6 +77,7 @@ def search(
         if count > MANY and not deadline.passed():
             paths += _exchanged(regression, paths, deadline)
         every += paths
+        regression = regression.calmed([fit for fit in paths if plausible(regression, fit)])
         possible = sorted(
             (fit for fit in paths if plausible(regression, fit)),
             key=lambda fit: price(regression, fit),
@@ -142,9 +143,10 @@ def plausible(regression: Regression, fit: Fit) -> bool:
     return all(regression.candidates[k].plausible(t) for k, t in zip(fit.chosen, fit.theta))
 
 
-def _massive(regression: Regression, fit: Fit) -> bool:
+def _may_turn(regression: Regression, fit: Fit) -> bool:
+    """Whether a further cause may make a fit plausible: a damper that drives may then brake."""
     parts = ((regression.candidates[k], theta) for k, theta in zip(fit.chosen, fit.theta))
-    return all(c.sign != "factor" or c.plausible(theta) for c, theta in parts)
+    return all(c.sign in ("positive", "slip") or c.plausible(theta) for c, theta in parts)
 
 
 def _extended(
@@ -171,8 +173,8 @@ def _extended(
     fits = [regression.fit(key) for k, key in enumerate(chosen) if not k or not deadline.passed()]
     fits.sort(key=lambda fit: price(regression, fit))
     good = [fit for fit in fits if plausible(regression, fit)]
-    # A damper that drives may turn with a further cause; masses that vanish close any equation.
-    other = [fit for fit in fits if not plausible(regression, fit) and _massive(regression, fit)]
+    # Masses that vanish close any equation, and rows that are late by seconds nearly any.
+    other = [fit for fit in fits if not plausible(regression, fit) and _may_turn(regression, fit)]
     return good[:most_paths] + other[: most_paths // 3]
 
 
@@ -219,7 +221,10 @@ def _compatible(regression: Regression, path: Fit, k: int) -> bool:
 
 
 def _left(regression: Regression, Q: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """Squares left of e by each candidate together with what Q spans; infinite where it adds nothing."""
+    """Squares left of e by each candidate together with what Q spans; infinite where it adds nothing.
+
+    So it is where a single number would be beyond its limit.
+    """
     left = np.full(len(regression.candidates), np.inf)
     total = float(e @ e)
     smallest = 1e-12 * max(float(regression.sizes.max(initial=0.0)), 1e-300)
@@ -234,8 +239,10 @@ def _left(regression: Regression, Q: np.ndarray, e: np.ndarray) -> np.ndarray:
         Z = Z - Q @ (Q.T @ Z)
         rest = np.sum(Z**2, axis=0)
         own = rest > ALIKE * size
-        gain = np.divide((Z.T @ e) ** 2, rest, out=np.zeros_like(rest), where=own)
-        left[single] = np.where(own, np.maximum(total - gain, 0.0), np.inf)
+        theta = np.divide(Z.T @ e, rest, out=np.zeros_like(rest), where=own)
+        parts = [regression.candidates[k] for k in single]
+        own &= np.abs(theta) <= [np.inf if c.quadratic is not None else c.limit for c in parts]
+        left[single] = np.where(own, np.maximum(total - theta**2 * rest, 0.0), np.inf)
     for k, c in enumerate(regression.candidates):
         if c.size > 1 and regression.sizes[k] > smallest:
             Z = regression.directions[k]

@@ -110,7 +110,7 @@ class EquationTerms:
 class Evaluator:
     """Kane's equations of a mechanism with a log's forces, as functions of arrays of samples.
 
-    `reach` are the least and the largest values of all coordinates in the log.
+    `reach` are the least and the largest values of all coordinates in the log, `spacing` is of its rows (s).
     """
 
     def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
@@ -119,6 +119,7 @@ class Evaluator:
         self.log = LoggedForces.of(run)
         start = (float(run.t[0]), run.q[0, free.q])
         self.reach = (run.q.min(axis=0), run.q.max(axis=0))
+        self.spacing = float(np.median(np.diff(run.t))) if len(run) > 1 else 0.0
         self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
         self.channels = tuple({part.name for part in self.symbols.parts})
         self.own_names, self._names, self._terms = self.symbols.once("terms", self._written_out)

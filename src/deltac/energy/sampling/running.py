@@ -1,0 +1,240 @@
+"""Integrals of powers at equidistant samples, and what their error bars are made of, from row to row.
+
+Away from the ends of a log, `lagrange` sums every sample once, with weights that differ from one near either
+end of an integral alone (as Gregory's rule does): with τ_i the tail sums of a window's weights,
+
+    ∫ P dt / h from row a to row n = Σ P_m (a ≤ m < n) + g_n − g_a,   g_n = P_n/2 + Σ τ_i (P_{n+i} − P_{n−i}).
+
+The differences between integrals over all, every second and every fourth row are such sums too, of
+alternating signs. So a row costs a few sums whatever the order is, and the columns of a log go side by side
+through SIMD vectors. All numbers here are in units of the interval h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.energy.sampling.interpolation import lagrange_kernel
+from deltac.kernels import Kernel
+from deltac.kernels.kernel import SX
+from deltac.kernels.transposing import aligned
+
+SAMPLED = 8
+"""Samples in a window of `lagrange`."""
+
+TAPS = SAMPLED // 2 - 1
+REACH = 4 * TAPS
+"""Rows on either side that the sum over every fourth row reaches into."""
+
+AHEAD = 4
+"""Rows after one that windows on every second row see it through: its bar is that of these."""
+
+PIECES = (128, 8)
+"""Rows in a call: of most of a block, and of its rest."""
+
+LANES = 8
+"""Columns are made up to a multiple of this."""
+
+STATE = ("sum", "odd", "half", "error", "coarse", "most", "least", "finer", "coarser", "size")
+
+
+@lru_cache(maxsize=1)
+def _tails() -> Array:
+    """τ_1, τ_2, τ_3: of the weights of an interval's window those beyond its end."""
+    places = np.arange(SAMPLED, dtype=float) - TAPS
+    weights = lagrange_kernel(SAMPLED)(z=places, width=1.0)["weights"].ravel()
+    return np.array([weights[SAMPLED - k :].sum() for k in range(TAPS, 0, -1)])
+
+
+class _Around:
+    """What windows around a row add to the sums before it, by symbols of the powers from row −`REACH` on."""
+
+    def __init__(self, powers: SX) -> None:
+        self._P, self._tau = powers, _tails()
+
+    def apart(self, n: int, k: int) -> SX:
+        return self[n + k] - self[n - k]
+
+    def __getitem__(self, n: int) -> SX:
+        return self._P[REACH + n]
+
+    def g(self, n: int) -> SX:
+        """Of an integral over all rows."""
+        return 0.5 * self[n] + sum(t * self.apart(n, k) for k, t in enumerate(self._tau, start=1))
+
+    def error(self, n: int, step: int) -> SX:
+        """Of that over rows `step` apart, less the one over every second of these; over `step`."""
+        weights = np.zeros(2 * TAPS + 1)
+        weights[1 : TAPS + 1] += self._tau
+        weights[2::2] -= 2.0 * self._tau
+        near = sum(w * self.apart(n, step * k) for k, w in enumerate(weights) if w)
+        return near - 0.5 * self[n]
+
+
+@lru_cache(maxsize=1)
+def _start_kernel() -> Kernel:
+    """The first numbers of the state before a row, with which the integrals there are zero."""
+    P = ca.SX.sym("P", 2 * REACH + 1)
+    at = _Around(P)
+    start = ca.vertcat(at.g(0), at.error(0, 1), at.error(0, 2))
+    return Kernel({"P": P}, {"state": -start}, name="start of running integrals")
+
+
+@lru_cache(maxsize=4)
+def _running_kernel(rows: int) -> Kernel:
+    """From row a on: integrals at each of so many `rows`, and the extremes of their errors so far.
+
+    Inputs: the powers at rows a − `REACH` to a + rows + `REACH`, and the state that the piece before left.
+    """
+    P, given = ca.SX.sym("P", rows + 2 * REACH + 1), ca.SX.sym("state", len(STATE))
+    s = dict(zip(STATE, ca.vertsplit(given)))
+    at = _Around(P)
+    value: list[SX] = []
+    most: list[SX] = []
+    least: list[SX] = []
+    last = s["error"]
+    for n in range(rows + AHEAD + 1):
+        if n % 2 == 0 and n:
+            s["odd"] = s["odd"] + (at[n - 1] - at[n - 2])
+            now = s["odd"] + at.error(n, 1)
+            if n > rows:  # only looked ahead to
+                high, low = ca.fmax(most[-1], now), ca.fmin(least[-1], now)
+            else:
+                s["finer"] += ca.fabs(now - last)
+                high, low = s["most"], s["least"] = (
+                    ca.fmax(s["most"], now),
+                    ca.fmin(s["least"], now),
+                )
+                last = now
+            if n >= AHEAD:
+                most.append(high)
+                least.append(low)
+            if n == rows:
+                ends = s["odd"]
+        if n % 4 == 0 and 0 < n <= rows:
+            s["half"] = s["half"] + (at[n - 2] - at[n - 4])
+            coarse = 2.0 * (s["half"] + at.error(n, 2))
+            s["coarser"] += ca.fabs(coarse - s["coarse"])
+            s["coarse"] = coarse
+        if n < rows:
+            value.append(s["sum"] + at.g(n))
+            s["sum"] = s["sum"] + at[n]
+            s["size"] = s["size"] + ca.fabs(at[n])
+    value.append(s["sum"] + at.g(rows))
+    s |= {"odd": ends, "error": last}
+    outputs = {"value": value, "most": most, "least": least, "state": [s[name] for name in STATE]}
+    columns = {name: ca.vertcat(*entries) for name, entries in outputs.items()}
+    return Kernel({"P": P}, columns, given, name="running integrals")
+
+
+class Running:
+    """Integrals within a block of rows, of several columns; it owns the memory that it works in.
+
+    `powers` (rows + 2 `REACH` + 1, n) are to be written before each call of `run`, from row −`REACH` of the
+    block on. A block begins at a multiple of four rows, and `rows` are a multiple of eight.
+    """
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.columns = columns
+        lanes = -(-columns // LANES) * LANES
+        self._powers = aligned(rows + 2 * REACH + 1, lanes)
+        self.powers = self._powers[:, :columns]
+        cuts = [0]
+        for size in PIECES:
+            cuts += range(cuts[-1] + size, rows + 1, size)
+        kernels = [_running_kernel(b - a) for a, b in zip(cuts, cuts[1:])]
+        self._found = aligned(sum(k.n_out for k in kernels), lanes)
+        self._value, self._most, self._least = np.zeros((3, rows + 1), dtype=np.intp)
+        start = aligned(len(STATE), lanes)
+        around = self._powers[: 2 * REACH + 1]
+        self._calls = [_start_kernel().bound_batch(around, start[: _start_kernel().n_out])]
+        before, top = start, 0
+        for a, b, kernel in zip(cuts, cuts[1:], kernels):
+            out = self._found[top : top + kernel.n_out]
+            x = self._powers[a : b + 2 * REACH + 1]
+            self._calls.append(kernel.bound_batch(x, out, before))
+            places = {name: top + where.start for name, where in kernel.output_slices.items()}
+            self._value[a : b + 1] = places["value"] + np.arange(b - a + 1)
+            looked = (np.arange(b - a + 1) + 1) // 2
+            self._most[a : b + 1], self._least[a : b + 1] = (
+                places[name] + looked for name in ("most", "least")
+            )
+            before = out[kernel.output_slices["state"]]
+            top += kernel.n_out
+        self._end = before
+
+    def run(self) -> None:
+        """All rows of the block."""
+        for call in self._calls:
+            call()
+
+    def value(self, rows: NDArray[np.intp]) -> Array:
+        """∫ from the block's first row to others, and to the one after it (k, n)."""
+        return self._found[self._value[rows], : self.columns]
+
+    def whole(self) -> Array:
+        """∫ over the block (n,)."""
+        return self._found[self._value[-1], : self.columns].copy()
+
+    def of(self, columns: Sequence[int]) -> Array:
+        """∫ of some columns from the block's first row to each, and to the one after it (c, rows + 1)."""
+        return self._found[self._value[None, :], np.array(columns, dtype=np.intp)[:, None]]
+
+    def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Largest and least error so far (k, n), and `AHEAD`, of the rows of a block."""
+        return (
+            self._found[self._most[rows], : self.columns],
+            self._found[self._least[rows], : self.columns],
+        )
+
+    def end(self, name: str) -> Array:
+        """A state (n,) after the block."""
+        found: Array = self._end[STATE.index(name), : self.columns]
+        return found.copy()
+
+
+@lru_cache(maxsize=4)
+def _flow_kernel(rows: int) -> Kernel:
+    """Σ min(|P_n| + |P_{n+1}|, bound |W_{n+1} − W_n|) over so many intervals, added to what was before."""
+    x, given = ca.SX.sym("x", 2 * (rows + 1)), ca.SX.sym("given", 2)
+    P, W = ca.fabs(x[0::2]), x[1::2]
+    total = given[0]
+    for n in range(rows):
+        total += ca.fmin(P[n] + P[n + 1], given[1] * ca.fabs(W[n + 1] - W[n]))
+    return Kernel({"x": x}, {"total": ca.vertcat(total, given[1])}, given, name="flow")
+
+
+class Flow:
+    """∫|P| dt within a block of rows, of columns that come with the work W up to each row.
+
+    An interval counts no more than `bound` |ΔW|; `bound` is over the interval h. `powers` and `works`
+    (rows + 1, n) are to be written before each call of `run`.
+    """
+
+    def __init__(self, rows: int, columns: int, bound: float) -> None:
+        lanes = -(-columns // LANES) * LANES
+        both = aligned(2 * (rows + 1), lanes)
+        self.powers, self.works = both[0::2, :columns], both[1::2, :columns]
+        self.columns = columns
+        cuts = [0]
+        for size in PIECES:
+            cuts += range(cuts[-1] + size, rows + 1, size)
+        found = aligned(len(cuts), 2, lanes)
+        found[0, 1] = 2.0 * bound
+        self._end = found[-1, 0]
+        self._calls = [
+            _flow_kernel(b - a).bound_batch(both[2 * a : 2 * b + 2], found[k + 1], found[k])
+            for k, (a, b) in enumerate(zip(cuts, cuts[1:]))
+        ]
+
+    def run(self) -> Array:
+        """The sums (n,)."""
+        for call in self._calls:
+            call()
+        return np.asarray(0.5 * self._end[: self.columns])

@@ -1,0 +1,162 @@
+"""Rows into columns: the layout of logs, a row a sample, into that of kernels, a row a quantity, and back.
+
+NumPy copies a transposed array number by number. Here squares of SIMD vectors are turned over in registers,
+so that reading the log is what takes the time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.kernels.evaluators import evaluator_name
+from deltac.kernels.simd import simd_width
+
+
+def transposing(source: Array, target: Array) -> Callable[[int, int, int], None]:
+    """A function (first, count, to): ``target[:, to : to + count] = source[first : first + count].T``.
+
+    It may be called over and over while both arrays live, and reads what they hold then. Rows of `source`
+    (T, n) and of `target` (n, B) may be strided; `first`, `count` and `to` are not checked.
+    """
+    assert source.shape[1] == target.shape[0], "each column of the source is a row of the target"
+
+    def plain(first: int, count: int, to: int) -> None:
+        target[:, to : to + count] = source[first : first + count].T
+
+    width, each, n = simd_width(), target.itemsize, source.shape[1]
+    strided = source.strides[1] == target.strides[1] == each == source.itemsize
+    numbers = source.dtype == target.dtype == np.float64 and source.strides[0] >= 0
+    if not (width > 1 and strided and numbers and n and evaluator_name() == "llvm"):
+        return plain
+    columns = min(n, width)
+    try:
+        _compiled(width, max(min(len(source), width), 1), columns)
+    except (
+        ImportError,
+        OSError,
+        RuntimeError,
+    ):  # LLVM does not fit the platform, which kernels tell
+        return plain
+    start, over = source.ctypes.data, source.strides[0]
+    end, down = target.ctypes.data, target.strides[0]
+    across, along = over // each, down // each
+
+    def fast(first: int, count: int, to: int) -> None:
+        if count:
+            transpose = _compiled(width, min(count, width), columns)
+            transpose(start + first * over, across, end + to * each, along, count, n)
+
+    return fast
+
+
+@cache
+def _compiled(width: int, rows: int, columns: int) -> Any:
+    """The native function that goes by squares of so many `rows` and `columns`, at most `width`."""
+    from deltac.kernels.llvm_evaluator import llvm_function
+
+    code = llvm_function("transpose", _text(width, rows, columns))
+    pointer, count = ctypes.c_void_p, ctypes.c_int64
+    kind = ctypes.CFUNCTYPE(None, pointer, count, pointer, count, count, count)
+    function: Any = kind(code["transpose"])
+    function.code = code  # stays as long
+    return function
+
+
+LINE = 64
+"""Bytes of a line of the processor's cache."""
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros that begin where a line of the cache does: vectors of that width then lie in one, not in two."""
+    size, each = math.prod(shape), np.dtype(np.float64).itemsize
+    room = np.zeros(size + LINE // each)
+    start = -room.ctypes.data % LINE // each
+    return room[start : start + size].reshape(shape)
+
+
+def _text(width: int, rows: int, columns: int) -> str:
+    """``transpose(from, across, to, along, rows, columns)``: to[c, r] = from[r, c], in LLVM's language.
+
+    An array is gone through in squares of `rows` and `columns`, at most a vector; the last square of a row or
+    a column of them begins so that it ends where the array does.
+    """
+    vector, whole = f"<{width} x double>", range(width)
+    lines = [f"%v0.{k} = bitcast {vector} zeroinitializer to {vector}" for k in range(rows, width)]
+    for k in range(rows):
+        lines += [
+            f"%r{k} = add i64 %row, {k}",
+            f"%s{k} = mul i64 %r{k}, %across",
+            f"%t{k} = add i64 %s{k}, %column",
+            f"%p{k} = getelementptr double, ptr %from, i64 %t{k}",
+            f"%v0.{k} = call {vector} @llvm.masked.load.v{width}f64.p0(ptr %p{k}, i32 8, "
+            f"{_mask(columns, width)}, {vector} zeroinitializer)"
+            if columns < width
+            else f"%v0.{k} = load {vector}, ptr %p{k}, align 8",
+        ]
+    distance, level = 1, 0
+    while distance < width:  # lanes and rows trade places, a bit of their number at a time
+        for k in whole:
+            a, b = k & ~distance, k | distance
+            lanes = [
+                ((lane & ~distance) + width * bool(lane & distance))
+                if k == a
+                else ((lane | distance) + width * bool(lane & distance))
+                for lane in whole
+            ]
+            mask = ", ".join(f"i32 {lane}" for lane in lanes)
+            pair = f"{vector} %v{level}.{a}, {vector} %v{level}.{b}"
+            lines.append(f"%v{level + 1}.{k} = shufflevector {pair}, <{width} x i32> <{mask}>")
+        distance, level = 2 * distance, level + 1
+    for k in range(columns):
+        lines += [
+            f"%c{k} = add i64 %column, {k}",
+            f"%d{k} = mul i64 %c{k}, %along",
+            f"%e{k} = add i64 %d{k}, %row",
+            f"%q{k} = getelementptr double, ptr %to, i64 %e{k}",
+            f"call void @llvm.masked.store.v{width}f64.p0({vector} %v{level}.{k}, ptr %q{k}, i32 8, "
+            f"{_mask(rows, width)})"
+            if rows < width
+            else f"store {vector} %v{level}.{k}, ptr %q{k}, align 8",
+        ]
+    square = "\n".join(lines)
+    flags = f"<{width} x i1>"
+    return f"""declare {vector} @llvm.masked.load.v{width}f64.p0(ptr, i32, {flags}, {vector})
+declare void @llvm.masked.store.v{width}f64.p0({vector}, ptr, i32, {flags})
+define void @transpose(ptr %from, i64 %across, ptr %to, i64 %along, i64 %rows, i64 %columns) {{
+entry:
+%lastrow = sub i64 %rows, {rows}
+%lastcolumn = sub i64 %columns, {columns}
+br label %down
+down:
+%i = phi i64 [0, %entry], [%inext, %below]
+%ibeyond = icmp sgt i64 %i, %lastrow
+%row = select i1 %ibeyond, i64 %lastrow, i64 %i
+br label %right
+right:
+%j = phi i64 [0, %down], [%jnext, %right]
+%jbeyond = icmp sgt i64 %j, %lastcolumn
+%column = select i1 %jbeyond, i64 %lastcolumn, i64 %j
+{square}
+%jnext = add i64 %j, {columns}
+%jmore = icmp slt i64 %jnext, %columns
+br i1 %jmore, label %right, label %below
+below:
+%inext = add i64 %i, {rows}
+%imore = icmp slt i64 %inext, %rows
+br i1 %imore, label %down, label %done
+done:
+ret void
+}}"""
+
+
+def _mask(count: int, width: int) -> str:
+    """The first lanes of a vector."""
+    lanes = ", ".join(f"i1 {int(k < count)}" for k in range(width))
+    return f"<{width} x i1> <{lanes}>"

@@ -80,7 +80,9 @@ def told(judge: Callable[[], dc.Audit]) -> str:
         return report(error)
 
 
-@pytest.mark.parametrize("way", [nullcontext, compiled], ids=["as it is", "compiled"])
+@pytest.mark.parametrize(
+    "way", [pytest.param(nullcontext, marks=pytest.mark.slow, id="as it is"), compiled]
+)
 def test_each_is_judged_as_alone(logs: dict[str, dc.Trajectory], way: Callable) -> None:  # type: ignore[type-arg]
     with way():
         alone = {name: told(lambda run=run: dc.audit(PROBLEM, run)) for name, run in logs.items()}

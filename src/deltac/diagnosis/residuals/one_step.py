@@ -944,7 +944,7 @@ class Residual:
         fitted: coefficients of the scheme columns.
         taken: root mean square of what they took off, without the largest tenth (n,).
         hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left,
-            and the largest that a damper, a constant force or another inertia of a joint may have done.
+            or the largest that a damper, a constant force or another inertia of a joint may have done.
         spent: energy (J) that the residual does in it, without sign.
         noisy: how much of what looks like noise on the log is that, in standard deviations.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
@@ -1609,7 +1609,7 @@ def _judged(
         """The largest work (J) of a force in the time of the log."""
         return float(np.abs(np.cumsum(np.sum(u * force, axis=1) * share[:, 0])).max()) * time
 
-    hidden = work(left) + _mistakes(pieces, parts, tuple(c), residual, width, time)
+    hidden = max(work(left), _mistakes(pieces, parts, tuple(c), residual, width, time))
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     return Residual(
         times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,

@@ -38,6 +38,8 @@ def test_each_kind_is_recognised(name: str) -> None:
 
 def test_slips_of_a_long_log_are_seen() -> None:
     q, u = SMOOTH, np.gradient(SMOOTH, T)
-    run = Trajectory(T, (180.0 / np.pi * q)[:, None], u[:, None], ("a",), ("a",))
+    run = Trajectory(
+        t=T, q=(180.0 / np.pi * q)[:, None], u=u[:, None], coordinates=("a",), speeds=("a",)
+    )
     found = [s for s in suspicions(run) if s.certain]
     assert [s.kind for s in found] == ["degrees"] and found[0].factors["q.a"] == np.pi / 180.0

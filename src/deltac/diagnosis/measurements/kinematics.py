@@ -81,6 +81,10 @@ DEPARTS = 0.05
 """Share of a column's movement that its rate may miss before the log is doubted."""
 
 
+ARRAYS = ("defect", "bar", "moved", "told", "h", "outliers")
+"""What a comparison tells of each interval, beside the row at its start."""
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A column against its rate.
@@ -120,6 +124,13 @@ class Comparison:
     steady: bool
     instant: bool
     unsteady: float
+
+    def between(self, t: Array, kept: Array) -> Comparison:
+        """The same of the intervals among the rows at the times `kept`, of those at t (T,)."""
+        start = t[self.start]
+        here = (start >= kept[0]) & (start < kept[-1])
+        arrays = {n: getattr(self, n)[here] for n in ARRAYS}
+        return replace(self, start=np.searchsorted(kept, start[here]), **arrays)
 
     @property
     def scaled(self) -> bool:

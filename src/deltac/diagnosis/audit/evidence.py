@@ -404,7 +404,7 @@ def _disagreement(terms: EquationTerms, told: Accelerations) -> Array:
     """What the equations would leave more or less if u̇ were the rate of the speeds (n,), N or N·m."""
     evaluator = terms.evaluator
     free = evaluator.mechanism.free
-    rates = told.told[terms.rows][:, free.u]
+    rates = told.at(terms.rows)[:, free.u]
     known = np.isfinite(rates).all(axis=1)
     if not known.any():
         return np.full(len(terms.speeds), np.inf)

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.measurements.digits import medians, resolution, scatter, scatter_of
+from deltac.diagnosis.measurements.digits import digits_of, medians, resolution
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -314,17 +314,18 @@ def _rows_of(
 ) -> list[tuple[Rows, Rows]]:
     """Stretches of a log, each with the scatter of its numbers."""
     free = model.mechanism.free
-    forces = [values for values in model.log.values(run).values()]
-    F = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
-    q, u = run.q[:, free.q], run.u[:, free.u]
-    of_q, of_u = (x[:, places] for x, places in zip(scatter_of(run), (free.q, free.u)))
-    noise = (of_q, of_u, scatter(F) if F.shape[1] else F)
+    digits, forces = digits_of(run), model.log.values(run)
     found = []
     for a, b in edges:
-        here = slice(a, b)
+        here, nothing = slice(a, b), [np.zeros((b - a, 0))]
+        F = [force[here] for force in forces.values()]
+        of_F = [digits[f"force {name}"].scatter(here) for name in forces]
+        q, u = run.q[here][:, free.q], run.u[here][:, free.u]
+        of_q = digits["q"].scatter(here)[:, free.q]
+        of_u = digits["u"].scatter(here)[:, free.u]
         found.append((
-            Rows(run.t[here], q[here], u[here], F[here]),
-            Rows(run.t[here], *(x[here] for x in noise)),
+            Rows(run.t[here], q, u, np.concatenate(nothing + F, axis=1)),
+            Rows(run.t[here], of_q, of_u, np.concatenate(nothing + of_F, axis=1)),
         ))  # fmt: skip
     return found
 

@@ -945,7 +945,7 @@ class Residual:
         fitted: coefficients of the scheme columns.
         taken: root mean square of what they took off, without the largest tenth (n,).
         hidden: energy (J) that a mistake could have done in the time of the log: the work of what is left,
-            or the largest that a damper, a constant force or another inertia of a joint may have done.
+            and the largest that a damper, a constant force or another inertia of a joint may have done.
         spent: energy (J) that the residual does in it, without sign.
         noisy: how much of what looks like noise on the log is that, in standard deviations.
         columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
@@ -1610,7 +1610,7 @@ def _judged(
         """The largest work (J) of a force in the time of the log."""
         return float(np.abs(np.cumsum(np.sum(u * force, axis=1) * share[:, 0])).max()) * time
 
-    hidden = max(work(left), _mistakes(pieces, parts, tuple(c), residual, width, time))
+    hidden = work(left) + _mistakes(pieces, parts, tuple(c), residual, width, time)
     spent = abs(float(np.mean(np.sum(u * left, axis=1)))) * time
     return Residual(
         times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,
@@ -1634,10 +1634,14 @@ def _mistakes(
     the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
+    energy = np.sum((residual / np.maximum(_rms(residual), 1e-100)) ** 2, axis=1)
+    kept = energy <= np.quantile(energy, 1.0 - TRIMMED)  # what acts all along shows in the others
+    residual = residual[kept]
     weight = 1.0 / np.maximum(_rms(residual), 1e-100)  # whose square is a number
 
     def weighted(forces: Iterable[Array]) -> Array:
-        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
+        made = np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
+        return np.asarray(made[kept] * weight)
 
     bounds = {n: max(p.bounds.get(n, 0.0) for p in parts) for n in names}
     columns = [

@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.kernels import evaluator_name, to_heyoka
+from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from deltac.simulation.stepping.explicit import FixedMethod
 
 Array = NDArray[np.float64]
 DURATION, STEP = 10.0, 1e-4
+TIED_STEPS, TIED_RUNS = 500, 20
 TESTING = ("wang", "liu-huston")
 EVERY = 0.01
 """Seconds between the rows of the Taylor method's runs: what is in between is its own affair."""
@@ -50,12 +52,16 @@ def run(rounds: int) -> list[dict[str, Any]]:
         return [{"name": "what deltac adds to heyoka", "skipped": "llvm is not the evaluator"}]
     problem = dc.problems.load("triple-pendulum")
     others = [_evaluators(problem, name, _WORDS[name]) for name in _WORDS if _there(name)]
-    return [_measured(pair, rounds) for pair in (_steps(problem), _taylor(problem), *others)]
+    tied = dc.problems.load("andrews-squeezer")
+    pairs = (_steps(problem), _constrained(tied, 1), _constrained(tied, TIED_STEPS))
+    return [_measured(pair, rounds) for pair in (*pairs, _taylor(problem), *others)]
 
 
 def table(found: list[dict[str, Any]]) -> str:
     """A line each."""
-    lines = ["\nwhat a run takes beside the compiled code alone, triple pendulum"]
+    lines = [
+        "\nwhat a run takes beside the compiled code alone (triple pendulum where nothing is said)"
+    ]
     for one in found:
         if "skipped" in one:
             lines.append(f"  {one['name']}: skipped: {one['skipped']}")
@@ -98,6 +104,34 @@ def _steps(problem: dc.problems.Problem) -> Pair:
         lambda: dc.simulate(problem.mechanism, problem.state, DURATION, STEP, "ode5", TESTING),
         bare,
         steps,
+        "per step",
+    )
+
+
+def _constrained(problem: dc.problems.Problem, every: int) -> Pair:
+    """simulate of a mechanism with constraints, from a start that it knows, and its compiled steps."""
+    step = problem.duration / TIED_STEPS
+    rows = constraint_start(
+        problem.mechanism, problem.state, find_solver("ode5"), None, "projection"
+    )
+    flow = build_flow(problem.mechanism, ("wang",), rows=rows)
+    method = FixedMethod(flow, find_solver("ode5"))
+    start, record = _start(problem, method), dc.Record(("wang",), every=every)
+
+    def whole() -> None:
+        for _ in range(TIED_RUNS):
+            dc.simulate(problem, step=step, solver="ode5", record=record)
+
+    def bare() -> None:
+        for _ in range(TIED_RUNS):
+            compiled_steps.end(method, start, step, TIED_STEPS)
+
+    kept = "each step recorded" if every == 1 else "the end recorded"
+    return Pair(
+        f"squeezer, a later simulate of {TIED_STEPS} steps, {kept} / its compiled steps",
+        whole,
+        bare,
+        TIED_STEPS * TIED_RUNS,
         "per step",
     )
 

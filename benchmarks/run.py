@@ -28,6 +28,7 @@ import squeezer_run
 import startup_run
 from counts import counts
 from measure import machine
+from peers import PENDULUMS
 
 from deltac.kernels import evaluator_name
 
@@ -60,7 +61,8 @@ def main() -> None:
 
 
 def _trajectory(options: argparse.Namespace, allowed: dict[str, Any], content: Any) -> None:
-    rows = single_run.run(options.rounds, min(options.rounds, LONG_ROUNDS))
+    adapters = [f"{name}_pendulum" for name in options.beside]
+    rows = single_run.run(options.rounds, min(options.rounds, LONG_ROUNDS), adapters)
     for one in rows:
         if "target" in one:
             content["contests"].append(one)
@@ -126,6 +128,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--dof", type=int, nargs="*", default=[10, 30, 100], help="sizes of chains")
     parser.add_argument("--samples", type=int, default=1_000_000, help="rows of the ledger's log")
     parser.add_argument("--only", nargs="*", choices=PARTS, help="these parts alone")
+    beside = [name.removesuffix("_pendulum") for name in PENDULUMS]
+    parser.add_argument(
+        "--beside", nargs="*", choices=beside, default=beside, help="programs of one trajectory"
+    )
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks.json"))
     options = parser.parse_args()
     if options.rounds < 1:

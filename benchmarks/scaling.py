@@ -1,15 +1,16 @@
 """How time grows with the size of the work: degrees of freedom, members of an ensemble, samples of a log.
 
 `python benchmarks/scaling.py` writes `results/scaling.json` and `docs/images/scaling.svg`: processor time
-over size, both logarithmic, with the slope of the last sizes. ``--quick`` ends a decade earlier with
-members and samples. Processor time, since what else runs on the machine changes it less than a clock's.
+over size, both logarithmic, with the slope of the last sizes. ``--only members`` measures one of the three
+anew, ``--quick`` ends a decade earlier with samples. Processor time, since what else runs on the machine
+changes it less than a clock's.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -24,11 +25,15 @@ import deltac as dc
 from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.trajectories import Chunk
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 ROOT = Path(__file__).resolve().parents[1]
 DOF = (3, 10, 30, 100, 300)
 MEMBERS = (1, 10, 100, 1000, 10_000, 100_000, 1_000_000)
 SAMPLES = (1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000)
-QUICK = {"dof": DOF, "members": MEMBERS[:-1], "samples": SAMPLES[:-1]}
 BATCH, STEPS, CHUNK = 1032, 100, 100_000
 
 
@@ -144,18 +149,25 @@ def draw(found: dict[str, dict[str, list[float]]], file: Path) -> None:
 
 def main() -> None:
     """Measure, tell, write and draw."""
-    quick = "--quick" in sys.argv[1:]
-    sizes = QUICK if quick else {"dof": DOF, "members": MEMBERS, "samples": SAMPLES}
     measures = {"dof": by_dof, "members": by_members, "samples": by_samples}
-    found = {}
-    for kind, measure in measures.items():
-        found[kind] = measure(sizes[kind])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="samples up to 10 million only")
+    parser.add_argument("--only", nargs="*", choices=measures, default=list(measures))
+    options = parser.parse_args()
+    sizes = {"dof": DOF, "members": MEMBERS, "samples": SAMPLES[: -1 if options.quick else None]}
+    file = ROOT / "results" / "scaling.json"
+    file.parent.mkdir(exist_ok=True)
+    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    for kind in options.only:
+        found[kind] = measures[kind](sizes[kind])
         for name, values in found[kind].items():
             print(f"{kind}, {name}: " + ", ".join(f"{value:.3g}" for value in values), flush=True)
-    results = ROOT / "results"
-    results.mkdir(exist_ok=True)
-    (results / "scaling.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    draw(found, ROOT / "docs" / "images" / "scaling.svg")
+        if resource is not None:  # the largest so far of this process
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+            print(f"{kind}: {peak:.2f} GB of memory", flush=True)
+        file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    if found.keys() == measures.keys():
+        draw(found, ROOT / "docs" / "images" / "scaling.svg")
 
 
 if __name__ == "__main__":

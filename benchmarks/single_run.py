@@ -8,6 +8,7 @@ step, stand beside its time. What takes long goes a shorter way; times are compa
 from __future__ import annotations
 
 import statistics
+from collections.abc import Iterable
 from importlib.util import find_spec
 from typing import Any
 
@@ -28,10 +29,11 @@ far below what another model would show."""
 OURS_WITHIN = 1e-11
 
 
-def run(rounds: int, few: int) -> list[dict[str, Any]]:
+def run(rounds: int, few: int, adapters: Iterable[str] = PENDULUMS) -> list[dict[str, Any]]:
     """Check that both sides are right, then time them; {"skipped": why} for what is not installed.
 
-    `rounds` are measured beside a rival that is to be beaten by some factor, `few` beside the others.
+    `rounds` are measured beside a rival that is to be beaten by some factor, `few` beside the others;
+    `adapters` are those of the rivals to run beside.
     """
     pendulum = Pendulum(dc.problems.load("triple-pendulum"), DURATION, STEP)
     exact = _reference(pendulum.problem)
@@ -41,7 +43,7 @@ def run(rounds: int, few: int) -> list[dict[str, Any]]:
         _skipped(rival)
         if isinstance(rival, Absent)
         else _timed(rival, pendulum, exact, error, rounds if rival.target else few)
-        for adapter in PENDULUMS
+        for adapter in adapters
         for rival in pendulum_rivals(adapter, pendulum)
     ]
 

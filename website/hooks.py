@@ -210,9 +210,9 @@ def _commands() -> Iterator[str]:
     """The reference of commands, from the command line itself."""
     import typer
 
-    from deltac.cli import COMMANDS, app
+    from deltac.cli import COMMANDS, application
 
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(application())
     yield "# Commands\n"
     yield f"{group.help}\n"
     yield "Exit codes: 0 all is well; 1 it is not; 2 bad usage or bad input; 3 unresolved; 70 an error of"

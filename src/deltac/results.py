@@ -214,6 +214,8 @@ _NUMBER = re.compile(r"^[-+±]? ?(\d[\d.e+-]*|nan|inf)( ± [\d.e+-]+)?( ?(%|[^\W
 
 
 def _wrapped(text: str, width: int) -> list[str]:
+    if len(text) <= width and text == text.strip() and text.isprintable():
+        return [text]
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False)
 
 

@@ -18,9 +18,9 @@ from tests.support.commands import command as run
 
 def test_version_and_help_by_typers_runner() -> None:
     runner = CliRunner()
-    version = runner.invoke(cli.app, ["--version"])
+    version = runner.invoke(cli.application(), ["--version"])
     assert (version.exit_code, version.output) == (0, f"deltac {__version__}\n")
-    shown = runner.invoke(cli.app, ["--help"])
+    shown = runner.invoke(cli.application(), ["--help"])
     assert shown.exit_code == 0
     for name in ("reproduce", "problems", "cache"):
         assert name in shown.output
@@ -200,7 +200,7 @@ def test_a_wrong_setting_is_bad_input(
     assert (status, out) == (2, "")
     assert "DELTAC_CACHE" in err
     with pytest.raises(InputError):  # what the command raises, main() reports
-        CliRunner().invoke(cli.app, ["cache"], catch_exceptions=False)
+        CliRunner().invoke(cli.application(), ["cache"], catch_exceptions=False)
 
 
 def test_the_module_in_a_process_of_its_own() -> None:

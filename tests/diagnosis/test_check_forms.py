@@ -14,6 +14,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.repair.repair import repair_loaded
 
 M, L, G = 1.3, 0.6, 9.81
 
@@ -91,6 +92,33 @@ def test_a_wrong_rate_of_a_coordinate_is_an_error(crane: dc.Mechanism) -> None:
     assert found.verdict.kind == "equation-error" and not found.blame
     assert found.rates["a"] > 0.1 and found.rates["x"] < 1e-12
     assert [s.sees for s in found.seen if s.test == "coordinate rates"] == [True]
+
+
+def hamilton(t: Any, y: Any, weight: float = 1.0) -> Any:
+    """Of H = (m L² p² − 2 m L c p r + (2 + m) r²)/2D − m g L c, with D = m L² (2 + m s²), by hand."""
+    _, a, p, r = y
+    s, c = sin(a), cos(a)
+    D = M * L**2 * (2.0 + M * s**2)
+    xd = (M * L**2 * p - M * L * c * r) / D
+    ad = ((2.0 + M) * r - M * L * c * p) / D
+    return [xd, ad, 0.0, -M * L * s * xd * ad - weight * M * G * L * s]
+
+
+def test_hamiltons_equations_are_equations(crane: dc.Mechanism) -> None:
+    found = dc.check_equations(crane, hamilton, count=12)
+    assert found.verdict.kind == "consistent"
+    assert found.form.momenta
+    assert found.worst < 1e-11  # of differences of order eight
+    wrong = dc.check_equations(crane, lambda t, y: hamilton(t, y, 1.1), count=12)
+    assert wrong.verdict.kind == "equation-error"
+    assert [b.speed for b in wrong.blame] == ["a"]
+    assert refused(crane, hamilton).code == "E-SOURCE"
+
+
+def refused(model: dc.Mechanism, function: Any) -> dc.InputError:
+    with pytest.raises(dc.InputError) as caught:
+        repair_loaded(model, "test.py:hamilton", function)
+    return caught.value
 
 
 def filled(path: Path, factor: float, digits: int) -> None:

@@ -8,32 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from deltac.cli import options
 from deltac.cli.formats import Case, worst
 from deltac.cli.output import (
-    FigureFile,
-    Form,
-    Format,
-    Json,
-    Model,
-    PageFile,
-    Parameters,
     deliver,
     displayed,
     print_cases,
     print_json,
     print_sections,
     progress_bar,
-    with_parameters,
 )
-from deltac.cli.sweep import (
-    RetryFailed,
-    Scheduler,
-    TimeLimit,
-    Workers,
-    deliver_fleet,
-    fleet_progress,
-    tell,
-)
+from deltac.cli.sweep import deliver_fleet, fleet_progress, tell
 from deltac.errors import ArgumentsError, FileError, InputError
 from deltac.results import Report, Table, number, plain
 
@@ -42,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Model,
+    model: options.Model,
     logs: Annotated[
         list[str],
         typer.Argument(
@@ -50,15 +35,11 @@ def command(
             help="Logs of its motion: files, folders, patterns, URLs; see docs/fleets.md.",
         ),
     ],
-    tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
-    ] = 1e-3,
+    tolerance: options.Tolerance = 1e-3,
     work: Annotated[
         str | None, typer.Option(help="How works are taken: in-loop, samples or discrete.")
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
-    ] = None,
+    mapping: options.MappingFile = None,
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Only show how each column is read.")
     ] = False,
@@ -88,21 +69,21 @@ def command(
     episode: Annotated[
         str | None, typer.Option(metavar="NAME", help="Judge this episode of a batched log alone.")
     ] = None,
-    values: Parameters = None,
+    values: options.Parameters = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR", help="Keep a table of many logs there; what is there is not done again."
         ),
     ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    time_limit: TimeLimit = None,
-    retry_failed: RetryFailed = False,
-    figure: FigureFile = None,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    time_limit: options.TimeLimit = None,
+    retry_failed: options.RetryFailed = False,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Audit logs: where every joule went, what is left, and what is wrong.
 
@@ -148,7 +129,7 @@ def command(
         )
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
-    log, varied = Path(logs[0]), with_parameters(model, values)
+    log, varied = Path(logs[0]), options.with_parameters(model, values)
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)
         return
@@ -213,12 +194,12 @@ def _case(log: Path, judged: Callable[[Path], Report]) -> Case:
         return Case(str(log), str(log), error)
 
 
-def _print_several(cases: Sequence[Case], form: Form) -> None:
+def _print_several(cases: Sequence[Case], form: options.Form) -> None:
     """The outcome of each log in a line, then at length where it is not consistent."""
-    if form is Form.json:
+    if form is options.Form.json:
         told = [{"log": case.name, **_contents(case)} for case in cases]
         print_json("Audits", {"exit_code": worst(cases), "audits": told})
-    elif form in (Form.text, Form.github):
+    elif form in (options.Form.text, options.Form.github):
         rows = tuple((case.name, case.summary()) for case in cases)
         print_sections([Table(("log", "outcome"), rows)])
         for case in cases:

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Json, print_json
+from deltac.cli import options
+from deltac.cli.output import print_json
 from deltac.results import plain
 
 
@@ -18,7 +19,7 @@ def command(
             "--verify", help="Check every file; status 1 if one is not as it was written."
         ),
     ] = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Show the cache of compiled kernels, or clear it."""
     from deltac.kernels import cache_info, clear_cache, verify_cache

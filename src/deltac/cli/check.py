@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from deltac.cli.output import FigureFile, Form, Format, Json, Model, PageFile, deliver, progress_bar
+from deltac.cli import options
+from deltac.cli.output import deliver, progress_bar
 from deltac.errors import ArgumentsError, InputError, LimitError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    model: Model,
+    model: options.Model,
     equations: Annotated[
         str,
         typer.Argument(
@@ -28,16 +29,9 @@ def command(
             "LIBRARY.so:FUNCTION; UNIT.fmu (model exchange); or a table of `deltac states`, filled in.",
         ),
     ],
-    coordinates: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.py:MAP",
-            help="The function's coordinates: joint, absolute, or a CoordinateMap. By default those of "
-            "the dc.Equations, or of the problem's own equations, else joint.",
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option(min=1, help="How many random states.")] = 64,
-    seed: Annotated[int, typer.Option(help="Which random states.")] = 0,
+    coordinates: options.OwnCoordinates = None,
+    count: options.StateCount = 64,
+    seed: options.Seed = 0,
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -54,10 +48,10 @@ def command(
     limit: Annotated[
         float, typer.Option("--time-limit", min=0.1, help="Time for the function's answers (s).")
     ] = 300.0,
-    figure: FigureFile = None,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
@@ -131,7 +125,7 @@ def _check_table(
     table: str,
     coordinates: str | None,
     tolerance: float | None,
-    form: Form,
+    form: options.Form,
     figure: Path | None,
     page: Path | None,
 ) -> NoReturn:

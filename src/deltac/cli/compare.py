@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Form, Format, Json, PageFile, deliver
+from deltac.cli import options
+from deltac.cli.output import deliver
 
 
 def command(
@@ -18,9 +19,9 @@ def command(
     factor: Annotated[
         float, typer.Option(help="How many times larger an energy error has to be to have grown.")
     ] = 2.0,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Compare two folders of results row by row: what got worse?
 

@@ -6,37 +6,29 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import (
-    Form,
-    Json,
-    Model,
-    PageFile,
-    Parameters,
-    StartState,
-    deliver,
-    with_parameters,
-)
+from deltac.cli import options
+from deltac.cli.output import deliver
 
 
 def command(
-    model: Model,
-    state: StartState = None,
-    values: Parameters = None,
+    model: options.Model,
+    state: options.StartState = None,
+    values: options.Parameters = None,
     numbers: Annotated[
         bool,
         typer.Option("--numbers", help="Only list the parameters and numbers that have a name."),
     ] = False,
-    page: PageFile = None,
-    as_json: Json = False,
+    page: options.PageFile = None,
+    as_json: options.Json = False,
 ) -> None:
     """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
     from deltac.analysis.classify import classify
 
-    chosen = with_parameters(model, values)
+    chosen = options.with_parameters(model, values)
     if numbers:
         _list(chosen, as_json)
     else:
-        deliver(classify(chosen, state), Form.text.unless(as_json), name=model, page=page)
+        deliver(classify(chosen, state), options.Form.text.unless(as_json), name=model, page=page)
 
 
 def _list(model: object, as_json: bool) -> None:

@@ -7,42 +7,24 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import (
-    FigureFile,
-    Form,
-    Format,
-    Json,
-    Model,
-    PageFile,
-    StartState,
-    deliver,
-    progress_bar,
-)
+from deltac.cli import options
+from deltac.cli.output import deliver, progress_bar
 
 
 def command(
-    model: Model,
-    duration: Annotated[float | None, typer.Option(help="How long the motion lasts (s).")] = None,
-    equations: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE.py:FUNCTION", help="Equations of motion by hand: u̇ = FUNCTION(t, q, u)."
-        ),
-    ] = None,
+    model: options.Model,
+    duration: options.Duration = None,
+    equations: options.OwnEquations = None,
     log: Annotated[
         Path | None, typer.Option(metavar="LOG", help="A log of this model, made elsewhere.")
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
-    ] = None,
-    tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
-    ] = 1e-6,
-    state: StartState = None,
-    figure: FigureFile = None,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    mapping: options.MappingFile = None,
+    tolerance: options.Tolerance = 1e-6,
+    state: options.StartState = None,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Check the equations, choose solver and step, study what error is left, audit the log.
 

@@ -6,25 +6,20 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import FigureFile, Form, Format, Json, Model, PageFile, deliver, progress_bar
+from deltac.cli import options
+from deltac.cli.output import deliver, progress_bar
 
 
 def command(
-    model: Model,
+    model: options.Model,
     equations: Annotated[
         str, typer.Argument(metavar="FILE.py:FUNCTION", help="A function of (t, q, u) → u̇.")
     ],
-    coordinates: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.py:MAP",
-            help="The function's coordinates: joint, absolute, or a CoordinateMap.",
-        ),
-    ] = None,
+    coordinates: options.OwnCoordinates = None,
     names: Annotated[
         int, typer.Option(min=0, help="Other names that take the place of each use of a name.")
     ] = 2,
-    seed: Annotated[int, typer.Option(help="Which names and states are drawn.")] = 0,
+    seed: options.Seed = 0,
     tests: Annotated[
         str | None,
         typer.Option(
@@ -34,10 +29,10 @@ def command(
         ),
     ] = None,
     most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
-    figure: FigureFile = None,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Change equations in every small way, and see which tests notice.
 

@@ -10,150 +10,18 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import typer
 
+from deltac.cli import options
 from deltac.cli.formats import Case, github, junit, sarif
 from deltac.progress import Progress
 from deltac.results import Report, Section, as_text, headed
 
 UNKNOWN, WIDEST = 100, 120
 """Columns of text where no terminal says how many it has, and the most that are easy to read."""
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output, nothing else.")]
-
-
-class Form(Enum):
-    """Forms that a report is printed in."""
-
-    text = "text"
-    json = "json"
-    github = "github"
-    junit = "junit"
-    sarif = "sarif"
-
-    def unless(self, as_json: bool) -> Form:
-        """This form, unless --json asks for JSON."""
-        return Form.json if as_json else self
-
-
-Format = Annotated[
-    Form,
-    typer.Option(
-        "--format",
-        help="For people, or for programs: json (see docs/json.md); github: annotations and a job "
-        "summary; junit: XML; sarif: findings and repairs with file and line.",
-    ),
-]
-
-_MODELS = (".xml", ".urdf", ".sdf", ".py")
-
-
-def _begun(incomplete: str) -> list[str]:
-    """Models that begin so, for the completion of the shell: problems, files, and folders on the way."""
-    from glob import escape, glob
-
-    from deltac import problems
-
-    paths = sorted(glob(f"{escape(incomplete)}*"))
-    files = [path for path in paths if path.lower().endswith(_MODELS)]
-    folders = [f"{path}/" for path in paths if Path(path).is_dir()]
-    return [name for name in problems.names() if name.startswith(incomplete)] + files + folders
-
-
-Model = Annotated[
-    str,
-    typer.Argument(
-        metavar="MODEL",
-        autocompletion=_begun,
-        help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: its base floats), "
-        "or FILE.py:NAME (FILE.py, where it holds one model).",
-    ),
-]
-
-Parameters = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Another value of a parameter or number of the model, such as body.link.mass=2 (deltac "
-        "describe --numbers lists them); repeat for several.",
-    ),
-]
-"""Values of parameters for this call."""
-
-
-def with_parameters(model: str, given: list[str] | None) -> Any:
-    """The model of that name, with the values that ``--set`` gives."""
-    if not given:
-        return model
-    from deltac.errors import InputError
-    from deltac.models import load_model
-
-    values = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(
-                f"--set {text!r}: expected NAME=NUMBER, such as body.link.mass=2"
-            ) from None
-    return load_model(model).with_parameters(**values)
-
-
-StartState = Annotated[
-    str | None,
-    typer.Option(
-        "--state",
-        metavar="NAME=VALUE,…|FILE|KEYFRAME",
-        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
-        "first row; a keyframe of an MJCF file. By default the model's own start.",
-    ),
-]
-
-
-def _checked_figure(path: Path | None) -> Path | None:
-    """The path of a figure, refused before the work is done where none can be written."""
-    if path is not None:
-        from deltac.report import check_figure
-
-        check_figure(path)
-    return path
-
-
-FigureFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--figure",
-        metavar="FILE",
-        callback=_checked_figure,
-        help="Draw the result, as result.plot() does: FILE.pdf, FILE.svg or FILE.png.",
-    ),
-]
-
-
-def _checked_page(path: Path | None) -> Path | None:
-    """The path of a page, refused before the work is done where none can be written."""
-    if path is not None:
-        from deltac.report.files import check_page
-
-        check_page(path)
-    return path
-
-
-PageFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--report",
-        metavar="FILE.html",
-        callback=_checked_page,
-        help="Write one page for the browser: verdict, plots, the mechanism moving, findings.",
-    ),
-]
 
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
 """The command line that is being run, as a shell takes it."""
@@ -191,7 +59,7 @@ def print_sections(sections: Iterable[Section]) -> None:
 
 def deliver(
     report: Report,
-    form: Form,
+    form: options.Form,
     *more: Report,
     name: str = "",
     figure: Path | None = None,
@@ -213,7 +81,7 @@ def deliver(
         write_figure(report.plot(), figure)
     if page is not None:
         report.report(page, *more, model=model, run=run, equations=equations, command=COMMAND.get())
-    if form is Form.json:
+    if form is options.Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
         written = {"figure": figure, "page": page}
         shown = {what: str(path) for what, path in written.items() if path is not None}
@@ -223,7 +91,7 @@ def deliver(
         fixed = [part for part in more if getattr(part, "fixes", ())]
         found = [part for part in (*fixed, report, *more) if part.findings]
         speaks = next(iter(found), report)
-        if form is Form.text or form is Form.github:
+        if form is options.Form.text or form is options.Form.github:
             for k, part in enumerate((report, *more)):
                 print("\n" * bool(k), end="")
                 print_sections(part.sections())
@@ -235,13 +103,13 @@ def deliver(
     raise typer.Exit(report.exit_code)
 
 
-def print_cases(cases: Sequence[Case], form: Form) -> None:
+def print_cases(cases: Sequence[Case], form: options.Form) -> None:
     """Print what programs read of some cases; nothing for people."""
-    if form is Form.github:
+    if form is options.Form.github:
         print(github(cases))
-    elif form is Form.junit:
+    elif form is options.Form.junit:
         print(junit("deltac", cases))
-    elif form is Form.sarif:
+    elif form is options.Form.sarif:
         print(json.dumps(sarif(cases), ensure_ascii=False, indent=2))
 
 

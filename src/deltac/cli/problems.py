@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.output import Json, print_json, print_sections, progress_bar
+from deltac.cli import options
+from deltac.cli.output import print_json, print_sections, progress_bar
 from deltac.results import Table, number
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def command(
             metavar="DIR", help="Write a page of every problem in motion, and index.html."
         ),
     ] = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """List the problem library; or run the problem NAME and compare it with its references.
 

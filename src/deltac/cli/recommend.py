@@ -6,26 +6,13 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import (
-    FigureFile,
-    Form,
-    Format,
-    Json,
-    Model,
-    PageFile,
-    Parameters,
-    StartState,
-    deliver,
-    progress_bar,
-    with_parameters,
-)
+from deltac.cli import options
+from deltac.cli.output import deliver, progress_bar
 
 
 def command(
-    model: Model,
-    tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a share of the energy exchanged.")
-    ] = 1e-6,
+    model: options.Model,
+    tolerance: options.Tolerance = 1e-6,
     motion_tolerance: Annotated[
         float | None,
         typer.Option(
@@ -33,9 +20,7 @@ def command(
             "[default: the tolerance]"
         ),
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Length of the motion in s. [default: the problem's]")
-    ] = None,
+    duration: options.Duration = None,
     solvers: Annotated[
         str | None,
         typer.Option(metavar="A,B", help="Choose from these, for example ode4,ode5 or mujoco:rk4."),
@@ -49,15 +34,15 @@ def command(
             help="Input of a MuJoCo model: (model, data).",
         ),
     ] = None,
-    figure: FigureFile = None,
-    page: PageFile = None,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
     time_limit: Annotated[
         float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
     ] = 120.0,
-    state: StartState = None,
-    values: Parameters = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    state: options.StartState = None,
+    values: options.Parameters = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
@@ -71,7 +56,7 @@ def command(
         chosen = [name.strip() for name in solvers.split(",") if name.strip()]
     with progress_bar() as progress:
         found = recommend(
-            with_parameters(model, values),
+            options.with_parameters(model, values),
             state,
             duration=duration,
             tolerance=tolerance,

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import COMMAND, Form, Json, PageFile, deliver, print_sections, progress_bar
+from deltac.cli import options
+from deltac.cli.output import COMMAND, deliver, print_sections, progress_bar
 from deltac.results import plain
 
 RUNS = 0.85
@@ -29,8 +30,8 @@ def command(
     thesis_axes: Annotated[
         bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
     ] = False,
-    page: PageFile = None,
-    as_json: Json = False,
+    page: options.PageFile = None,
+    as_json: options.Json = False,
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
 
@@ -56,7 +57,7 @@ def command(
     if as_json:
         deliver(
             reproduction,
-            Form.json,
+            options.Form.json,
             figures=plain(written.figures),
             results_file=str(written.results),
         )

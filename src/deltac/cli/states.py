@@ -7,23 +7,17 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import Model
+from deltac.cli import options
 
 
 def command(
-    model: Model,
+    model: options.Model,
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE.csv", help="Where the states are written.")
     ],
-    coordinates: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.py:MAP",
-            help="The program's coordinates: joint, absolute, or a CoordinateMap.",
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option(min=1, help="How many random states.")] = 64,
-    seed: Annotated[int, typer.Option(help="Which random states.")] = 0,
+    coordinates: options.OwnCoordinates = None,
+    count: options.StateCount = 64,
+    seed: options.Seed = 0,
 ) -> None:
     """Write random states of a model to a table, for a program that is to be checked.
 

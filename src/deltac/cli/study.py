@@ -7,26 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from deltac.cli.output import (
-    FigureFile,
-    Form,
-    Format,
-    Json,
-    Model,
-    PageFile,
-    Parameters,
-    StartState,
-    deliver,
-    progress_bar,
-    with_parameters,
-)
+from deltac.cli import options
+from deltac.cli.output import deliver, progress_bar
 
 if TYPE_CHECKING:
     from deltac.simulation.equations import Equations
 
 
 def command(
-    model: Model,
+    model: options.Model,
     steps: Annotated[
         str | None,
         typer.Option(
@@ -37,33 +26,24 @@ def command(
         str | None,
         typer.Option(help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (MODEL then a file)."),
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="How long the motion lasts (s).")] = None,
+    duration: options.Duration = None,
     tolerances: Annotated[
         str | None,
         typer.Option(metavar="A,B,C", help="In place of steps, for adaptive solvers (DOP853 …)."),
     ] = None,
-    equations: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE.py:FUNCTION", help="Equations of motion by hand: u̇ = FUNCTION(t, q, u)."
-        ),
-    ] = None,
+    equations: options.OwnEquations = None,
     logs: Annotated[
         list[Path] | None,
         typer.Option(metavar="LOG", help="A log of the motion at one step; repeat for each step."),
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Column names and units of the logs (TOML).")
-    ] = None,
-    tolerance: Annotated[
-        float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
-    ] = 1e-6,
-    figure: FigureFile = None,
-    page: PageFile = None,
-    state: StartState = None,
-    values: Parameters = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    mapping: options.MappingFile = None,
+    tolerance: options.Tolerance = 1e-6,
+    figure: options.FigureFile = None,
+    page: options.PageFile = None,
+    state: options.StartState = None,
+    values: options.Parameters = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Study a motion at several steps: how fast the energy error falls, and whose error it is.
 
@@ -74,7 +54,7 @@ def command(
 
     with progress_bar() as progress:
         found = study(
-            with_parameters(model, values),
+            options.with_parameters(model, values),
             state,
             duration=duration,
             steps=_numbers(steps, "--steps"),

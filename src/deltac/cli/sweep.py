@@ -11,39 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltac.cli import options
 from deltac.cli.formats import Case
-from deltac.cli.output import (
-    Form,
-    Format,
-    Json,
-    PageFile,
-    print_cases,
-    print_json,
-    print_sections,
-    progress_bar,
-)
+from deltac.cli.output import print_cases, print_json, print_sections, progress_bar
 from deltac.errors import ArgumentsError, FileError
 from deltac.progress import Progress
 
 if TYPE_CHECKING:
     from deltac.fleets.result import Fleet
 
-Workers = Annotated[
-    int | None, typer.Option(min=1, help="Worker processes; by default one a core.")
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        metavar="tcp://…", help="Do the work on a Dask cluster, by its scheduler's address."
-    ),
-]
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(metavar="SECONDS", help="Seconds that a piece of work may take (600)."),
-]
-RetryFailed = Annotated[
-    bool, typer.Option("--retry-failed", help="Try again what was set aside before.")
-]
 INTERVAL = 10.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -56,9 +32,9 @@ def command(
         Path | None,
         typer.Option(metavar="DIR", help="Folder of the results (by default NAME.sweep)."),
     ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    time_limit: TimeLimit = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    time_limit: options.TimeLimit = None,
     retries: Annotated[
         int | None,
         typer.Option(
@@ -66,7 +42,7 @@ def command(
         ),
     ] = None,
     chunk: Annotated[int | None, typer.Option(min=1, help="Runs in a piece of work.")] = None,
-    retry_failed: RetryFailed = False,
+    retry_failed: options.RetryFailed = False,
     only: Annotated[
         str | None,
         typer.Option(
@@ -77,9 +53,9 @@ def command(
         Path | None,
         typer.Option("--status", metavar="DIR", help="Show how far a sweep is; run nothing."),
     ] = None,
-    page: PageFile = None,
-    form: Format = Form.text,
-    as_json: Json = False,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
 ) -> None:
     """Sweep models, parameters, initial states, solvers and steps: one table, one exit code.
 
@@ -153,17 +129,17 @@ def fleet_progress(what: str, total: int) -> Iterator[Progress]:
 
 def deliver_fleet(
     fleet: Fleet,
-    form: Form,
+    form: options.Form,
     page: Path | None = None,
     case: Callable[[str, Path], None] | None = None,
 ) -> None:
     """Print the results of a fleet, write its page, and end with its exit code."""
     if page is not None:
         fleet.report(page, case=case)
-    if form is Form.json:
+    if form is options.Form.json:
         print_json("Fleet", fleet.contents())
-    elif form in (Form.text, Form.github):
+    elif form in (options.Form.text, options.Form.github):
         print_sections(fleet.sections())
-    if form not in (Form.text, Form.json):
+    if form not in (options.Form.text, options.Form.json):
         print_cases([Case(group.name, str(fleet.folder), group) for group in fleet.groups()], form)
     raise typer.Exit(fleet.exit_code)

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.output import COMMAND, StartState, progress_bar
+from deltac.cli import options
+from deltac.cli.output import COMMAND, progress_bar
 
 
 def command(
@@ -26,19 +27,15 @@ def command(
         Path | None,
         typer.Option("--out", metavar="FILE.html", help="Where to. [default: NAME.html here]"),
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option(help="How long it is simulated, s. [default: the problem's]")
-    ] = None,
+    duration: options.Duration = None,
     step: Annotated[
         float | None, typer.Option(help="Step, s. [default: the problem's, else 0.001]")
     ] = None,
     solver: Annotated[
         str | None, typer.Option(help="Solver. [default: the problem's, else ode5]")
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
-    ] = None,
-    state: StartState = None,
+    mapping: options.MappingFile = None,
+    state: options.StartState = None,
     show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = True,
 ) -> None:
     """Show a motion: of a log, or simulated from the model's start. Nothing is judged.

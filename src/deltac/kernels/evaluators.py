@@ -6,11 +6,14 @@ import importlib.util
 import os
 from collections.abc import Callable
 from functools import cache
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from deltac.arrays import Array
 from deltac.deprecation import warn_renamed
 from deltac.errors import PackageError, UnknownName, closest, warn_user
+
+if TYPE_CHECKING:
+    from deltac.kernels.native import NativeEvaluator
 
 EVALUATORS = ("llvm", "c", "casadi")
 
@@ -80,19 +83,23 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
     Raises:
         InputError: as `evaluator_name`; an operation that machine code does not have.
     """
+    if (made := _machine_code(function, batches)) is not None:
+        return made
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
-    return _machine_code(function, batches) or CasadiEvaluator(function)
+    return CasadiEvaluator(function)
 
 
 def compile_loop(function: Any) -> Loop:
     """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
+    if (made := _machine_code(function, batches=False)) is not None:
+        return made
     from deltac.kernels.casadi_evaluator import CasadiLoop
 
-    return _machine_code(function, batches=False) or CasadiLoop(function)
+    return CasadiLoop(function)
 
 
-def _machine_code(function: Any, batches: bool) -> Any:
+def _machine_code(function: Any, batches: bool) -> NativeEvaluator | None:
     """The function compiled, as an `Evaluator` and a `Loop`; None where it is to be interpreted."""
     chosen = bool(os.environ.get("DELTAC_EVALUATOR", "").strip())
     name = evaluator_name()

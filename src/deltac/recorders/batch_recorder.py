@@ -22,6 +22,9 @@ Batch: TypeAlias = Any
 FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_constraint")
 OPTIONAL = ("qfrc_fluid", "qfrc_gravcomp")
 
+SAME_STEP = 1e-2
+"""Steps that differ by less (relative) are the same: times are often in single precision."""
+
 
 @checked
 def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None) -> BatchRecorder:
@@ -34,8 +37,9 @@ def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None)
     >>> runs = rec.episodes()  # doctest: +SKIP
 
     Args:
-        model: the mjModel that the batch was put on the device from.
-        data: the batch at its start: mjx.Data with a leading axis of worlds, or mujoco_warp's Data.
+        model: the mjModel that the batch was put on the device from; Newton's `solver.mj_model`.
+        data: the batch at its start: mjx.Data with a leading axis of worlds, or mujoco_warp's Data, which is
+            Newton's `solver.mjw_data`.
         worlds: which of them are recorded; by default all.
 
     Raises:
@@ -111,7 +115,7 @@ class BatchRecorder:
         data = self._mujoco.MjData(model)
         kept: list[tuple[float, Array, Array, Array, Forces]] = []
         corrected = False
-        step = float(model.opt.timestep)
+        step = self._step_of(k, rows)
         for row in rows:
             (t, q, u), fields, _, after = self._rows[row]
             f = {name: values[k] for name, values in fields.items()}
@@ -148,6 +152,13 @@ class BatchRecorder:
                 notes={"world": str(self._worlds[k]), "precision": str(self._precision)},
             )
         )
+
+    def _step_of(self, k: int, rows: Sequence[int]) -> float:
+        """The step of an episode: the model's, unless its times say another one, as Newton's solvers take."""
+        start, end = (float(self._rows[row][2][k]) for row in (rows[0], rows[-1]))
+        told = float(self._model.opt.timestep)
+        found = (end - start) / (len(rows) - 1) if len(rows) > 1 else told
+        return told if abs(found - told) < SAME_STEP * told else found
 
     def _mass_times(self, data: Any, q: Array, a: Array) -> Array:
         """M(q) a, by MuJoCo in double precision."""

@@ -16,7 +16,7 @@ import numpy as np
 from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.function import Caller
-from deltac.errors import InputError
+from deltac.errors import InputError, SourceError
 from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
@@ -151,6 +151,14 @@ def repair_loaded(
         chosen = chosen_map(found, coordinates)
     target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
+    test = target.test()
+    caller = Caller(plain, text, test.kane)
+    with contextlib.suppress(InputError):  # the search says what cannot be called
+        caller.find_form(test, equations, len(found.mechanism.motors))
+    if caller.form.momenta:
+        raise SourceError(
+            f"{text} is written in momenta ∂K/∂u; an edit is sought in functions of coordinates and speeds"
+        )
     try:
         source = replace(read_source(partial_in(plain) or text), told=told)
         if python is not None:

@@ -56,11 +56,13 @@ class StateForm:
     arguments  what each argument is: "t", "q", "u", "state", "control" (zeros of length `controls`; a number
                for 0), or "augmented": a state with `controls` zeros after it, as solvers of gym want it
     order      entry k of the state is entry order[k] of (q, u); the rates are returned in the same order
+    momenta    whether the state holds p = ∂K/∂u in place of u, as Hamilton's equations do
     """
 
     arguments: tuple[str, ...] = ("t", "q", "u")
     order: tuple[int, ...] = ()
     controls: int = 0
+    momenta: bool = False
 
     @property
     def plain(self) -> bool:
@@ -102,6 +104,8 @@ class StateForm:
     def describe(self, coordinates: Sequence[str], speeds: Sequence[str]) -> str:
         """The form in words: "f(t, y) with y = (x, theta, u.x, u.theta)"."""
         names = state_names(coordinates, speeds)
+        if self.momenta:
+            names[len(coordinates) :] = [f"∂K/∂u.{name}" for name in speeds]
         said = {"state": "y", "control": "0", "augmented": f"[y{', 0' * self.controls}]"}
         text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
         if self.order:
@@ -280,7 +284,7 @@ def likeliest(
         fitted[form.arguments] = form.controls
         if form.plain and not len(found[0]):
             return form
-        score = (_matching(found[0], rates), _matching(found[1], accelerations))
+        score = (matching(found[0], rates), matching(found[1], accelerations))
         if best is None or score > best:
             best, chosen = score, form
         if score == (len(rates), len(accelerations)):
@@ -288,8 +292,8 @@ def likeliest(
     return chosen
 
 
-def _matching(found: Array, right: Array) -> int:
-    """How many rows agree."""
+def matching(found: Array, right: Array) -> int:
+    """How many rows of rates or accelerations agree with the right ones."""
     if np.shape(found) != np.shape(right):
         return 0
     size = np.abs(right).max(axis=1, initial=0.0) + 1e-300

@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import factorial
 from typing import Any
 
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States, told
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.progress import Progress, counted, untold
 from deltac.simulation.equations import Equations
-from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest
+from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest, matching
 
 SAMPLED = 8
 """States at which a batch is compared with single calls, and a second call with the first."""
@@ -32,6 +33,12 @@ NODES, ORDER = 9, 5
 
 STEP = 1e-6
 """Distance of these points, relative: hundreds of roundings even in single precision."""
+
+DIFFERENCED = 2e-3
+"""Turn or way (rad, m) between the configurations of differences of the mass matrix."""
+
+EIGHTH = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
+"""Weights of the central difference of order eight (B. Fornberg, Math. Comp. 51 (1988) 699-706)."""
 
 ROUGH = 2e-13
 """Noise above this (relative) is no rounding of double precision: differences or float32 are behind it."""
@@ -72,6 +79,22 @@ class Caller:
         self.form = PLAIN if found is None else found
         if found is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
             raise SourceError(self._how_to_call(candidates, evaluate))
+        if self.form.order:
+            self._try_momenta(candidates, evaluate, right[0][:, places])
+
+    def _try_momenta(
+        self,
+        candidates: Sequence[StateForm],
+        evaluate: Callable[[StateForm], tuple[Array, Array]],
+        rates: Array,
+    ) -> None:
+        """Take the state to hold momenta, as Hamilton's equations do, where more of q̇ is right then."""
+        best = matching(evaluate(self.form)[0], rates)
+        for form in (replace(one, momenta=True) for one in candidates if one.order):
+            with suppress(InputError):
+                found = matching(evaluate(form)[0], rates)
+                if found > best:
+                    self.form, best = form, found
 
     def _how_to_call(
         self, candidates: Sequence[StateForm], evaluate: Callable[[StateForm], object]
@@ -107,8 +130,25 @@ class Caller:
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
         nq = len(self.kane.told_names)
+        if self.form.momenta:
+            return self._of_momenta(states)
         found = self._singly(told(self.kane, states), self.progress)
         return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
+
+    def _of_momenta(self, states: States) -> tuple[Array, Array]:
+        """q̇ and u̇ of Hamilton's equations: ṗ = M u̇ + Ṁ u, with Ṁ by differences of order eight along q̇."""
+
+        def mass(shift: float) -> Array:
+            at = replace(states, t=states.t + shift, q=states.q + shift * rates)
+            return EquationTest(self.kane, at, strict=False).M
+
+        rates = self.kane.own_rates(states.t, states.q, states.u)
+        h = DIFFERENCED / max(np.abs(rates).max(initial=0.0), 1.0)
+        change = sum(c * (mass(k * h) - mass(-k * h)) for k, c in enumerate(EIGHTH, 1)) / h
+        M, nq = mass(0.0), len(self.kane.told_names)
+        found = self._singly(replace(told(self.kane, states), u=times(M, states.u)), self.progress)
+        force = found[nq:] - times(change, states.u)
+        return found[:nq], np.asarray(np.linalg.solve(M, force.T[..., None])[..., 0].T)
 
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.

@@ -1581,7 +1581,7 @@ def _mistakes(
     the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
-    weight = 1.0 / np.maximum(_rms(residual), 1e-300)
+    weight = 1.0 / np.maximum(_rms(residual), 1e-100)  # whose square is a number
 
     def weighted(forces: Iterable[Array]) -> Array:
         return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
@@ -1620,7 +1620,7 @@ def _mistakes(
         theta = (products.sum(axis=0) - (taken * a) @ of_columns.sum(axis=0)) / seen
         scores = products - of_columns @ (taken * a).T
         scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
-        error = np.sqrt(np.maximum(1.0 / seen, np.sum(scores**2, axis=0) / seen**2))
+        error = np.sqrt(np.maximum(1.0 / seen, np.sum((scores / seen) ** 2, axis=0)))
         done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
         exists = squares.sum(axis=0) > 0.0
         most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))

@@ -394,7 +394,8 @@ def _of_motors(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recog
                     break
 
 
-def _without(words: tuple[str, ...], part: tuple[str, ...]) -> list[str] | None:
+@lru_cache(1 << 16)
+def _without(words: tuple[str, ...], part: tuple[str, ...]) -> tuple[str, ...] | None:
     """The words that are left without those of a joint, which must be there in their order."""
     left, at = [], 0
     for word in words:
@@ -402,10 +403,11 @@ def _without(words: tuple[str, ...], part: tuple[str, ...]) -> list[str] | None:
             at += 1
         else:
             left.append(word)
-    return left if at == len(part) and part else None
+    return tuple(left) if at == len(part) and part else None
 
 
-def _kind(left: Sequence[str]) -> str | None:
+@lru_cache(4096)
+def _kind(left: tuple[str, ...]) -> str | None:
     """What of a joint the other words of a column mean: "q", "u", "udot", "force"; None for nothing known."""
     words = [part for word in left if word not in NEUTRAL for part in _unglued(word)]
     if len(words) > 1 and words[0] == "angular":
@@ -512,7 +514,7 @@ def _sole(
     for column, readings in named.items():
         parts = [part for word in readings[0] for part in _unglued(word)]
         kind = _kind(
-            [part if part not in ("x", "y", "z", "s") else "displacement" for part in parts]
+            tuple(part if part not in ("x", "y", "z", "s") else "displacement" for part in parts)
         )
         telling = set(parts)
         if kind == "udot" and all(len(part) == 1 for part in telling):
@@ -641,7 +643,7 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
             groups.setdefault((*words[:k], "#", *words[k + 1 :]), {})[int(words[k])] = column
     by_kind: dict[str, list[tuple[list[str], dict[int, str]]]] = {}
     for words, columns in groups.items():
-        kind = _kind([word for word in words if word != "#"])
+        kind = _kind(tuple(word for word in words if word != "#"))
         first = min(columns)
         if kind is None or first > 1 or sorted(columns) != list(range(first, first + len(columns))):
             continue
@@ -704,7 +706,7 @@ def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: s
     best = whole if whole > ALMOST else 0.0
     telling = [word for word in words if word not in NEUTRAL]
     for k, word in enumerate(telling):
-        if _kind([*telling[:k], *telling[k + 1 :]]) == kind:
+        if _kind((*telling[:k], *telling[k + 1 :])) == kind:
             ratio = difflib.SequenceMatcher(None, "".join(_words(name)), word).ratio()
             best = max(best, ratio)
     return best

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from deltac.errors import InputError, UnknownName, closest, shown
 
@@ -142,6 +143,7 @@ _BRACKETS = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}]\s*$")
 _AFTER = re.compile(r"(?:\s*,\s*|\s+/\s*|\s+in\s+)(\S+)\s*$")
 
 
+@lru_cache(4096)
 def column_unit(column: str, si: str | None = None) -> str | None:
     """The unit that a column's name gives: ``elbow [deg]``, ``elbow, deg``, ``elbow / deg``, ``elbow_deg``.
 

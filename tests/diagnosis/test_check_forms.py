@@ -58,6 +58,10 @@ def driven(x: Any, force: Any) -> Any:
     return np.array([x[2], x[3], *accelerations(x[1], x[3])]) + 0.0 * force
 
 
+def of_columns(x: Any, force: Any) -> Any:
+    return np.array([x[2], x[3], *[[a] for a in accelerations(x[1, 0], x[3, 0])]]) + 0.0 * force
+
+
 def in_pairs(t: Any, q: Any, u: Any) -> Any:
     return u, np.array(accelerations(q[1], u[1]))
 
@@ -70,6 +74,7 @@ def in_pairs(t: Any, q: Any, u: Any) -> Any:
         (interleaved, ("state", "t"), (0, 2, 1, 3)),
         (speeds_first, ("t", "state"), (2, 3, 0, 1)),
         (driven, ("state", "control"), (0, 1, 2, 3)),
+        (of_columns, ("state", "control"), (0, 1, 2, 3)),
         (in_pairs, ("t", "q", "u"), ()),
     ],
 )

@@ -193,7 +193,9 @@ def _written_out(
         elif part.logged:
             raise LogError(
                 f"the run holds no force of channel {part.name!r}, and the joint torque has no law; add "
-                f"columns force.{part.name}.<speed> to the log"
+                f"columns force.{part.name}.<speed> to the log, or say in a mapping file which column it is: "
+                f'[forces."{part.name}"] "<speed>" = {{ column = "…" }}; deltac audit MODEL LOG '
+                "--draft-mapping map.toml writes one to edit"
             )
         else:
             parts.append(part)

@@ -222,6 +222,7 @@ class Caller:
             )
         try:
             value = np.asarray(_joined(found))
+            value = value.ravel() if self.form.column else value
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
         except NO_NUMBER:
             real = None

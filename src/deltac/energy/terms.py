@@ -58,7 +58,13 @@ class LoggedForces:
 
     @staticmethod
     def of(run: Trajectory | Rows) -> LoggedForces:
-        """What the forces of a trajectory act on."""
+        """What the forces of a trajectory act on; a trajectory is looked at once."""
+        if isinstance(run, Trajectory):
+            return run.once("logged forces", lambda: LoggedForces._found(run))
+        return LoggedForces._found(run)
+
+    @staticmethod
+    def _found(run: Trajectory | Rows) -> LoggedForces:
         places: dict[ChannelName, list[int]] = {}
         columns: dict[ChannelName, slice] = {}
         start = 0

@@ -39,12 +39,12 @@ class Race:
     agree: float
 
 
-def run(rounds: int) -> list[dict[str, Any]]:
+def run(rounds: int, members: int = MEMBERS) -> list[dict[str, Any]]:
     """Check that both sides are right, then time them; {"skipped": why} without MuJoCo."""
     if find_spec("mujoco") is None:
         why = "MuJoCo is not installed (the extra 'mujoco' brings it)"
         return [{"name": "ensembles: deltac / mujoco.rollout", "skipped": why}]
-    return [_timed(race, rounds) for race in (_pendulum(), _humanoid())]
+    return [_timed(race, rounds) for race in (_pendulum(members), _humanoid(members))]
 
 
 def told(found: dict[str, Any]) -> str:
@@ -56,24 +56,24 @@ def told(found: dict[str, Any]) -> str:
     )
 
 
-def _pendulum() -> Race:
+def _pendulum(members: int) -> Race:
     from peers import Pendulum, mujoco_pendulum
 
     problem, rng = dc.problems.load("triple-pendulum"), np.random.default_rng(1)
     model = mujoco_pendulum.model(Pendulum(problem, 1000 * STEP, STEP))
-    Q = problem.state.q + 0.1 * rng.standard_normal((MEMBERS, 3))
-    U = problem.state.u + 0.1 * rng.standard_normal((MEMBERS, 3))
-    return Race("triple pendulum", problem.mechanism, model, Q, U, 1000, 80.0, 1e-9)
+    Q = problem.state.q + 0.1 * rng.standard_normal((members, 3))
+    U = problem.state.u + 0.1 * rng.standard_normal((members, 3))
+    return Race("triple pendulum", problem.mechanism, model, Q, U, 1000, 100.0, 1e-9)
 
 
-def _humanoid() -> Race:
+def _humanoid(members: int) -> Race:
     from deltac.importers import read_mechanism
 
     model, rng = humanoid.model(), np.random.default_rng(2)
     mechanism, _ = read_mechanism(model)
-    Q = np.tile(mechanism.state().q, (MEMBERS, 1))
-    U = 0.1 * rng.standard_normal((MEMBERS, 27))
-    return Race("27-dof humanoid", mechanism, model, Q, U, 100, 10.0, 1e-7)
+    Q = np.tile(mechanism.state().q, (members, 1))
+    U = 0.1 * rng.standard_normal((members, 27))
+    return Race("27-dof humanoid", mechanism, model, Q, U, 100, 12.0, 1e-7)
 
 
 def _timed(race: Race, rounds: int) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def _timed(race: Race, rounds: int) -> dict[str, Any]:
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
     datas = [mujoco.MjData(model) for _ in range(threads)]
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    states = np.empty((MEMBERS, mujoco.mj_stateSize(model, spec)))
+    states = np.empty((len(race.Q), mujoco.mj_stateSize(model, spec)))
     for row, q, u in zip(states, race.Q, race.U):
         datas[0].qpos[:], datas[0].qvel[:] = q, u
         mujoco.mj_getState(model, datas[0], row, spec)
@@ -106,14 +106,14 @@ def _timed(race: Race, rounds: int) -> dict[str, Any]:
     per_step = (measured["ours_s"] / race.steps, measured["theirs_s"] / their_steps)
     scale = their_steps / race.steps
     return {
-        "name": f"{MEMBERS} × {race.steps} steps, {race.name}, ode4 + ΔC: deltac / mujoco.rollout RK4",
+        "name": f"{len(race.Q)} × {race.steps} steps, {race.name}, ode4 + ΔC: deltac / mujoco.rollout RK4",
         "target": race.target,
         **measured,
         "theirs_s": measured["theirs_s"] / scale,
         "ratio": measured["ratio"] / scale,
         "ratio_range": [r / scale for r in measured["ratio_range"]],
-        "ours_ns_per_step": 1e9 * per_step[0] / MEMBERS,
-        "their_ns_per_step": 1e9 * per_step[1] / MEMBERS,
+        "ours_ns_per_step": 1e9 * per_step[0] / len(race.Q),
+        "their_ns_per_step": 1e9 * per_step[1] / len(race.Q),
         "steps": race.steps,
         "their_steps": their_steps,
         "threads": threads,

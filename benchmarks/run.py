@@ -111,7 +111,9 @@ PARTS: dict[str, Callable[[argparse.Namespace, dict[str, Any], Any], None]] = {
     "trajectory": _trajectory,
     "humanoid": _contests(humanoid_run, lambda options, few: [humanoid_run.run(options.rounds)]),
     "limits": _limits,
-    "ensembles": _contests(ensemble_run, lambda options, few: ensemble_run.run(few)),
+    "ensembles": _contests(
+        ensemble_run, lambda options, few: ensemble_run.run(few, options.members)
+    ),
     "accuracy": _contests(accuracy_run, lambda options, few: [accuracy_run.run(options.rounds)]),
     "squeezer": _contests(squeezer_run, lambda options, few: squeezer_run.run(options.rounds, few)),
     "ledger": _contests(ledger_run, lambda options, few: [ledger_run.run(options.samples, few)]),
@@ -127,6 +129,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--rounds", type=int, default=9, help="repeats of each measurement")
     parser.add_argument("--dof", type=int, nargs="*", default=[10, 30, 100], help="sizes of chains")
     parser.add_argument("--samples", type=int, default=1_000_000, help="rows of the ledger's log")
+    parser.add_argument("--members", type=int, default=4096, help="of the ensembles")
     parser.add_argument("--only", nargs="*", choices=PARTS, help="these parts alone")
     beside = [name.removesuffix("_pendulum") for name in PENDULUMS]
     parser.add_argument(

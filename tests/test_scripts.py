@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from math import sin
@@ -154,6 +155,28 @@ def main():
     assert found.certain
     assert found.fixes[0].ran
     assert found.fixes[0].lines == (5,)
+
+
+def test_the_code_of_a_notebook(tmp_path: Path) -> None:
+    cells = [
+        {"cell_type": "markdown", "source": ["# A pendulum"]},
+        {"cell_type": "code", "source": ["%matplotlib inline\n", "!pip install plots\n"]},
+        {"cell_type": "code", "source": FUNCTION.splitlines(keepends=True)},
+        {"cell_type": "code", "source": "f(0.0, [1.0, 0.0]).plot()"},
+    ]
+    path = tmp_path / "user.ipynb"
+    path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4}), encoding="utf-8")
+    rhs = load_equations(f"{path}:f")
+    assert dc.check_equations(pendulum(), rhs).verdict.kind == "consistent"
+    cells[2]["source"] = FUNCTION.replace("-g", "g")
+    path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4}), encoding="utf-8")
+    found = repair_loaded(pendulum(), f"{path}:f", load_equations(f"{path}:f"))
+    assert found.certain
+    assert len(found.fixes[0].lines) == 1
+    path.write_text('{"cells": 3}', encoding="utf-8")
+    with pytest.raises(dc.InputError) as caught:
+        load_equations(f"{path}:f")
+    assert caught.value.code == "E-FILE"
 
 
 def test_an_object_is_made_as_the_file_makes_it(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from mujoco import rollout
 
 from peers.rival import ALONG, Array, Pendulum, Rival
 
-TARGET = 4.0
+TARGET = 6.0
 
 
 def rivals(pendulum: Pendulum) -> Iterator[Rival]:

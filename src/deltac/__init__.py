@@ -54,7 +54,12 @@ def __getattr__(name: str) -> Any:
         home, _, name = _RENAMED[name].rpartition(".")
         return getattr(import_module(home), name)
     if name not in _PUBLIC:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        message = f"module {__name__!r} has no attribute {name!r}"
+        if name[:1] != "_":  # what Python itself looks for
+            from deltac.errors import closest
+
+            message += closest(name, _PUBLIC).partition("; known")[0]
+        raise AttributeError(message)
     home = _PUBLIC[name]
     from deltac.interrupts import interruptible
 

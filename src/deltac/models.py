@@ -36,7 +36,7 @@ from deltac.limits import parse_json, parse_toml
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.scripts import Script
+from deltac.scripts import SUFFIXES, Script
 
 T = TypeVar("T")
 
@@ -259,7 +259,7 @@ def load_callable(text: str) -> Callable[..., Any]:
     Raises InputError if it is not written so, or if there is none.
     """
     file, colon, name = text.rpartition(":")
-    if not (colon and file.endswith(".py") and name):
+    if not (colon and file.endswith(SUFFIXES) and name):
         raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
     made = from_file(Path(file), name, "function")
     if not callable(made):
@@ -302,7 +302,7 @@ def with_base(source: str | Path) -> tuple[Path, str | None]:
 def _named(text: str) -> Model:
     problems = import_module("deltac.problems")
     file, colon, name = text.rpartition(":")
-    if colon and file.endswith(".py"):
+    if colon and file.endswith(SUFFIXES):
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))

@@ -13,19 +13,25 @@ import ast
 import builtins
 import dis
 import inspect
+import linecache
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from hashlib import sha256
-from importlib.util import decode_source, module_from_spec, spec_from_file_location
+from importlib.util import decode_source
 from itertools import chain
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from deltac.errors import FileError, InputError
 from deltac.files import read_bytes
+from deltac.limits import parse_json
+
+SUFFIXES = (".py", ".ipynb")
+"""Files whose Python is read: modules, and the code cells of notebooks."""
 
 BUILTIN = frozenset(dir(builtins)) | {"__name__", "__file__"}
 
@@ -74,13 +80,30 @@ class Script:
     path: Path
 
     @cached_property
+    def _text(self) -> str:
+        content = read_bytes(self.path, "text")
+        return (
+            decode_source(content) if self.path.suffix == ".py" else _code_cells(content, self.path)
+        )
+
+    @property
+    def _shown(self) -> str:
+        """The name under which tracebacks show lines of it."""
+        if self.path.suffix == ".py":
+            return str(self.path)
+        name = f"{self.path} (code cells)"
+        lines = self._text.splitlines(keepends=True)
+        linecache.cache[name] = (len(self._text), None, lines, name)
+        return name
+
+    @cached_property
     def tree(self) -> ast.Module:
         """The file's syntax tree."""
-        return ast.parse(decode_source(read_bytes(self.path, "text")), str(self.path))
+        return ast.parse(self._text, self._shown)
 
     @cached_property
     def _statements(self) -> tuple[Statement, ...]:
-        return statements_of(self.tree, str(self.path))
+        return statements_of(self.tree, self._shown)
 
     def run(self, *names: str) -> ModuleType:
         """The file as a module: what these names need of it if that suffices, else all of it.
@@ -95,14 +118,14 @@ class Script:
                 raise
             except BaseException:  # sys.exit() too; the whole file will say what is wrong
                 pass
-        return self._done([compile(self.tree, str(self.path), "exec", dont_inherit=True)])
+        return self._done([compile(self.tree, self._shown, "exec", dont_inherit=True)])
 
     def _done(self, parts: Iterable[CodeType]) -> ModuleType:
         """A module in which code has run. It is registered: dataclasses look their module up."""
         mark = sha256(str(self.path.resolve()).encode()).hexdigest()[:8]
-        spec = spec_from_file_location(f"deltac_{self.path.stem}_{mark}", self.path)
-        assert spec is not None
-        module = sys.modules[spec.name] = module_from_spec(spec)
+        module = ModuleType(f"deltac_{self.path.stem}_{mark}")
+        module.__file__ = str(self.path)
+        sys.modules[module.__name__] = module
         with redirect_stdout(sys.stderr):
             for code in parts:
                 exec(code, vars(module))
@@ -149,11 +172,24 @@ class Script:
         functions = [d for d in ast.walk(self.tree) if isinstance(d, ast.FunctionDef)]
         around = [d for d in functions if any(node is place for node in ast.walk(d))]
         inner = [part for d in around for part in (*_defaults(d), *d.body)]
-        code = compile(ast.Expression(expression), str(self.path), "eval", dont_inherit=True)
-        statements = statements_of(self.tree, str(self.path), inner)
+        code = compile(ast.Expression(expression), self._shown, "eval", dont_inherit=True)
+        statements = statements_of(self.tree, self._shown, inner)
         chosen = needed(statements, _names(code)[0] - BUILTIN)
         module = self.run() if chosen is None else self._done(s.code for s in chosen)
         return eval(code, vars(module))
+
+
+def _code_cells(content: bytes, path: Path) -> str:
+    """The code of a notebook; lines of the shell and of IPython's magic are comments."""
+    try:
+        cells = parse_json(content.decode("utf-8"), "a notebook")["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    except (InputError, ValueError, TypeError, KeyError) as error:
+        raise FileError(f"{path}: no notebook (nbformat 4) in JSON: {error}") from None
+    lines = "\n".join(code).splitlines()
+    return (
+        "\n".join(f"#{line}" if line.lstrip()[:1] in ("%", "!") else line for line in lines) + "\n"
+    )
 
 
 def _further(call: ast.Call, name: str, parameters: Sequence[str]) -> Iterator[ast.expr]:

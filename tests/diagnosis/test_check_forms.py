@@ -58,6 +58,15 @@ def driven(x: Any, force: Any) -> Any:
     return np.array([x[2], x[3], *accelerations(x[1], x[3])]) + 0.0 * force
 
 
+def of_columns(x: Any, force: Any) -> Any:
+    return np.array([x[2], x[3], *[[a] for a in accelerations(x[1, 0], x[3, 0])]]) + 0.0 * force
+
+
+def angle_first(t: Any, y: Any) -> Any:
+    xdd, add = accelerations(y[0], y[2])
+    return [y[2], y[3], add, xdd]
+
+
 def in_pairs(t: Any, q: Any, u: Any) -> Any:
     return u, np.array(accelerations(q[1], u[1]))
 
@@ -70,6 +79,8 @@ def in_pairs(t: Any, q: Any, u: Any) -> Any:
         (interleaved, ("state", "t"), (0, 2, 1, 3)),
         (speeds_first, ("t", "state"), (2, 3, 0, 1)),
         (driven, ("state", "control"), (0, 1, 2, 3)),
+        (of_columns, ("state", "control"), (0, 1, 2, 3)),
+        (angle_first, ("t", "state"), (1, 0, 3, 2)),
         (in_pairs, ("t", "q", "u"), ()),
     ],
 )

@@ -182,7 +182,13 @@ def test_the_order_of_evaluation_leaves_no_trace(monkeypatch: pytest.MonkeyPatch
 FINE = 1024
 
 
-@pytest.fixture(scope="module", params=[robot, workshop], ids=["robot", "workshop"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(robot, id="robot"),
+        pytest.param(workshop, id="workshop", marks=pytest.mark.slow),
+    ],
+)
 def fine(request: pytest.FixtureRequest) -> tuple[dc.Mechanism, dc.Trajectory]:
     mechanism, state = request.param()
     return mechanism, dc.simulate(mechanism, state, 2.0, 2.0 / FINE, "taylor")

@@ -46,11 +46,13 @@ def test_long_columns_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> Non
     t = np.linspace(0.0, 1.0, 50)
     x = np.cos(t)[:, None]
     known = spline_rates(t, x, 5)
-    before = splines._rates.cache_info().currsize
-    monkeypatch.setattr(splines, "REMEMBERED", 10)
+    short = splines._rates(len(t))
+    before = short.cache_info().currsize
+    for limit in ("SHORT", "REMEMBERED"):
+        monkeypatch.setattr(splines, limit, 10)
     np.testing.assert_array_equal(spline_rates(t, x, 5), known)
     spline_rates(t + 1.0, x, 5)
-    assert splines._rates.cache_info().currsize == before
+    assert short.cache_info().currsize == before and splines._rates(len(t)) is not short
 
 
 def test_what_has_no_spline_is_refused() -> None:

@@ -17,7 +17,7 @@ STEPS = {"andrews-squeezer": 5e-5, "bricard": 0.02, "n-four-bar": 0.01}
 
 
 @pytest.mark.parametrize("solver", repeated(ORDER, "ode4"))
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("name", repeated(STEPS, "andrews-squeezer", "n-four-bar"))
 def test_delta_c_falls_with_the_order_of_the_solver(name: str, solver: str) -> None:
     """Between p and p + 1 where the leading error cancels along the way; measured over two halvings."""
     problem = problems.load(name)

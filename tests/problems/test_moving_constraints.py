@@ -17,8 +17,8 @@ MOVING = [
     ("ball-on-table", "laws"),
     ("ball-on-table", "body"),
     ("ball-on-rising-table", "laws"),
-    ("ball-on-rising-table", "body"),
-    ("disc-on-moving-plane", None),
+    pytest.param("ball-on-rising-table", "body", marks=pytest.mark.slow),
+    pytest.param("disc-on-moving-plane", None, marks=pytest.mark.slow),
 ]
 
 

@@ -268,8 +268,12 @@ ORACLES: dict[str, tuple[Callable[[], Values], float]] = {
 
 SLOW = (
     *("tumbling-box", "stiff-governor", "spherical-pendulum"),
-    *("ball-on-rising-table", "driven-triple-pendulum", "rolling-disc"),
+    *("ball-on-rising-table", "driven-triple-pendulum", "rolling-disc", "triple-pendulum"),
+    *("ball-on-table", "andrews-squeezer", "chaotic-double-body", "disc-on-moving-plane"),
+    "heavy-top",
 )
+"""Routes of half a second and more to numbers that are written down, and hold until these are edited."""
+
 NAMES = [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in problems.names()]
 
 

@@ -119,12 +119,17 @@ ORDERS = {"rk4": (3.8, 5.2)}
 """Everything else is of first order. For a linear system RK4's energy error is one order higher."""
 
 
-@pytest.mark.parametrize("integrator", [*integrator_names()])
-@pytest.mark.parametrize("name", ["TUMBLER", "CARTS", "SWINGER"])
-def test_the_energy_error_falls_with_the_order_of_the_integrator(
-    name: str, integrator: str
-) -> None:
+@pytest.mark.parametrize(
+    "case",
+    repeated(
+        [(name, by) for name in ("TUMBLER", "CARTS", "SWINGER") for by in integrator_names()],
+        *[("TUMBLER", by) for by in integrator_names()],
+        *[("CARTS", "rk4"), ("SWINGER", "euler")],
+    ),
+)
+def test_the_energy_error_falls_with_the_order_of_the_integrator(case: tuple[str, str]) -> None:
     """Smooth, without contact: K + V − Q by quadrature along the samples, two halvings."""
+    name, integrator = case
     mechanism = model_and_mechanism(name)[1]
     control = None if name == "TUMBLER" else lambda model, data: data.ctrl.fill(0.3)
     errors = []

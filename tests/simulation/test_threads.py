@@ -53,10 +53,15 @@ ONE_OF_A_FAMILY = (
 
 
 @pytest.mark.parametrize(
-    "solver", repeated([s for s in SOLVERS if s != "taylor-quad"], *ONE_OF_A_FAMILY)
+    "case",
+    repeated(
+        [(n, s) for n in ("double-pendulum", "n-four-bar") for s in SOLVERS if s != "taylor-quad"],
+        *[("double-pendulum", s) for s in ONE_OF_A_FAMILY],
+        *[("n-four-bar", s) for s in ("ode4", "generalized-alpha", "IDAS")],
+    ),
 )
-@pytest.mark.parametrize("name", ["double-pendulum", "n-four-bar"])
-def test_a_solver_in_threads(name: str, solver: str) -> None:
+def test_a_solver_in_threads(case: tuple[str, str]) -> None:
+    name, solver = case
     if name == "n-four-bar" and solver == "taylor":
         pytest.skip(
             "Taylor's method is compared on the double pendulum; the loop takes long to compile"

@@ -261,6 +261,7 @@ def test_a_difference_that_is_not_known_makes_the_study_disagree(whole: Reproduc
 # --- files ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow  # `deltac reproduce --only 4.5,4.7` does so in the tests of the command
 def test_figures_and_results_are_written(whole: Reproduction, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     seen: list[float] = []

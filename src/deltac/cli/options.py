@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -134,13 +135,17 @@ StateCount = Annotated[int, typer.Option(min=1, help="How many random states.")]
 Seed = Annotated[int, typer.Option(help="Seed of the random choices.")]
 
 
-def _checked_figure(path: Path | None) -> Path | None:
-    """The path of a figure, refused before the work is done where none can be written."""
-    if path is not None:
-        from deltac.report import check_figure
+def _checked(check: str) -> Callable[[Path | None], Path | None]:
+    """A callback that refuses a path before the work is done, by a function of `deltac.report.files`."""
 
-        check_figure(path)
-    return path
+    def checked(path: Path | None) -> Path | None:
+        if path is not None:
+            from deltac.report import files
+
+            getattr(files, check)(path)
+        return path
+
+    return checked
 
 
 FigureFile = Annotated[
@@ -148,19 +153,10 @@ FigureFile = Annotated[
     typer.Option(
         "--figure",
         metavar="FILE",
-        callback=_checked_figure,
+        callback=_checked("check_figure"),
         help="Draw the result, as result.plot() does: FILE.pdf, FILE.svg or FILE.png.",
     ),
 ]
-
-
-def _checked_page(path: Path | None) -> Path | None:
-    """The path of a page, refused before the work is done where none can be written."""
-    if path is not None:
-        from deltac.report.files import check_page
-
-        check_page(path)
-    return path
 
 
 PageFile = Annotated[
@@ -168,7 +164,7 @@ PageFile = Annotated[
     typer.Option(
         "--report",
         metavar="FILE.html",
-        callback=_checked_page,
+        callback=_checked("check_page"),
         help="Write one page for the browser: verdict, plots, the mechanism moving, findings.",
     ),
 ]

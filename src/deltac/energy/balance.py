@@ -101,7 +101,7 @@ def balance(
     if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
     rows = rows_of(run)
-    log = LoggedForces.of(rows)
+    log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
     symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
     _check_division(symbols, samples)

@@ -58,7 +58,13 @@ class LoggedForces:
 
     @staticmethod
     def of(run: Trajectory | Rows) -> LoggedForces:
-        """What the forces of a trajectory act on."""
+        """What the forces of a trajectory act on; a trajectory is looked at once."""
+        if isinstance(run, Trajectory):
+            return run.once("logged forces", lambda: LoggedForces._found(run))
+        return LoggedForces._found(run)
+
+    @staticmethod
+    def _found(run: Trajectory | Rows) -> LoggedForces:
         places: dict[ChannelName, list[int]] = {}
         columns: dict[ChannelName, slice] = {}
         start = 0
@@ -193,7 +199,9 @@ def _written_out(
         elif part.logged:
             raise LogError(
                 f"the run holds no force of channel {part.name!r}, and the joint torque has no law; add "
-                f"columns force.{part.name}.<speed> to the log"
+                f"columns force.{part.name}.<speed> to the log, or say in a mapping file which column it is: "
+                f'[forces."{part.name}"] "<speed>" = {{ column = "…" }}; deltac audit MODEL LOG '
+                "--draft-mapping map.toml writes one to edit"
             )
         else:
             parts.append(part)

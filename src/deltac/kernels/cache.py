@@ -4,8 +4,9 @@ Environment: `DELTAC_CACHE_DIR` names the folder (default: `deltac` in the user'
 the XDG rules); `DELTAC_CACHE=off` turns the disk cache off.
 
 A file is named after all that its code was made from: the instructions, the compiler and its version, the
-processor. It appears whole or not at all, so processes share a folder without locks. No state of the cache
-fails a run; a folder that cannot be written costs time only, and `deltac cache` says so.
+processor. It appears whole or not at all, so processes share a folder without locks; it does not wait for the
+disk, since what is lost with the power is compiled anew. No state of the cache fails a run; a folder that
+cannot be written costs time only, and `deltac cache` says so.
 
 What is read here is run, so only what this user wrote is read. Folder and files must be the user's own
 and closed to the writing of others, links are not followed, and each file is sealed: it begins with a keyed

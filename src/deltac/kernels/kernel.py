@@ -276,12 +276,7 @@ class Kernel:
                 f"{self.name}: parameters have shape {p.shape}, expected ({self.n_parameters},) or "
                 f"({times}, {self.n_parameters})"
             )
-        whole = 0 < times <= AT_ONCE  # in one block, of which the results may be views
-        found = (
-            {}
-            if whole
-            else {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
-        )
+        found = {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
         for start in range(0, times, AT_ONCE):
             here = slice(start, min(start + AT_ONCE, times))
             x = np.empty((self.n_in, here.stop - start))
@@ -290,11 +285,7 @@ class Kernel:
             y = self.flat(x, p[here].T if varying and p is not None else p)
             for key, where in self.output_slices.items():
                 shape = self._shape(key)[::-1]  # of a matrix (T, rows, columns): column by column
-                values = y[where].reshape(*shape, y.shape[1]).T
-                if whole:
-                    found[key] = values
-                else:
-                    found[key][here] = values
+                found[key][here] = y[where].reshape(*shape, y.shape[1]).T
         return found
 
     def _rows(self, key: str, value: ArrayLike) -> Array:

@@ -160,7 +160,9 @@ def repair_loaded(
             f"{text} is written in momenta ∂K/∂u; an edit is sought in functions of coordinates and speeds"
         )
     try:
-        source = replace(read_source(partial_in(plain) or text), told=told)
+        source = replace(
+            read_source(partial_in(plain) or (text if ".py:" in text else plain)), told=told
+        )
         if python is not None:
             source = replace(source, outside=dict(python.__globals__))
         _as_run(source, plain, target)

@@ -38,6 +38,7 @@ class Task:
     arguments: tuple[str, ...]
     order: tuple[int, ...]
     controls: int
+    column: bool
     folder: str
 
 
@@ -57,7 +58,9 @@ def task(source: Source) -> Task | None:
     if given:
         values = ", ".join(f"{name}={value!r}" for name, value in given.items())
         text += f"\nimport functools\n{source.qualified} = functools.partial({source.qualified}, {values})"
-    return Task(text, source.qualified, form.arguments, form.order, form.controls, folder)
+    return Task(
+        text, source.qualified, form.arguments, form.order, form.controls, form.column, folder
+    )
 
 
 def module_for(module: ast.Module, name: str) -> ast.Module:

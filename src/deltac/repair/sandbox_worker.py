@@ -54,7 +54,7 @@ def _function(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
 
 def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -> list[Any]:
     entries = [*q, *u]
-    known = {
+    known: dict[str, Any] = {
         "t": t,
         "q": np.array(q),
         "u": np.array(u),
@@ -62,7 +62,8 @@ def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -
         "augmented": np.array([entries[k] for k in task["order"]] + [0.0] * task["controls"]),
         "control": np.zeros(task["controls"]) if task["controls"] else 0.0,
     }
-    return [known[what] for what in task["arguments"]]
+    given = [known[what] for what in task["arguments"]]
+    return [x.reshape(-1, 1) if task["column"] and np.ndim(x) else x for x in given]
 
 
 def _sorted(value: Any, task: dict[str, Any], nq: int, nu: int) -> list[float]:

@@ -31,16 +31,13 @@ FORMATS = ("pdf", "svg", "png")
 """Of figures, by the ending of the name."""
 
 
-def check_figure(path: Path) -> None:
-    """InputError, before the work is done, for a path that a figure could not be written to."""
+def check_figure(path: Path) -> Path:
+    """The path of a figure; InputError, before the work is done, where none could be written."""
     if path.suffix.lower().lstrip(".") not in FORMATS:
         raise FileError(
             f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"
         )
-    if not path.parent.is_dir():
-        raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
-    if path.is_dir():
-        raise FileError(f"{path} is a folder; name a file")
+    return _place(path)
 
 
 def check_page(path: str | PurePath) -> Path:
@@ -54,6 +51,11 @@ def check_page(path: str | PurePath) -> Path:
             f"{path}: a report is a page for the browser; name it {path.with_suffix('.html').name}. A PDF is "
             "printed from there; --figure draws pictures, --json prints the numbers"
         )
+    return _place(path)
+
+
+def _place(path: Path) -> Path:
+    """The path of a file that could be written; InputError where its folder is missing."""
     if not path.parent.is_dir():
         raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
     if path.is_dir():

@@ -157,7 +157,7 @@ class _Explicit:
 
     def __call__(self, t: Any, q: Any, u: Any) -> Any:
         found = self.rhs(*self.form.given(t, q, u, np.array, 0.0))
-        return np.array(self.form.split(list(np.asarray(found)), self.nq, self.nu)[1])
+        return np.array(self.form.split(list(np.ravel(found)), self.nq, self.nu)[1])
 
     @property
     def __code__(self) -> Any:  # where messages look for the user's line
@@ -194,6 +194,8 @@ def explicit(system: System, equations: Equations) -> Equations:
             arguments = form.given(at, position.copy(), speed.copy(), np.array, 0.0)
             with np.errstate(all="ignore"):
                 value = np.asarray(equations.rhs(*arguments), dtype=np.float64)
+            if form.column:
+                value = value.ravel()
             if value.ndim != 1:
                 raise ValueError(f"it returns an array of shape {value.shape}")
             found.append(np.array(sum(form.split(list(value), nq, nu), [])))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -135,19 +136,19 @@ class Flow(Once):
     reactions: Mapping[ChannelName, SX]
     energies: SX
 
-    @property
+    @cached_property
     def traced(self) -> bool:
         """Whether ẋ is known in symbols entirely, so that steps can be compiled."""
         return bool(self.given.shape[0] == 0)
 
-    @property
+    @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Places of unit quaternions in x; none where x holds the user's own coordinates."""
         if self.own is not None and self.own.mapped:
             return ()
         return quaternions(self.system.mechanism)
 
-    @property
+    @cached_property
     def parts(self) -> tuple[slice, slice, slice]:
         """Where q, u and what is integrated (`works` and `integrals`) lie in x."""
         n = self.q_size + self.u_size

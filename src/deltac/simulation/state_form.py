@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,31 +57,38 @@ class StateForm:
     arguments  what each argument is: "t", "q", "u", "state", "control" (zeros of length `controls`; a number
                for 0), or "augmented": a state with `controls` zeros after it, as solvers of gym want it
     order      entry k of the state is entry order[k] of (q, u); the rates are returned in the same order
+    column     whether vectors are columns, of shape (n, 1), as in control engineering
     momenta    whether the state holds p = ∂K/∂u in place of u, as Hamilton's equations do
     """
 
     arguments: tuple[str, ...] = ("t", "q", "u")
     order: tuple[int, ...] = ()
     controls: int = 0
+    column: bool = False
     momenta: bool = False
 
     @property
     def plain(self) -> bool:
         """Whether it is f(t, q, u)."""
-        return self.arguments == ("t", "q", "u")
+        return self.arguments == ("t", "q", "u") and not self.column
 
     def given(
         self, t: Any, q: Any, u: Any, join: Callable[[list[Any]], Any], zero: Any
     ) -> list[Any]:
         """The arguments: `join` makes a vector of numbers, `zero` is the number that stands for a control."""
         entries = [*q, *u]
+        zeros = [zero] * self.controls
+
+        def vector(values: list[Any]) -> Any:
+            return join(values).reshape(-1, 1) if self.column else join(values)
+
         known = {
             "t": lambda: t,
-            "q": lambda: q,
-            "u": lambda: u,
-            "state": lambda: join([entries[k] for k in self.order]),
-            "augmented": lambda: join([entries[k] for k in self.order] + [zero] * self.controls),
-            "control": lambda: join([zero] * self.controls) if self.controls else zero,
+            "q": lambda: vector([*q]) if self.column else q,
+            "u": lambda: vector([*u]) if self.column else u,
+            "state": lambda: vector([entries[k] for k in self.order]),
+            "augmented": lambda: vector([entries[k] for k in self.order] + zeros),
+            "control": lambda: vector(zeros) if self.controls else zero,
         }
         return [known[what]() for what in self.arguments]
 
@@ -108,6 +116,8 @@ class StateForm:
             names[len(coordinates) :] = [f"∂K/∂u.{name}" for name in speeds]
         said = {"state": "y", "control": "0", "augmented": f"[y{', 0' * self.controls}]"}
         text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
+        if self.column:
+            text += " of columns"
         if self.order:
             text += f" with y = ({', '.join(names[k] for k in self.order)})"
         return text
@@ -156,13 +166,15 @@ def forms(
     if count == 3 and kinds[:1] != [["t", "q", "u"]] and timed is None:
         kinds.insert(0, ["t", "q", "u"])
     orders = list(usual_orders(nq, nu))
-    for kind in kinds:
+    for column, kind in product((False, True), kinds):
+        if column and kind == ["t", "q", "u"]:
+            continue  # its own error is the one to tell
         sizes = dict.fromkeys((motors, 0, 1, nu, 2, 3, 4)) if "control" in kind else (0,)
         if "augmented" in kind:
             sizes = dict.fromkeys(n for n in (motors, 1, nu, 2, 3, 4) if n)
         for controls in sizes:
             for order in orders if {"state", "augmented"} & set(kind) else [()]:
-                yield StateForm(tuple(kind), order, controls)
+                yield StateForm(tuple(kind), order, controls, column)
 
 
 def usual_orders(nq: int, nu: int) -> Iterator[tuple[int, ...]]:
@@ -270,18 +282,19 @@ def likeliest(
     """
     best: tuple[int, int] | None = None
     chosen: StateForm | None = None
-    failed: set[tuple[tuple[str, ...], int]] = set()
-    fitted: dict[tuple[str, ...], int] = {}
+    failed: set[tuple[tuple[str, ...], int, bool]] = set()
+    fitted: dict[tuple[tuple[str, ...], bool], int] = {}
     for form in candidates:
-        kind = (form.arguments, form.controls)
-        if kind in failed or fitted.get(form.arguments, form.controls) != form.controls:
+        kind = (form.arguments, form.controls, form.column)
+        alike = (form.arguments, form.column)
+        if kind in failed or fitted.get(alike, form.controls) != form.controls:
             continue  # it does not fit, or another length of the control did
         try:
             found = evaluate(form)
         except (InputError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
             failed.add(kind)
             continue
-        fitted[form.arguments] = form.controls
+        fitted[alike] = form.controls
         if form.plain and not len(found[0]):
             return form
         score = (matching(found[0], rates), matching(found[1], accelerations))

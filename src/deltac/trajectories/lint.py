@@ -30,6 +30,8 @@ _DEGREE = math.pi / 180.0
 _FIT, _CLOSE = 0.98, 0.02
 _SURE = 0.999  # for a ratio that no unit explains
 _GAP = 5.0  # times the wider of the neighbouring intervals
+MANY, STRETCHES = 20_000, 8
+"""Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
 # r -> (kind, which column is wrong, its factor to SI, what it says)
 _ANGLES = {
@@ -107,6 +109,8 @@ def suspicions(
     if len(run) < 4 or "u" in run.provenance.derived:
         return found  # u was derived from q: they agree by construction
     kinematics = Kinematics.of(run.coordinates, run.speeds)
+    reach = np.ptp(run.q, axis=0)
+    run = _some(run)
     fits = _fits(run, kinematics.rates)
     turns = [_turning(run, *place) for place in kinematics.quaternions]
     ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
@@ -122,7 +126,26 @@ def suspicions(
     for (i, j), fit in fits.items():
         if run.coordinates[i] not in explained:
             found += _of_rate(run, names, i, j, fit)
-    return found + _wide_swings(run, names, kinematics, fits, bool(found))
+    return found + _wide_swings(run, names, kinematics, fits, reach, bool(found))
+
+
+def _some(run: Trajectory) -> Trajectory:
+    """Of a long log some stretches of rows; between them are gaps, over which nothing is compared."""
+    if len(run) <= MANY:
+        return run
+    size = MANY // STRETCHES
+    starts = np.linspace(0, len(run) - size, STRETCHES).astype(np.intp)
+    rows = np.unique((starts[:, None] + np.arange(size)).ravel())
+    return replace(
+        run,
+        t=run.t[rows],
+        q=run.q[rows],
+        u=run.u[rows],
+        udot=None,
+        forces={},
+        works={},
+        integrals={},
+    )
 
 
 def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
@@ -227,6 +250,7 @@ def _wide_swings(
     names: MechanismNames | None,
     kinematics: Kinematics,
     fits: Mapping[tuple[int, int], _Fit],
+    reaches: FloatArray,
     other: bool,
 ) -> list[Suspicion]:
     """Coordinates and speeds both in degrees agree with each other; only their size tells."""
@@ -236,7 +260,7 @@ def _wide_swings(
     wide = []
     for i in angles:
         q = run.q[:, i]
-        reach = float(np.ptp(q))
+        reach = float(reaches[i])
         back_and_forth = abs(float(q[-1] - q[0])) < 0.5 * reach
         if reach > 4.0 * math.pi and back_and_forth:
             wide.append((run.coordinates[i], reach / (2.0 * math.pi)))

@@ -83,6 +83,9 @@ SHORT = 0.5
 FEWEST = 3
 """Windows that must stand out."""
 
+NOT_OF_FORCES = 3.0
+"""How many times the largest change of a force must be missing beside one of its changes to be none of it."""
+
 BESIDE = 2.5
 """Steps from a change of a held force within which a window is beside it."""
 
@@ -167,19 +170,25 @@ def gather(
         return Evidence(log, None, None, ())
     given = trusted(log.run)
     found: list[Finding] = []
-    if step is not None and not step.closes and log.consecutive is log.run:
+    whole = log.consecutive is log.run
+
+    def of_part(run: Trajectory) -> tuple[Log, OneStep | None]:
+        """The log that consists of some of the rows, and its test."""
+        comparisons = {n: c.between(log.run.t, run.t) for n, c in log.comparisons.items()}
+        part = balanced(mechanism, run, work, log.findings, comparisons)
+        return part, one_step(mechanism, run, _late(part), unsteadiness(comparisons))
+
+    if step is not None and not step.closes and whole:
         acted = as_acted(mechanism, log.run)
         if acted is not None:
             run, found = acted
-            log = balanced(mechanism, run, work, log.findings, log.comparisons)
-            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
-    if step is not None and not step.closes and log.consecutive is log.run:
+            log, step = of_part(run)
+    if step is not None and not step.closes and whole:
         within = _without_ends(log.run, step)
         if within is not None:
             run, spoiled = within
             found.append(spoiled)
-            log = balanced(mechanism, run, work, log.findings, log.comparisons)
-            step = one_step(mechanism, run, _late(log), unsteadiness(log.comparisons))
+            log, step = of_part(run)
     if between and not (given and measured):
         found.append(_interpolated())
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
@@ -395,7 +404,7 @@ def _disagreement(terms: EquationTerms, told: Accelerations) -> Array:
     """What the equations would leave more or less if u̇ were the rate of the speeds (n,), N or N·m."""
     evaluator = terms.evaluator
     free = evaluator.mechanism.free
-    rates = told.told[terms.rows][:, free.u]
+    rates = told.at(terms.rows)[:, free.u]
     known = np.isfinite(rates).all(axis=1)
     if not known.any():
         return np.full(len(terms.speeds), np.inf)
@@ -582,7 +591,8 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
 def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     """Windows that stand out now and then, but for those beside a change of forces that are held.
 
-    What stands out there is that force, which the log may hold a few rows early or late.
+    What stands out there may be that force, which the log may hold a few rows early or late; but not if it is
+    far more than forces ever change by.
     """
     run, local = log.consecutive, step.now_and_then
     columns = [np.asarray(force).reshape(len(run), -1) for force in run.forces.values()]
@@ -590,7 +600,10 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     if forces.held:
         near = BESIDE * float(np.median(np.diff(run.t)))
         changes = run.t[1:][~forces.known]
-        local &= np.abs(step.t[:, None] - changes).min(axis=1) > near
+        away = np.abs(step.t[:, None] - changes).min(axis=1) > near
+        most = np.abs(np.diff(sum(run.forces.values()), axis=0)).max(axis=0)
+        speeds = [run.speeds.index(name) for name in step.speeds]
+        local &= away | np.any(np.abs(step.residual) > NOT_OF_FORCES * most[speeds], axis=1)
     return local
 
 

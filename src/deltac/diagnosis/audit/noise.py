@@ -34,7 +34,7 @@ def energy_of_noise(
     run = log.consecutive
     if run.integrals or len(run) < 16:
         return 0.0
-    run = run.every(1).between(run.t[0], run.t[min(len(run), MOST_ROWS) - 1])
+    run = run.between(run.t[0], run.t[min(len(run), MOST_ROWS) - 1])
     # What looks like noise may be kinks of forces, or a motion that the rows hardly resolve.
     real = step.noisy if step is not None and not step.closes else 0.0
     columns = {"q": run.q, "u": run.u, **run.forces}

@@ -17,7 +17,7 @@ from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
-from deltac.scripts import Script
+from deltac.scripts import SUFFIXES, Script
 from deltac.simulation.equations import Equations
 
 LIBRARIES = (".so", ".dll", ".dylib")
@@ -140,7 +140,7 @@ def _staying(function: Callable[..., Any], text: str) -> Callable[..., Any]:
 
 def load_map(text: str) -> CoordinateMap | str:
     """The coordinates that ``joint``, ``absolute`` or ``FILE.py:MAP`` mean (see `check_equations`)."""
-    if not text.partition(":")[0].endswith(".py"):
+    if not text.partition(":")[0].endswith(SUFFIXES):
         return text
     path, name = _divided(text, "coordinates", "MAP")
     found = _asked(from_file(path, name, "coordinates"), text)
@@ -153,7 +153,7 @@ def load_map(text: str) -> CoordinateMap | str:
 
 def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
     file, colon, name = text.rpartition(":")
-    if not colon or not file.endswith(".py") or not name:
+    if not colon or not file.endswith(SUFFIXES) or not name:
         example = text if text.endswith(".py") else "FILE.py"
         raise SourceError(f"{what} {text!r}: expected FILE.py:{placeholder}, such as {example}:rhs")
     return Path(file), name

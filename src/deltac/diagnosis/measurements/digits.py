@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.caching import derived
+from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
 
 SINGLE = float(np.finfo(np.float32).eps)
@@ -14,22 +19,92 @@ HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).s
 PROBES = 400
 
 
-def resolution(values: Array) -> Array:
-    """Half of the last digit of every number (T, n), column by column.
+MANY, STRETCHES = 20_000, 8
+"""Rows by which digits are told, and the deviation of noise is known to a hundredth; the stretches of a
+longer log that they are taken from.
+"""
+
+Chosen: TypeAlias = slice | NDArray[np.intp]
+
+Rule: TypeAlias = Callable[[Array], Array]
+"""Sizes of numbers -> half of the last digit of each."""
+
+
+class Digits:
+    """How exact the numbers of a log are (T, n), column by column.
 
     Columns of half and single precision, of a fixed number of decimals or of significant digits, and counts
-    of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error.
+    of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error. Of
+    more than `MANY` rows so many tell that: half of them neighbours, half spread evenly.
     """
-    half = EPS * np.abs(values)
-    if not values.size:
+
+    def __init__(self, values: Array) -> None:
+        self._values = values
+        self._short = len(values) <= MANY
+
+    @cached_property
+    def _rules(self) -> dict[int, Rule]:
+        """Of the columns that are not plain doubles."""
+        values = self._values
+        if not self._short:
+            spread = np.linspace(0, len(values) - 1, MANY // 2).astype(np.intp)
+            values = np.concatenate([_stretches(values, MANY // 2, STRETCHES // 2), values[spread]])
+        if not values.size:
+            return {}
+        rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
+        ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
+        different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
+        return {
+            k: _of_column(values[:, k], rows)
+            for k, probe in enumerate(values[rows[PROBES // 2]].tolist())
+            if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
+        }
+
+    @cached_property
+    def noise(self) -> Array:
+        """Standard deviation of white noise (n,); see `white_noise`."""
+        return white_noise(self._values)
+
+    @cached_property
+    def _halves(self) -> Array:
+        return self._half_of(self._values)
+
+    def _half_of(self, values: Array) -> Array:
+        half = EPS * np.abs(values)
+        for k, rule in self._rules.items():
+            half[:, k] = rule(np.abs(values[:, k]))
         return half
-    rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
-    ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
-    different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
-    for k, probe in enumerate(values[rows[PROBES // 2]].tolist()):
-        if different[k] <= REPEATS * len(values) or not _of_many_digits(probe):
-            half[:, k] = _of_column(values[:, k], rows)
-    return half
+
+    def half(self, rows: Chosen = slice(None)) -> Array:
+        """Half of the last digit of every number at some rows."""
+        return self._halves[rows] if self._short else self._half_of(self._values[rows])
+
+    def scatter(self, rows: Chosen = slice(None)) -> Array:
+        """Three standard deviations of noise and half a digit of every number at some rows."""
+        return np.asarray(self.half(rows) + 3.0 * self.noise)
+
+
+@derived
+def digits_of(run: Trajectory) -> Mapping[str, Digits]:
+    """Those of "q", "u" and "udot" of a run, found when they are asked for, and of "force <channel>".
+
+    Of forces the columns in which they ever act.
+    """
+    forces = LoggedForces.of(run).values(run)
+    columns = {"q": run.q, "u": run.u, **{f"force {n}": f for n, f in forces.items()}}
+    if run.udot is not None:
+        columns["udot"] = run.udot
+    return {name: Digits(values) for name, values in columns.items()}
+
+
+def resolution(values: Array) -> Array:
+    """Half of the last digit of every number (T, n), column by column; see `Digits`."""
+    return Digits(values).half()
+
+
+def scatter(values: Array) -> Array:
+    """Three standard deviations of noise and half a digit of every number (T, n)."""
+    return Digits(values).scatter()
 
 
 def _of_many_digits(x: float) -> bool:
@@ -37,26 +112,26 @@ def _of_many_digits(x: float) -> bool:
     return float(f"{x:.11e}") != x and round(x, 12) != x and float(np.float32(x)) != x
 
 
-def _of_column(column: Array, rows: NDArray[np.intp]) -> Array:
-    size = np.abs(column)
+def _of_column(column: Array, rows: NDArray[np.intp]) -> Rule:
     probes = np.unique(column[rows])
     values = len(probes)
     probes = probes[probes != 0.0]
     if values < 3 or not len(probes):  # a constant says nothing about its digits
-        return EPS * size
-    found = (_significant(size, probes), _decimals(size, probes), _binary(size, probes))
-    readings = [half for half in found if half is not None]
+        return lambda size: EPS * size
+    readings = [rule for find in (_significant, _decimals, _binary) if (rule := find(probes))]
     if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
-        return max(readings, key=lambda half: float(half.sum()))
-    return np.maximum(EPS * size, 0.5 * _count(column))
+        size = np.abs(column)
+        return max(readings, key=lambda rule: float(rule(size).sum()))
+    count = 0.5 * _count(column)
+    return lambda size: np.maximum(EPS * size, count)
 
 
-def _binary(size: Array, probes: Array) -> Array | None:
+def _binary(probes: Array) -> Rule | None:
     """Half or single precision; halves of few bits have few decimals as well."""
     if np.all(np.abs(probes) < MOST_HALF) and np.array_equal(probes.astype(np.float16), probes):
-        return HALF * size + LEAST_HALF * (size > 0.0)
+        return lambda size: HALF * size + LEAST_HALF * (size > 0.0)
     if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
-        return SINGLE * size
+        return lambda size: SINGLE * size
     return None
 
 
@@ -80,20 +155,24 @@ def _count(column: Array) -> float:
     return count if float(off.max()) < 1e-3 else 0.0
 
 
-def _significant(size: Array, probes: Array) -> Array | None:
+def _significant(probes: Array) -> Rule | None:
     numbers = probes.tolist()
     for digits in range(3, 13):
         if all(float(f"{x:.{digits - 1}e}") == x for x in numbers):
-            decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
-            return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
+            return partial(_half_of_significant, digits)
     return None
 
 
-def _decimals(size: Array, probes: Array) -> Array | None:
+def _half_of_significant(digits: int, size: Array) -> Array:
+    decade = np.floor(np.log10(size, out=np.zeros_like(size), where=size > 0.0))
+    return np.where(size > 0.0, 0.5 * 10.0 ** (decade - digits + 1), 0.0)
+
+
+def _decimals(probes: Array) -> Rule | None:
     numbers = probes.tolist()
     for decimals in range(1, 13):
         if all(round(x, decimals) == x for x in numbers):
-            return np.full_like(size, 0.5 * 10.0**-decimals)
+            return partial(np.full_like, fill_value=0.5 * 10.0**-decimals)
     return None
 
 
@@ -106,11 +185,6 @@ def medians(values: Array) -> Array:
         found = 0.5 * (ordered[..., :middle].max(axis=-1) + found)
     return np.where(np.isnan(values).any(axis=-1), np.nan, found)
 
-
-MANY, STRETCHES = 20_000, 8
-"""Rows by which the deviation of noise is known to a hundredth, and the stretches of a longer log that they
-are taken from.
-"""
 
 WHITE = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
@@ -125,9 +199,7 @@ def white_noise(x: Array) -> Array:
     if len(x) < 16:
         return np.zeros(x.shape[1])
     if len(x) > MANY:  # the few differences across the joints do not move a median
-        size = MANY // STRETCHES
-        starts = np.linspace(0, len(x) - size, STRETCHES).astype(np.intp)
-        x = np.concatenate([x[a : a + size] for a in starts])
+        x = _stretches(x, MANY, STRETCHES)
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
     sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
     eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
@@ -135,12 +207,8 @@ def white_noise(x: Array) -> Array:
     return np.where(white, eighth, 0.0)
 
 
-def scatter(values: Array) -> Array:
-    """Three standard deviations of noise and half a digit of every number (T, n)."""
-    return np.asarray(resolution(values) + 3.0 * white_noise(values))
-
-
-@derived
-def scatter_of(run: Trajectory) -> tuple[Array, Array]:
-    """`scatter` of the coordinates and of the speeds of a run."""
-    return scatter(run.q), scatter(run.u)
+def _stretches(x: Array, rows: int, count: int) -> Array:
+    """So many rows (rows, n) of a longer log, in stretches of neighbours."""
+    size = rows // count
+    starts = np.linspace(0, len(x) - size, count).astype(np.intp)
+    return np.concatenate([x[a : a + size] for a in starts])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.digits import medians, resolution, scatter_of
+from deltac.diagnosis.measurements.digits import Chosen, digits_of, medians
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
@@ -81,6 +81,10 @@ DEPARTS = 0.05
 """Share of a column's movement that its rate may miss before the log is doubted."""
 
 
+ARRAYS = ("defect", "bar", "moved", "told", "h", "outliers")
+"""What a comparison tells of each interval, beside the row at its start."""
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A column against its rate.
@@ -120,6 +124,13 @@ class Comparison:
     steady: bool
     instant: bool
     unsteady: float
+
+    def between(self, t: Array, kept: Array) -> Comparison:
+        """The same of the intervals among the rows at the times `kept`, of those at t (T,)."""
+        start = t[self.start]
+        here = (start >= kept[0]) & (start < kept[-1])
+        arrays = {n: getattr(self, n)[here] for n in ARRAYS}
+        return replace(self, start=np.searchsorted(kept, start[here]), **arrays)
 
     @property
     def scaled(self) -> bool:
@@ -331,12 +342,14 @@ def _steady(told: Array, moved: Array, ratio: float) -> bool:
 
 def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
     """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
-    edges = stretches(run)
+    rows, edges = _looked_at(run)
     if not edges:
         return {}
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     free = {int(k) for k in mechanism.free.u}
-    fine_q, fine_u = scatter_of(run)
+    t, q, u = run.t[rows], run.q[rows], run.u[rows]
+    digits = digits_of(run)
+    fine_q, fine_u = digits["q"].scatter(rows), digits["u"].scatter(rows)
     fine_u = fine_u * float(np.diff(run.t).max(initial=0.0))
     projected = bool(mechanism.constraints)
     rates: list[int] = []
@@ -344,12 +357,12 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     for i, j in kinematics.rates:
         if j in free:
             rates.append(j)
-            moved.append(np.diff(run.q[:, i]))
+            moved.append(np.diff(q[:, i]))
             bars.append(fine_q[1:, i] + fine_q[:-1, i] + fine_u[1:, j])
     for _, i, j in kinematics.quaternions:
         if j not in free:
             continue
-        turned = rotation_vectors(run.q[:, i : i + 4])
+        turned = rotation_vectors(q[:, i : i + 4])
         # Half a turn more per row, and the commutator of turns: of second order in the angle.
         size = np.linalg.norm(turned, axis=1)
         bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + size**3 / 6.0
@@ -363,8 +376,11 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     if not rates:
         return {}
     M, B = (np.stack(columns, axis=1) for columns in (moved, bars))
-    made = compare(run.t, M, run.u[:, rates], B, edges, projected=projected)
-    return {run.speeds[j]: one for j, one in zip(rates, made) if one is not None}
+    made = compare(t, M, u[:, rates], B, edges, projected=projected)
+    found = {run.speeds[j]: one for j, one in zip(rates, made) if one is not None}
+    if not isinstance(rows, slice):  # the rows of the log, not of those that were looked at
+        found = {name: replace(one, start=rows[one.start]) for name, one in found.items()}
+    return found
 
 
 def rotation_vectors(p: Array) -> Array:
@@ -399,6 +415,16 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
     return made
 
 
+def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
+    """The rows of the stretches of a long log, else all; and where these stretches are among them."""
+    edges = stretches(run)
+    if len(run) <= MOST_ROWS:
+        return slice(None), edges
+    rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
+    ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()
+    return rows, list(zip(ends, ends[1:]))
+
+
 # --- accelerations ---------------------------------------------------------------------------------------
 
 
@@ -409,26 +435,36 @@ class Accelerations:
     Attributes:
         difference: "backward", "forward" or "central" where u̇ is that difference quotient of u, else "".
         late: rows by which u̇ is older than the speeds beside it; ±½ also by schemes of first order.
-        told: u̇ as the speeds have it, by splines (T, nu); NaN where rows are too few.
+        told: u̇ as the speeds have it, by splines, at the `looked_at` rows; NaN where rows are too few.
     """
 
     difference: str
     late: float
     told: Array
+    looked_at: Chosen
+
+    def at(self, rows: NDArray[np.intp]) -> Array:
+        """u̇ as the speeds have it at rows of the log (k, nu); NaN where that is not known."""
+        if isinstance(self.looked_at, slice):
+            return self.told[rows]
+        places = np.minimum(np.searchsorted(self.looked_at, rows), len(self.told) - 1)
+        return np.where((self.looked_at[places] == rows)[:, None], self.told[places], np.nan)
 
 
 def accelerations(run: Trajectory) -> Accelerations:
     """Compare the accelerations of a run with its speeds."""
     assert run.udot is not None
-    told = np.full_like(run.u, np.nan)
-    edges = stretches(run)
-    fine = scatter_of(run)[1]
+    rows, edges = _looked_at(run)
+    t, u = run.t[rows], run.u[rows]
+    told = np.full_like(u, np.nan)
     for a, b in edges:
-        told[a:b] = spline_rates(run.t[a:b], run.u[a:b], 5)
+        told[a:b] = spline_rates(t[a:b], u[a:b], 5)
+    fine = digits_of(run)["u"].scatter(rows)
     bar = fine[1:] + fine[:-1]
-    made = compare(run.t, np.diff(run.u, axis=0), run.udot, bar, edges) if edges else []
+    made = compare(t, np.diff(u, axis=0), run.udot[rows], bar, edges) if edges else []
     lates = [one.late for one in made if one is not None and one.off < 0.5]
-    return Accelerations(_difference(run), float(np.median(lates)) if lates else 0.0, told)
+    late = float(np.median(lates)) if lates else 0.0
+    return Accelerations(_difference(run), late, told, rows)
 
 
 def _difference(run: Trajectory) -> str:
@@ -436,17 +472,26 @@ def _difference(run: Trajectory) -> str:
     assert run.udot is not None
     if len(run) < 6:
         return ""
-    h = np.diff(run.t)[:, None]
-    D = np.diff(run.u, axis=0) / h
-    moving = np.abs(D).max(axis=0) > 0.0
+    parts = (
+        [slice(a, b) for a, b in stretches(run)] if len(run) > MOST_ROWS else [slice(0, len(run))]
+    )
+    digits, least = digits_of(run), float(np.diff(run.t).min())
+    largest = np.abs(run.udot).max(axis=0)
+    off: dict[str, list[Mask]] = {"backward": [], "forward": [], "central": []}
+    moving = np.zeros(run.u.shape[1], dtype=np.bool_)
+    for part in parts:
+        t, u, udot = run.t[part], run.u[part], run.udot[part]
+        D = np.diff(u, axis=0) / np.diff(t)[:, None]
+        moving |= np.abs(D).max(axis=0) > 0.0
+        bar = digits["udot"].half(part)[1:-1] + 3.0 * digits["u"].half(part)[1:-1] / least
+        bar = bar + 1e-11 * largest
+        quotients = (D[:-1], D[1:], np.gradient(u, t, axis=0)[1:-1])
+        for each, quotient in zip(off.values(), quotients):
+            each.append(np.abs(udot[1:-1] - quotient) > bar)
     if not moving.any():
         return ""
-    digits = resolution(run.udot)[1:-1] + 3.0 * resolution(run.u)[1:-1] / h.min()
-    digits = digits + 1e-11 * np.abs(run.udot).max(axis=0)
-    central = np.gradient(run.u, run.t, axis=0)[1:-1]
-    for name, quotient in (("backward", D[:-1]), ("forward", D[1:]), ("central", central)):
-        off = np.abs(run.udot[1:-1] - quotient) > digits
-        if off[:, moving].mean() < 0.02:
+    for name, each in off.items():
+        if np.concatenate(each)[:, moving].mean() < 0.02:
             return name
     return ""
 
@@ -544,14 +589,12 @@ def _rows(run: Trajectory, keep: Mask) -> Trajectory:
 
 def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """Rows that repeat the one before though its speeds say that it moves on."""
-    same = np.all(np.diff(run.q, axis=0) == 0.0, axis=1) & np.all(
-        np.diff(run.u, axis=0) == 0.0, axis=1
-    )
+    same = _repeated(run.q) & _repeated(run.u)
     if not same.any():
         return run, []
     told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
     moving = np.any(
-        told > 4.0 * resolution(run.q).max(axis=0, initial=0.0).max(initial=0.0), axis=1
+        told > 4.0 * digits_of(run)["q"].half().max(axis=0, initial=0.0).max(initial=0.0), axis=1
     )
     copies = np.flatnonzero(same & moving) + 1
     if not len(copies) or run.integrals or run.events:
@@ -568,14 +611,27 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     return _rows(run, keep), [finding]
 
 
+def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
+    """Which rows after the first have the same numbers as the row before (T − 1,).
+
+    Column by column, at the rows that may still be such: of most logs the first column tells all.
+    """
+    rows = np.arange(len(values) - 1)
+    for k in range(values.shape[1]) if columns is None else columns:
+        rows = rows[values[rows + 1, k] == values[rows, k]]
+    found = np.zeros(len(values) - 1, dtype=np.bool_)
+    found[rows] = True
+    return found
+
+
 def _at_the_pace_of_the_slower(
     mechanism: Mechanism, run: Trajectory
 ) -> tuple[Trajectory, list[Finding]]:
     """Rows in which coordinates or speeds are new, where a slower sensor repeats them for some rows."""
-    q, u = (np.diff(x, axis=0) for x in (run.q[:, mechanism.free.q], run.u[:, mechanism.free.u]))
-    if not (q.shape[1] and u.shape[1]) or run.integrals or run.events:
+    free = mechanism.free
+    if not (len(free.q) and len(free.u)) or run.integrals or run.events:
         return run, []
-    old = {"coordinates": np.all(q == 0.0, axis=1), "speeds": np.all(u == 0.0, axis=1)}
+    old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
         if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:

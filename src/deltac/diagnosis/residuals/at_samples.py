@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, TINY, Array
-from deltac.diagnosis.measurements.digits import resolution
+from deltac.diagnosis.measurements.digits import Chosen, digits_of, resolution
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
@@ -167,13 +167,16 @@ class Sampled:
     logged: Array
 
     @staticmethod
-    def of(mechanism: Mechanism, run: Trajectory, log: LoggedForces) -> Sampled:
-        """All samples of a run that has accelerations."""
+    def of(
+        mechanism: Mechanism, run: Trajectory, log: LoggedForces, rows: Chosen = slice(None)
+    ) -> Sampled:
+        """Samples of a run that has accelerations: all, or those of some rows."""
         assert run.udot is not None
-        free = mechanism.free
-        forces = [values for values in log.values(run).values()]
-        logged = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
-        return Sampled(run.t, run.q[:, free.q], run.u[:, free.u], run.udot[:, free.u], logged)
+        free, t = mechanism.free, run.t[rows]
+        forces = [run.forces[name][rows][:, places] for name, places in log.places.items()]
+        logged = np.concatenate(forces, axis=1) if forces else np.zeros((len(t), 0))
+        states = (run.q[rows][:, free.q], run.u[rows][:, free.u], run.udot[rows][:, free.u])
+        return Sampled(t, *states, logged)
 
     @property
     def columns(self) -> tuple[Array, ...]:
@@ -188,9 +191,8 @@ class Sampled:
 def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
     """The terms of the equations of motion at (at most `MOST_ROWS`) samples of a run with u̇."""
     evaluator = Evaluator(mechanism, run)
-    everything = Sampled.of(mechanism, run, evaluator.log)
     rows = np.unique(np.linspace(0, len(run) - 1, min(len(run), MOST_ROWS)).astype(np.intp))
-    samples = everything.take(rows)
+    samples = Sampled.of(mechanism, run, evaluator.log, rows)
     found = evaluator(samples)
     forces, own = (
         {ChannelName.parse(n.removeprefix(w)): x for n, x in found.items() if n.startswith(w)}
@@ -211,7 +213,7 @@ def equation_terms(mechanism: Mechanism, run: Trajectory) -> EquationTerms:
         own=own,
         residual=residual,
         scale=np.maximum(_floored(scale, units), IDLE * _beside(evaluator, samples, scale)),
-        precision=_precision(evaluator, everything, rows, residual, scale)
+        precision=_precision(evaluator, run, samples, rows, residual, scale)
         + _inertial_rounding(evaluator, samples, units),
         evaluator=evaluator,
     )
@@ -263,15 +265,19 @@ def _floored(scale: Array, units: Sequence[str], share: float = LEAST) -> Array:
 
 def _precision(
     evaluator: Evaluator,
-    everything: Sampled,
+    run: Trajectory,
+    exact: Sampled,
     rows: NDArray[np.intp],
     residual: Array,
     scale: Array,
 ) -> Array:
     """How much the residual moves when every number of the log moves by half its last digit."""
     rng = np.random.default_rng(0)
-    digits = {name: resolution(getattr(everything, name))[rows] for name in _COLUMNS}
-    exact = everything.take(rows)
+    of_run, free = digits_of(run), evaluator.mechanism.free
+    places = {"q": free.q, "u": free.u, "udot": free.u}
+    digits = {name: of_run[name].half(rows)[:, at] for name, at in places.items()}
+    forces = (of_run[f"force {name}"].half(rows) for name in run.forces)
+    digits["logged"] = np.concatenate([exact.logged[:, :0], *forces], axis=1)
     squares = np.zeros(residual.shape[1])
     for _ in range(PERTURBATIONS):
         moved = {
@@ -282,9 +288,6 @@ def _precision(
         squares += np.mean(difference**2, axis=0)
     rounding = 4.0 * EPS * scale
     return np.asarray(np.sqrt(squares / PERTURBATIONS) + rounding)
-
-
-_COLUMNS = ("q", "u", "udot", "logged")
 
 
 # --- constraints on acceleration level, ψ̇ = G u̇ + γ = 0, at the samples of a log ---------------

@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import permutations
 from math import factorial
 from typing import Any
 
@@ -39,6 +40,9 @@ DIFFERENCED = 2e-3
 
 EIGHTH = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 """Weights of the central difference of order eight (B. Fornberg, Math. Comp. 51 (1988) 699-706)."""
+
+MOST_ORDERED = 5
+"""Coordinates whose orders are all tried."""
 
 ROUGH = 2e-13
 """Noise above this (relative) is no rounding of double precision: differences or float32 are behind it."""
@@ -81,6 +85,31 @@ class Caller:
             raise SourceError(self._how_to_call(candidates, evaluate))
         if self.form.order:
             self._try_momenta(candidates, evaluate, right[0][:, places])
+        if self.form.order and equations.order is None:
+            self._try_orders(evaluate, *(x[:, places] for x in right))
+
+    def _try_orders(
+        self,
+        evaluate: Callable[[StateForm], tuple[Array, Array]],
+        rates: Array,
+        accelerations: Array,
+    ) -> None:
+        """Take the coordinates of the state in another order, where all of q̇ and u̇ is right then."""
+
+        def right(form: StateForm) -> bool:
+            found = evaluate(form)
+            whole = matching(found[0], rates), matching(found[1], accelerations)
+            return whole == (len(rates), len(accelerations))
+
+        nq, nu = len(rates), len(accelerations)
+        if nq != nu or nq > MOST_ORDERED or right(self.form):
+            return
+        for places in permutations(range(nq)):
+            order = tuple(places[k] if k < nq else nq + places[k - nq] for k in self.form.order)
+            with suppress(InputError):
+                if right(form := replace(self.form, order=order)):
+                    self.form = form
+                    return
 
     def _try_momenta(
         self,
@@ -222,6 +251,7 @@ class Caller:
             )
         try:
             value = np.asarray(_joined(found))
+            value = value.ravel() if self.form.column else value
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
         except NO_NUMBER:
             real = None

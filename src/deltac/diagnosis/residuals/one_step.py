@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.measurements.digits import medians, resolution, scatter, scatter_of
+from deltac.diagnosis.measurements.digits import digits_of, medians, resolution
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -314,17 +314,18 @@ def _rows_of(
 ) -> list[tuple[Rows, Rows]]:
     """Stretches of a log, each with the scatter of its numbers."""
     free = model.mechanism.free
-    forces = [values for values in model.log.values(run).values()]
-    F = np.concatenate(forces, axis=1) if forces else np.zeros((len(run), 0))
-    q, u = run.q[:, free.q], run.u[:, free.u]
-    of_q, of_u = (x[:, places] for x, places in zip(scatter_of(run), (free.q, free.u)))
-    noise = (of_q, of_u, scatter(F) if F.shape[1] else F)
+    digits, forces = digits_of(run), model.log.values(run)
     found = []
     for a, b in edges:
-        here = slice(a, b)
+        here, nothing = slice(a, b), [np.zeros((b - a, 0))]
+        F = [force[here] for force in forces.values()]
+        of_F = [digits[f"force {name}"].scatter(here) for name in forces]
+        q, u = run.q[here][:, free.q], run.u[here][:, free.u]
+        of_q = digits["q"].scatter(here)[:, free.q]
+        of_u = digits["u"].scatter(here)[:, free.u]
         found.append((
-            Rows(run.t[here], q[here], u[here], F[here]),
-            Rows(run.t[here], *(x[here] for x in noise)),
+            Rows(run.t[here], q, u, np.concatenate(nothing + F, axis=1)),
+            Rows(run.t[here], of_q, of_u, np.concatenate(nothing + of_F, axis=1)),
         ))  # fmt: skip
     return found
 
@@ -1427,6 +1428,47 @@ def _fit(parts: Sequence[_Defects], names: Sequence[str]) -> dict[str, float]:
     return dict(zip(names, c.tolist()))
 
 
+def _fit_under_noise(
+    parts: Sequence[_Defects],
+    lengths: Sequence[Array],
+    names: Sequence[str],
+    residual: Array,
+    noise: Array,
+    width: int,
+) -> tuple[dict[str, float], Array]:
+    """The coefficients of a log whose noise hides what an integrator leaves in a single step.
+
+    Noise of the states is in the defects and in the columns, so that rows fit each other's noise. Means over
+    windows have next to none of it. Each equation counts by its own `noise` (n,), and by what is left of the
+    equation that fits best; coefficients are as large as their bounds at first sight. Also what their errors
+    leave of each equation (n,), N or N·m.
+    """
+    from scipy.optimize import lsq_linear
+
+    def windows(forces: Iterable[Array]) -> Array:
+        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
+
+    y = windows(_times(p.N, p.w) for p in parts)
+    X = np.stack([windows(p.column_forces.get(n, 0.0 * p.w) for p in parts) for n in names], axis=2)
+    inertia = np.mean(np.concatenate([np.einsum("tii->ti", p.N) for p in parts]), axis=0)
+    unlike = float(np.min(_rms(residual) ** 2 / np.maximum(inertia, 1e-300)))
+    weight = 1.0 / np.sqrt(np.maximum(noise**2 + unlike * inertia, 1e-300))
+    bounds = np.array([max(p.bounds.get(n, 0.0) for p in parts) for n in names])
+    prior = np.diag(1.0 / bounds)
+    c = np.zeros(len(names))
+    for _ in range(3):
+        energy = np.sum(((y - X @ c) * weight) ** 2, axis=1)
+        kept = energy <= np.quantile(energy, 1.0 - TRIMMED)
+        A = (X[kept] * weight[:, None]).reshape(-1, len(names))
+        b = (y[kept] * weight).ravel()
+        rows, right = np.vstack([A, prior]), np.concatenate([b, np.zeros(len(names))])
+        c = lsq_linear(rows, right, (-bounds, bounds)).x
+    # Windows overlap by half, so that every row counts twice.
+    covariance = 2.0 * np.linalg.inv(rows.T @ rows)
+    errors = np.einsum("wnp,pq,wnq->wn", X, covariance, X)
+    return dict(zip(names, c.tolist())), np.asarray(np.sqrt(np.mean(errors, axis=0)))
+
+
 def _window(values: Array, weights: Array, width: int) -> Array:
     """Means of (I, …) over windows of so many intervals, weighted by a bump."""
     if width == 1:
@@ -1456,7 +1498,10 @@ def _judged(
     groups: Mapping[str, list[int]],
     unsteady: float,
     held: bool,
+    uncertain: Array | None = None,
 ) -> Residual:
+    """What the coefficients `c` leave of the parts; `uncertain` (n,) is what their errors leave."""
+
     def forces(p: _Defects, w: Array) -> Array:
         return _times(p.N, w)
 
@@ -1519,6 +1564,14 @@ def _judged(
             break
     assert best is not None
     width, noise_bar, residual = best
+    if width > 1 and uncertain is None:
+        again, uncertain = _fit_under_noise(parts, weights, tuple(c), residual, noise_bar, width)
+        return _judged(
+            model, run, pieces, parts, again, off, steps, groups, unsteady, held, uncertain
+        )
+    if uncertain is not None:
+        bars["coefficients"] = uncertain
+        systematic_bar = np.hypot(systematic_bar, uncertain)
     allowed = np.concatenate([_window(x, h, width) for x, h in zip(systematic, weights)])
     times = np.concatenate(
         [

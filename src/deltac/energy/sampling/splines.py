@@ -7,14 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from deltac.arrays import Array
 
+T = TypeVar("T")
+
 REMEMBERED = 20_000
 """Rows up to which what depends on the times is remembered: some 10 MB."""
+
+SHORT, MANY = 1000, 64
+"""Rows of stretches that logs are tested by, and how many such are remembered: some 30 MB."""
 
 
 def spline_integrals(t: Array, x: Array, degree: int) -> Array:
@@ -34,11 +39,14 @@ def spline_rates(t: Array, x: Array, degree: int) -> Array:
 
 def _applied(operator: Any, t: Array, x: Array, degree: int) -> Array:
     times = np.ascontiguousarray(t, dtype=np.float64).tobytes()
-    found = [_coefficients, operator]
-    if len(t) > REMEMBERED:
-        found = [one.__wrapped__ for one in found]
-    coefficients, matrix = (one(times, degree) for one in found)
+    coefficients, matrix = _coefficients(len(t))(times, degree), operator(len(t))(times, degree)
     return np.asarray(matrix @ coefficients(np.asarray_chkfinite(x)))
+
+
+def _remembered(find: Callable[[bytes, int], T]) -> Callable[[int], Callable[[bytes, int], T]]:
+    """What depends on the times of so many rows: a few are kept of long ones, many of short ones."""
+    few, many = lru_cache(maxsize=8)(find), lru_cache(maxsize=MANY)(find)
+    return lambda rows: many if rows <= SHORT else few if rows <= REMEMBERED else find
 
 
 def _knots(t: Array, degree: int) -> Array:
@@ -46,7 +54,7 @@ def _knots(t: Array, degree: int) -> Array:
     return np.concatenate([np.repeat(t[0], degree + 1), inner, np.repeat(t[-1], degree + 1)])
 
 
-@lru_cache(maxsize=8)
+@_remembered
 def _coefficients(times: bytes, degree: int) -> Callable[[Array], Array]:
     """Values (T, n) -> coefficients of B-splines (T, n), by a banded system."""
     from scipy.interpolate import BSpline
@@ -65,7 +73,7 @@ def _coefficients(times: bytes, degree: int) -> Callable[[Array], Array]:
     )
 
 
-@lru_cache(maxsize=8)
+@_remembered
 def _integrals(times: bytes, degree: int) -> Any:
     """Coefficients -> integrals over the intervals, a sparse matrix.
 
@@ -85,7 +93,7 @@ def _integrals(times: bytes, degree: int) -> Any:
     return sum(parts).tocsr()
 
 
-@lru_cache(maxsize=8)
+@_remembered
 def _rates(times: bytes, degree: int) -> Any:
     """Coefficients -> rates at the times, a sparse matrix.
 

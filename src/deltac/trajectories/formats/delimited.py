@@ -161,6 +161,8 @@ def _foreign(data: bytes) -> _Table | None:
         if len(fields) != width:  # names may be separated otherwise than numbers
             ways = (_fields(lines[k], other) for other in SEPARATORS)
             fields = next((way for way in ways if len(way) == width), fields)
+        if len(fields) == width + 1 and fields[-1] == "Comment":  # LabVIEW's, which rows leave out
+            fields = fields[:-1]
         wide = len(fields) == width or (short and len(fields) == width - 1)
         if not wide or any(map(_is_number, fields)) or _comment(lines[k]):
             break
@@ -223,9 +225,13 @@ def _is_row(fields: Sequence[str], width: int, separator: str) -> bool:
     return count > 0 and 2 * count >= sum(map(bool, fields))
 
 
+_FORTRAN = re.compile(r"(\d\.\d*)[dD]([+-]\d)")
+"""The exponent of a number in double precision, as Fortran writes it: 1.5D-03."""
+
+
 def _is_number(text: str) -> bool:
     try:
-        float(text.replace(",", "."))
+        float(_FORTRAN.sub(r"\1e\2", text.replace(",", ".")))
     except ValueError:
         return False
     return True
@@ -450,8 +456,9 @@ def numbers(
                 f"{len(series[row])} characters, expected a number"
             )
         numbers = series.cast(polars.Float64, strict=False)
-        if numbers.null_count():  # padded with spaces, perhaps; stripping is slow
-            numbers = series.str.strip_chars().cast(polars.Float64, strict=False)
+        if numbers.null_count():  # padded with spaces, or by Fortran, perhaps; this is slow
+            texts = series.str.strip_chars().str.replace(_FORTRAN.pattern, "${1}e${2}")
+            numbers = texts.cast(polars.Float64, strict=False)
     elif series.dtype.is_numeric() or series.dtype == polars.Null:
         numbers = series.cast(polars.Float64)
     else:

@@ -61,7 +61,7 @@ _BAG = Format(read_bag, copies=0.0)
 FORMATS: Mapping[str, Format] = {
     ".parquet": Format(read_parquet, write_parquet, copies=0.0),
     ".csv": Format(read_csv, write_csv, copies=6.0),
-    **dict.fromkeys((".tsv", ".txt", ".dat", ".tab", ".asc"), Format(read_csv, copies=6.0)),
+    **dict.fromkeys((".tsv", ".txt", ".dat", ".tab", ".asc", ".lvm"), Format(read_csv, copies=6.0)),
     ".npz": Format(read_npz, write_npz),
     ".npy": Format(read_npy),
     ".h5": _HDF5,
@@ -217,6 +217,22 @@ _REFUSED: Mapping[str, str] = {
     **dict.fromkeys(
         (".db3", ".yaml"), "of a bag of ROS 2 give its folder, the one with metadata.yaml"
     ),
+    **dict.fromkeys(
+        (".gz", ".zip", ".xz", ".bz2", ".zst", ".7z", ".tar", ".tgz"),
+        "compressed files are not read: unpack it, or write Parquet, which is small by itself",
+    ),
+    **dict.fromkeys(
+        (".feather", ".arrow", ".ipc", ".zarr", ".db", ".sqlite", ".rds"),
+        "write the table as Parquet (pandas: frame.to_parquet(path), polars: frame.write_parquet(path))",
+    ),
+    **dict.fromkeys(
+        (".res", ".req"), "export the curves of Adams as a table, .tab, from its postprocessor"
+    ),
+    **dict.fromkeys(
+        (".c3d", ".trc"),
+        "places of markers are no motion of joints: solve them (OpenSim's IK) first",
+    ),
+    ".tdms": "export it from LabVIEW as text, .lvm",
     ".slx": "this is a model of Simulink; log its run to a .mat file",
     ".mldatx": "save the run of the Simulation Data Inspector as a .mat file",
     ".osim": "this is a model of OpenSim; the log is a .sto or .mot file",

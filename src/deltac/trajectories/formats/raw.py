@@ -227,7 +227,7 @@ def _plain(name: str) -> str:
 
 
 _LABELS = frozenset(
-    "colheaders labels label names columns header headers varnames variablenames columnnames fields "
+    "colheaders labels label names name columns header headers varnames variablenames columnnames fields "
     "jointnames".split()
 )
 

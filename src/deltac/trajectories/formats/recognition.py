@@ -109,6 +109,9 @@ _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
 _STATES = frozenset("x xout state states yout y xs ys trajectory sol obs observations".split())
 """Names of arrays of coordinates and speeds in one."""
 
+_COMMANDS = frozenset("ctrl control controls action actions act u input inputs command".split())
+"""Names of arrays of what motors were told."""
+
 _BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
 """What people call the one body that floats."""
 
@@ -151,8 +154,9 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     if len(times) == 1:
         take(iter(times))
     take(_floating(raw, names, found, times))
+    take(_unique(_by_name_and_unit(raw, named, names), raw, names))
     take(_unique(_by_words(named, _joints(names)), raw, names))
-    take(_unique(_of_motors(named, names), raw, names))
+    take(_unique(_of_motors(raw, named, names), raw, names))
     take(_by_width(raw, names))
     take(_numbered(named, names))
     take(_alike(raw, named, names, found))
@@ -165,6 +169,7 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     take(_unique(_by_words(named, _aliases(names), certain=False), raw, names))
     take(_slips(named, names, found, taken))
     take(_moving(raw, names, found, taken))
+    take(_commands(raw, names, taken))
     frames = {one.frame for one in found.values() if one.target.startswith(("u.", "udot."))}
     known = all(target in found for target in _targets(names)["udot"])
     if not known or (frames > {""} and not any(found[t].frame for t in _targets(names)["udot"])):
@@ -380,15 +385,22 @@ _ACTUATION = frozenset("force forces actuation actuator motor".split())
 """Words beside the name of a motor that say no more than that it acts."""
 
 
-def _of_motors(named: Named, names: MechanismNames) -> Iterator[tuple[int, Recognised]]:
-    """Columns that name a motor of the model and say that they are its force, as OpenSim's do."""
+def _of_motors(
+    raw: RawLog, named: Named, names: MechanismNames
+) -> Iterator[tuple[int, Recognised]]:
+    """Columns that name a motor of the model and say, by a word or their unit, that they are its force."""
     for speed, channel in names.motors.items():
         motor = _words(channel.removeprefix("actuator "))
+        si = "N*m" if si_unit(f"u.{speed}", names) == "rad/s" else "N"
         for column, readings in named.items():
+            told = raw.units.get(column) or column_unit(column, si)
+            known = _ACTUATION | WORDS["force"] | NEUTRAL
+            if in_unit := told is not None and converts(told, si):
+                known |= {"t", "f", "m"}  # T, F and M of a torque or force
             for words in readings:
                 left = _without(words, motor)
-                acts = set(words) & (_ACTUATION | WORDS["force"])
-                if left is not None and acts and set(left) <= _ACTUATION | WORDS["force"] | NEUTRAL:
+                acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
+                if left is not None and acts and set(left) <= known:
                     target = f"force.{channel}.{speed}"
                     yield len(motor), Recognised(target, column, "the motor's name")
                     break
@@ -575,8 +587,9 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
     Arrays of joints may leave out the one that floats.
     """
     groups = _groups(raw)
+    motors = [f"force.{channel}.{speed}" for speed, channel in names.motors.items()]
     for kind, keys in _LAYOUTS:
-        for targets in _widths(names, kind):
+        for targets in [*_widths(names, kind), *([motors] if kind == "force" and motors else [])]:
             fitting = [
                 (group, columns)
                 for group, columns in groups.items()
@@ -591,6 +604,16 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
                         target, column, f"in the model's order, by the width of {group!r}"
                     )
                 break
+
+
+def _commands(raw: RawLog, names: MechanismNames, taken: set[str]) -> Iterator[Recognised]:
+    """Arrays of commands, as many as the model has motors: their forces, unless the motors have gears."""
+    for group, columns in _groups(raw).items():
+        free = not taken & set(columns)
+        if free and _key(group) in _COMMANDS and len(columns) == len(names.motors):
+            for (speed, channel), column in zip(names.motors.items(), columns):
+                why = "commands, as many as motors; forces if a command of 1 is 1 N·m or 1 N"
+                yield Recognised(f"force.{channel}.{speed}", column, why, certain=False)
 
 
 def _widths(names: MechanismNames, kind: str) -> list[list[str]]:
@@ -659,6 +682,24 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
 
 
 # --- guesses -------------------------------------------------------------------------------------
+
+
+def _by_name_and_unit(
+    raw: RawLog, named: Named, names: MechanismNames
+) -> Iterator[tuple[int, Recognised]]:
+    """Columns called as a joint, and nothing else, in a unit that says what of it: ``elbow_rad_s``."""
+    units = {"rad": ("rad", "rad/s", "rad/s^2", "N*m"), "m": ("m", "m/s", "m/s^2", "N")}
+    for joint in _joints(names):
+        si = units.get(si_unit(joint.targets["q"], names) or "", ("",) * 4)
+        for column, readings in named.items():
+            left = _without(readings[0], joint.words)
+            if left is None or set(left) - NEUTRAL:
+                continue
+            for kind, of_kind in zip(("q", "u", "udot", "force"), si):
+                told = raw.units.get(column) or column_unit(column, of_kind)
+                if kind in joint.targets and told and converts(told, of_kind):
+                    why = f"by its name and its unit {told}"
+                    yield len(joint.words), Recognised(joint.targets[kind], column, why)
 
 
 def _by_unit(

@@ -6,7 +6,7 @@ that name. JSON's NaN and Infinity, which are none, are refused.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from deltac.errors import FileError, InputError, LogError, shown
 from deltac.files import read_bytes
 from deltac.limits import Limits, parse_json
+from deltac.trajectories.formats.arrangement import STAMPS
 from deltac.trajectories.formats.raw import Collector, RawLog, labelled
 
 
@@ -105,12 +106,31 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
             column = columns.setdefault(name, [])
             if len(column) == row:  # else it was missing in a record before
                 column.append(item)
-    for name, values in columns.items():
-        if len(values) < len(records):
+    for whole, part in STAMPS:
+        for name in [name for name in columns if name.rpartition(".")[2] == whole]:
+            before = name.removesuffix(whole)
+            if before + part in columns and len(columns[name]) == len(columns[before + part]):
+                pairs = zip(columns.pop(name), columns.pop(before + part))
+                columns = {f"{before}stamp": _seconds(list(pairs)), **columns}
+    alike = {
+        name: v[0] for name, v in columns.items() if isinstance(v[0], list) and v == v[:1] * len(v)
+    }
+    tables = {name: np.asarray(v) for name, v in columns.items() if _is_table(v)}
+    for name, values in labelled({**columns, **tables, **alike}).items():
+        if isinstance(values, Mapping):
+            for key, column in values.items():
+                collector.add(f"{name}.{key}", column)
+        elif len(values) < len(records):
             collector.skip(name, f"is missing in record {len(values)} (of 0 to {len(records) - 1})")
         else:
             _add(collector, name, values)
     return collector.log()
+
+
+def _seconds(pairs: Sequence[tuple[Any, Any]]) -> list[float]:
+    """Whole seconds and nanoseconds as seconds since the first."""
+    first = pairs[0][0]
+    return [float(whole - first) + 1e-9 * float(part) for whole, part in pairs]
 
 
 def _add(collector: Collector, name: str, values: Any) -> None:

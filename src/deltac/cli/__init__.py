@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
+import typer.core
 
 from deltac.cli.output import COMMAND
 from deltac.errors import InputError
@@ -129,6 +130,16 @@ def _options(
     pass
 
 
+class _Command(typer.core.TyperCommand):
+    """A command whose help has no Python types beside the names of its arguments."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        for parameter in self.params:
+            if isinstance(parameter, typer.core.TyperArgument):
+                vars(parameter)["display_type_rich"] = lambda ctx: None
+
+
 def application(commands: Sequence[str] = LISTED) -> typer.Typer:
     """The command line with these commands. All of them take a tenth of a second to set up."""
     made = typer.Typer(
@@ -145,7 +156,7 @@ def application(commands: Sequence[str] = LISTED) -> typer.Typer:
         page = f"docs/{PAGES.get(name, name)}.md"
         epilog = f"\b\nExamples:\n  {examples}\nMore: {page}"
         module = import_module(f"deltac.cli.{name}")
-        made.command(name, short_help=short, epilog=epilog)(module.command)
+        made.command(name, cls=_Command, short_help=short, epilog=epilog)(module.command)
     made.callback()(_options)
     return made
 

@@ -37,7 +37,8 @@ def command(
     ],
     tolerance: options.Tolerance = 1e-3,
     work: Annotated[
-        str | None, typer.Option(help="How works are taken: in-loop, samples or discrete.")
+        str | None,
+        typer.Option(metavar="RULE", help="How works are taken: in-loop, samples or discrete."),
     ] = None,
     mapping: options.MappingFile = None,
     explain_log: Annotated[

@@ -35,7 +35,8 @@ def command(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help="Accepted residual as a fraction of an equation's terms. [default: 1.5e-8]"
+            metavar="FRACTION",
+            help="Accepted residual as a fraction of an equation's terms. [default: 1.5e-8]",
         ),
     ] = None,
     repair: Annotated[
@@ -46,7 +47,10 @@ def command(
         typer.Option(metavar="FILE.patch", help="With --repair: write the least edit as a patch."),
     ] = None,
     limit: Annotated[
-        float, typer.Option("--time-limit", min=0.1, help="Time for the function's answers (s).")
+        float,
+        typer.Option(
+            "--time-limit", min=0.1, metavar="SECONDS", help="For the function's answers."
+        ),
     ] = 300.0,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
@@ -71,7 +75,9 @@ def command(
     # First, because it reads the function without running it: one that never ends is named, not awaited.
     repaired = refused = None
     if repair or write:
-        with progress_bar("seeking the edit"):
+        from deltac.repair.repair import TIME_LIMIT
+
+        with progress_bar(f"seeking the edit, at most {TIME_LIMIT:g} s"):
             repaired, refused = _repair(model, equations, rhs, chosen, seed)
     try:
         with (

@@ -17,7 +17,10 @@ def command(
     ],
     after: Annotated[Path, typer.Argument(metavar="AFTER", help="Results of the same, later.")],
     factor: Annotated[
-        float, typer.Option(help="How many times larger an energy error has to be to have grown.")
+        float,
+        typer.Option(
+            metavar="FACTOR", help="How many times larger an energy error has to be to have grown."
+        ),
     ] = 2.0,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,

@@ -17,7 +17,10 @@ def command(
     ],
     coordinates: options.OwnCoordinates = None,
     names: Annotated[
-        int, typer.Option(min=0, help="Other names that take the place of each use of a name.")
+        int,
+        typer.Option(
+            min=0, metavar="N", help="Other names that take the place of each use of a name."
+        ),
     ] = 2,
     seed: options.Seed = 0,
     tests: Annotated[
@@ -28,7 +31,9 @@ def command(
             "of the project.",
         ),
     ] = None,
-    most: Annotated[int, typer.Option(min=1, help="With --tests: on how many mutants.")] = 40,
+    most: Annotated[
+        int, typer.Option(min=1, metavar="N", help="With --tests: on how many mutants.")
+    ] = 40,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,

@@ -103,12 +103,13 @@ StartState = Annotated[
 
 
 Tolerance = Annotated[
-    float, typer.Option(help="Accepted |ΔC| as a fraction of the energy exchanged.")
+    float,
+    typer.Option(metavar="FRACTION", help="Accepted |ΔC| as a fraction of the energy exchanged."),
 ]
 
 Duration = Annotated[
     float | None,
-    typer.Option(help="How long the motion lasts (s). [default: the problem's]"),
+    typer.Option(metavar="SECONDS", help="How long the motion lasts. [default: the problem's]"),
 ]
 
 MappingFile = Annotated[
@@ -131,8 +132,8 @@ OwnCoordinates = Annotated[
     ),
 ]
 
-StateCount = Annotated[int, typer.Option(min=1, help="How many random states.")]
-Seed = Annotated[int, typer.Option(help="Seed of the random choices.")]
+StateCount = Annotated[int, typer.Option(min=1, metavar="N", help="How many random states.")]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the random choices.")]
 
 
 def _checked(check: str) -> Callable[[Path | None], Path | None]:
@@ -172,7 +173,7 @@ PageFile = Annotated[
 # --- of fleets ----------------------------------------------------------------------------------
 
 Workers = Annotated[
-    int | None, typer.Option(min=1, help="Worker processes; by default one a core.")
+    int | None, typer.Option(min=1, metavar="N", help="Worker processes; by default one a core.")
 ]
 Scheduler = Annotated[
     str | None,

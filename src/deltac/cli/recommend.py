@@ -16,8 +16,9 @@ def command(
     motion_tolerance: Annotated[
         float | None,
         typer.Option(
+            metavar="FRACTION",
             help="Accepted error of q and u as a share of their ranges; inf: none is asked for. "
-            "[default: the tolerance]"
+            "[default: the tolerance]",
         ),
     ] = None,
     duration: options.Duration = None,

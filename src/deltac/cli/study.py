@@ -24,7 +24,10 @@ def command(
     ] = None,
     solver: Annotated[
         str | None,
-        typer.Option(help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (MODEL then a file)."),
+        typer.Option(
+            metavar="SOLVER",
+            help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (MODEL then a file).",
+        ),
     ] = None,
     duration: options.Duration = None,
     tolerances: Annotated[

@@ -38,10 +38,14 @@ def command(
     retries: Annotated[
         int | None,
         typer.Option(
-            min=0, help="More attempts for a run whose process died or took too long (2)."
+            min=0,
+            metavar="N",
+            help="More attempts for a run whose process died or took too long (2).",
         ),
     ] = None,
-    chunk: Annotated[int | None, typer.Option(min=1, help="Runs in a piece of work.")] = None,
+    chunk: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Runs in a piece of work.")
+    ] = None,
     retry_failed: options.RetryFailed = False,
     only: Annotated[
         str | None,

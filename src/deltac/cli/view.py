@@ -29,10 +29,12 @@ def command(
     ] = None,
     duration: options.Duration = None,
     step: Annotated[
-        float | None, typer.Option(help="Step, s. [default: the problem's, else 0.001]")
+        float | None,
+        typer.Option(metavar="SECONDS", help="Step. [default: the problem's, else 0.001]"),
     ] = None,
     solver: Annotated[
-        str | None, typer.Option(help="Solver. [default: the problem's, else ode5]")
+        str | None,
+        typer.Option(metavar="SOLVER", help="Solver. [default: the problem's, else ode5]"),
     ] = None,
     mapping: options.MappingFile = None,
     state: options.StartState = None,

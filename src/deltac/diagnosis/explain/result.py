@@ -300,7 +300,8 @@ class Explanation(Report, also=("sentence",)):
 
     def sections(self) -> Iterator[Section]:
         """The outcome, notes, what was not seen, and the causes with their numbers."""
-        yield f"{self.kind}. {self._outcome}."
+        told = "" if self.kind in ("nothing", "unexplained") else f"{self.kind}. "
+        yield f"{told}{self._outcome}."
         yield from (f"Note: {note}." for note in self.notes)
         if self.unseen:
             shown = ", ".join(self.unseen[:SHOWN]) + (", …" if len(self.unseen) > SHOWN else "")

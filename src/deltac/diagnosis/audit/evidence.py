@@ -47,6 +47,7 @@ from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import Kinematics
 from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
@@ -188,7 +189,7 @@ def gather(
             run, found = acted
             log, step = of_part(run)
     if step is not None and not step.closes and whole:
-        within = _without_ends(log.run, step)
+        within = _without_ends(mechanism, log.run, step)
         if within is not None:
             run, spoiled = within
             found.append(spoiled)
@@ -320,13 +321,16 @@ def _late(log: Log) -> float:
     return float(np.median(lates)) if lates else 0.0
 
 
-def _without_ends(run: Trajectory, step: OneStep) -> tuple[Trajectory, Finding] | None:
+def _without_ends(
+    mechanism: Mechanism, run: Trajectory, step: OneStep
+) -> tuple[Trajectory, Finding] | None:
     """The log without what differences and filters leave in its first and last rows; None if nothing is.
 
     Rows at an end leave more than any others by far: energies that are counted from the first of them are off
-    all along the log.
+    all along the log. Only speeds are spoiled so: with speeds that follow from the coordinates, the ends must
+    leave no more. An impact or another motion is still there then, and stays.
     """
-    left = np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1)
+    left = _left(step)
     count = int(ENDS * len(left))
     if count < 1 or run.works or run.integrals:
         return None
@@ -335,6 +339,8 @@ def _without_ends(run: Trajectory, step: OneStep) -> tuple[Trajectory, Finding] 
     last = np.flatnonzero(left[-count:] > most)
     start = float(step.t[first[-1]]) if len(first) else run.t[0]
     end = float(step.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
+    if not len(first) and not len(last) or _is_motion(mechanism, run, start, end, most):
+        return None
     part = run.between(start, end)
     if len(part) == len(run):
         return None
@@ -348,6 +354,31 @@ def _without_ends(run: Trajectory, step: OneStep) -> tuple[Trajectory, Finding] 
         "Cut the ends of what was filtered or differenced",
     )
     return part, finding
+
+
+def _left(step: OneStep) -> Array:
+    """What each window leaves, as a share of the terms: of the equation that leaves most."""
+    return np.asarray(np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1))
+
+
+def _is_motion(
+    mechanism: Mechanism, run: Trajectory, start: float, end: float, most: float
+) -> bool:
+    """Whether what lies before `start` and after `end` leaves more than `most` by its coordinates, too."""
+    from scipy.interpolate import make_interp_spline
+
+    pairs = Kinematics.of(run.coordinates, run.speeds).rates
+    if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS:
+        return True  # turns in space have no such rates: nothing is known
+    places, speeds = (list(of) for of in zip(*pairs))
+    u = np.empty_like(run.u)
+    u[:, speeds] = make_interp_spline(run.t, run.q[:, places], 5).derivative()(run.t)
+    step = one_step(mechanism, replace(run, u=u))
+    if step is None:
+        return True
+    left, inside = _left(step), (step.t > start) & (step.t < end)
+    most = max(most, BEYOND_OTHERS * float(left[inside].max(initial=0.0)))
+    return bool(np.any(left[~inside] > most))
 
 
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:

@@ -109,12 +109,12 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
     for whole, part in STAMPS:
         for name in [name for name in columns if name.rpartition(".")[2] == whole]:
             before = name.removesuffix(whole)
-            if before + part in columns and len(columns[name]) == len(columns[before + part]):
-                pairs = zip(columns.pop(name), columns.pop(before + part))
-                columns = {f"{before}stamp": _seconds(list(pairs)), **columns}
-    alike = {
-        name: v[0] for name, v in columns.items() if isinstance(v[0], list) and v == v[:1] * len(v)
-    }
+            pairs = list(zip(columns[name], columns.get(before + part, ())))
+            if len(pairs) == len(columns[name]) and all(map(_is_stamp, pairs)):
+                del columns[name], columns[before + part]
+                columns = {f"{before}stamp": _seconds(pairs), **columns}
+    # Names, the same in each record; numbers that never change are a column like any other.
+    alike = {name: v[0] for name, v in columns.items() if _is_names(v[0]) and v == v[:1] * len(v)}
     tables = {name: np.asarray(v) for name, v in columns.items() if _is_table(v)}
     for name, values in labelled({**columns, **tables, **alike}).items():
         if isinstance(values, Mapping):
@@ -125,6 +125,14 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
         else:
             _add(collector, name, values)
     return collector.log()
+
+
+def _is_stamp(pair: tuple[Any, Any]) -> bool:
+    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in pair)
+
+
+def _is_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
 
 
 def _seconds(pairs: Sequence[tuple[Any, Any]]) -> list[float]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit import checks
+from deltac.diagnosis.audit import checks, conventions
 from deltac.diagnosis.audit.acted import as_acted
 from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
@@ -171,6 +171,10 @@ def gather(
     given = trusted(log.run)
     found: list[Finding] = []
     whole = log.consecutive is log.run
+    foreign = step is not None and not step.closes and not given and whole
+    other = conventions.units(mechanism, log.run) if foreign else None
+    if other is not None:
+        return Evidence(log, None, None, (other,))
 
     def of_part(run: Trajectory) -> tuple[Log, OneStep | None]:
         """The log that consists of some of the rows, and its test."""
@@ -241,7 +245,31 @@ def gather(
             step, more = _of_steps(mechanism, log, step, tolerance, deadline, several)
         again = {(f.kind, f.element) for f in more}
         found = [f for f in found if (f.kind, f.element) not in again] + more
+    if foreign:
+        found = _or_conventions(mechanism, log.run, found, deadline)
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
+
+
+def _or_conventions(
+    mechanism: Mechanism, run: Trajectory, found: list[Finding], deadline: Deadline
+) -> list[Finding]:
+    """The findings, with a convention in which log and model differ, where that explains as much.
+
+    It has no number that was fitted, so that it comes before several causes; beside a single one it is told
+    as its equal.
+    """
+    causes = [f for f in found if f.weight == "cause"]
+    other = conventions.orders_and_signs(mechanism, run)
+    if other is None:
+        axis = None if causes else conventions.axes(mechanism, run, deadline)
+        return found if axis is None else [axis, *found]
+    if len(causes) != 1 or causes[0].kind == "missing-contact":
+        return [other, *(replace(f, weight="note") if f in causes else f for f in found)]
+    (cause,) = causes
+    equals = (*cause.equals, (other.kind, other.element), *other.equals)
+    first = cause.what if cause.equals else f"one of these: {cause.what}"
+    told = replace(cause, what=f"{first}; or {other.what}", equals=equals)
+    return [told if f is cause else f for f in found]
 
 
 def _of_the_log(found: list[Finding]) -> list[Finding]:

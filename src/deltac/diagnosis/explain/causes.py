@@ -187,7 +187,10 @@ class Candidate:
             return bool(theta[0] > 0.0 and (max(ends) <= 0.0 or min(ends) >= 0.0))
         if self.kind == "body-tensor":
             principal = np.linalg.eigvalsh(tensor(value))
-            return bool(principal[0] > 0.0 and principal[2] <= principal[0] + principal[1])
+            own, sum_of = float(np.sum(self.base[:3])), float(np.sum(principal))
+            within = not own > 0.0 or 0.1 * own < sum_of < 10.0 * own
+            triangle = principal[2] <= principal[0] + principal[1]
+            return bool(principal[0] > 0.0 and triangle and within)
         if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
             return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":

@@ -1,0 +1,116 @@
+"""Conventions in which log and model differ are named, and accuse nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import deltac as dc
+
+Change = Callable[[dc.Trajectory], dc.Trajectory]
+
+
+def mechanism(axis: str = "z") -> dc.Mechanism:
+    """Two bars that hang from a cart."""
+    return dc.Mechanism(
+        bodies=[
+            dc.body("cart", 2.0, inertia=(0.1, 0.1, 0.1)),
+            dc.body("upper", 1.0, inertia=(0.02, 0.001, 0.02), mass_centre=(0, -0.25, 0)),
+            dc.body("lower", 0.6, inertia=(0.012, 0.002, 0.013), mass_centre=(0.05, -0.2, 0.02)),
+        ],
+        joints=[
+            dc.prismatic("rail", "ground", "cart", "x"),
+            dc.revolute("hip", "cart", "upper", "z"),
+            dc.revolute("knee", "upper", "lower", axis, position=(0, -0.5, 0)),
+        ],
+        gravity=(0, -9.81, 0),
+    )
+
+
+@cache
+def run(axis: str = "z") -> dc.Trajectory:
+    """As another program would log it: driven at both hinges."""
+    motors = [
+        dc.forces.joint_torque("m1", "hip", "1.5*sin(3*t)"),
+        dc.forces.joint_torque("m2", "knee", "0.4*cos(5*t)"),
+    ]
+    model = replace(mechanism(axis), forces=motors)
+    start = model.state({"hip": 1.0, "knee": -0.5})
+    made = dc.simulate(model, start, duration=2.0, step=2e-3, solver="rk4")
+    forces = {}
+    for place, (name, torque) in enumerate(
+        {"actuator m1": 1.5 * np.sin(3 * made.t), "actuator m2": 0.4 * np.cos(5 * made.t)}.items()
+    ):
+        forces[name] = np.zeros_like(made.u)
+        forces[name][:, place + 1] = torque
+    return replace(
+        made, forces=forces, works={}, integrals={}, udot=None, provenance=dc.Provenance("other")
+    )
+
+
+def scaled(factors: tuple[float, float, float]) -> Change:
+    return lambda r: replace(r, q=r.q * factors, u=r.u * factors)
+
+
+def absolute(r: dc.Trajectory) -> dc.Trajectory:
+    q, u = r.q.copy(), r.u.copy()
+    q[:, 2] += q[:, 1]
+    u[:, 2] += u[:, 1]
+    return replace(r, q=q, u=u)
+
+
+def exchanged(r: dc.Trajectory) -> dc.Trajectory:
+    places = [0, 2, 1]
+    return replace(r, q=r.q[:, places], u=r.u[:, places])
+
+
+def other_forces(r: dc.Trajectory) -> dc.Trajectory:
+    (a, f), (b, g) = r.forces.items()
+    at, by = (int(np.flatnonzero(np.ptp(x, axis=0))[0]) for x in (f, g))
+    x, y = np.zeros_like(f), np.zeros_like(g)
+    x[:, at], y[:, by] = g[:, by], f[:, at]
+    return replace(r, forces={a: x, b: y})
+
+
+DEGREE = 180.0 / np.pi
+
+
+@pytest.mark.parametrize(
+    ("kind", "element", "change"),
+    [
+        ("degrees", "", scaled((1.0, DEGREE, DEGREE))),
+        ("degrees", "knee", scaled((1.0, 1.0, DEGREE))),
+        ("millimetres", "", scaled((1e3, 1.0, 1.0))),
+        ("axis-sign", "knee", scaled((1.0, 1.0, -1.0))),
+        ("absolute-angles", "", absolute),
+        pytest.param("swapped-joints", "hip", exchanged, marks=pytest.mark.slow),
+        ("swapped-forces", "actuator m1", other_forces),
+    ],
+)
+def test_a_convention_is_named_and_accuses_nobody(kind: str, element: str, change: Change) -> None:
+    found = dc.audit(mechanism(), change(run()))
+    doubts = [f for f in found.findings if f.weight == "doubt"]
+    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    assert [f.kind for f in doubts] == [kind]
+    told = {(doubts[0].kind, doubts[0].element), *doubts[0].equals}
+    assert any(k == kind and e.split()[-1:] == element.split()[-1:] for k, e in told), told
+
+
+def test_the_log_itself_has_no_doubt() -> None:
+    found = dc.audit(mechanism(), run())
+    assert found.verdict.kind == "consistent"
+    assert not [f for f in found.findings if f.weight != "note"]
+
+
+def test_another_axis_of_a_joint() -> None:
+    found = dc.audit(mechanism("x"), run())
+    first = found.findings[0]
+    assert (found.verdict.kind, first.kind, first.element) == (
+        "equation-error",
+        "joint-axis",
+        "knee",
+    )

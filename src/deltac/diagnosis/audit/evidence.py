@@ -84,7 +84,7 @@ SHORT = 0.5
 FEWEST = 3
 """Windows that must stand out."""
 
-MOSTLY, QUIET = 0.8, 0.1
+MOSTLY, QUIET = 0.6, 0.1
 """Share of the windows that stand out in a part of a log, and of the log where none does."""
 
 NOT_OF_FORCES = 3.0
@@ -603,7 +603,7 @@ def _of_steps(
 def _in_a_part(
     mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, deadline: Deadline
 ) -> list[Finding]:
-    """Causes of what begins at some time of a log, or ends there, as of a load dropped, a motor that fails."""
+    """Causes of what begins at some time of a log, or ends there: a load that drops, a motor that fails."""
     out = np.flatnonzero(step.standing_out)
     if not len(out) or step.closes or deadline.passed("a cause in a part of the log"):
         return []

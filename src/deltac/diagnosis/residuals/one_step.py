@@ -1443,6 +1443,8 @@ def _fit_under_noise(
     equation that fits best; coefficients are as large as their bounds at first sight. Also what their errors
     leave of each equation (n,), N or N·m.
     """
+    if not names:
+        return {}, np.zeros_like(noise)
     from scipy.optimize import lsq_linear
 
     def windows(forces: Iterable[Array]) -> Array:

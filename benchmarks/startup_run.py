@@ -22,6 +22,11 @@ from measure import seconds
 from deltac.kernels import evaluator_name
 
 STUDY = ("study", "triple-pendulum", "--steps", "0.02,0.01,0.005", "--json")
+SHORT = {
+    "import deltac": (["-c", "import deltac"], 0.1),
+    "deltac --help": (["-m", "deltac", "--help"], 0.2),
+}
+"""What answers at once: its command, and how long it may take beyond Python's own start (s)."""
 VERDICT_WITHIN = {"cold": 2.0, "warm": 1.0}  # s
 SIZES = (30, 100)
 LOADED_WITHIN = 0.3  # s
@@ -43,6 +48,7 @@ def run(rounds: int) -> dict[str, Any]:
         # CasADi's evaluator compiles nothing, and keeps nothing.
         "kernels": [_loaded(dof, rounds) for dof in SIZES if evaluator_name() == "llvm"],
         "loaded_wanted_s": LOADED_WITHIN,
+        "short": {name: _short(command, rounds) for name, (command, _) in SHORT.items()},
         "checks": [_checked(dof, rounds) for dof in CHECKED],
         "rounds": rounds,
     }
@@ -63,6 +69,12 @@ def told(found: dict[str, Any]) -> str:
             f"  accelerations of a chain of {kernel['dof']}: written out in {kernel['trace_s']:.2f} s, "
             f"compiled in {kernel['compiled_s']:.2f} s, from the cache in {loaded:.3f} s; "
             f"less than {wanted:g} s wanted: {_met(loaded, wanted)}"
+        )
+    for name, taken in found["short"].items():
+        wanted = SHORT[name][1]
+        lines.append(
+            f"  {name}: {taken:.2f} s of processor time beyond Python's own; "
+            f"less than {wanted:g} s wanted: {_met(taken, wanted)}"
         )
     for check in found["checks"]:
         lines.append(
@@ -96,6 +108,25 @@ def _first_verdict(folder: str) -> float:
     return taken
 
 
+def _short(command: list[str], rounds: int) -> float:
+    """Median processor time of a process (s), less that of Python alone."""
+    taken = []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(rounds):
+            bare, whole = (_spent(one, folder)[0] for one in (["-c", "pass"], command))
+            taken.append(whole - bare)
+    return statistics.median(taken)
+
+
+def _spent(arguments: list[str], folder: str) -> tuple[float, str]:
+    """Processor time of a process (s), and what it says."""
+    before = os.times()
+    said = _process(arguments, folder)
+    after = os.times()
+    spent = after.children_user - before.children_user
+    return spent + after.children_system - before.children_system, said
+
+
 def _checked(dof: int, rounds: int) -> dict[str, float]:
     """Wall and processor time of whole processes, each with an empty cache; the verdict must be right."""
     file = Path(__file__).with_name("check_chain.py")
@@ -103,16 +134,10 @@ def _checked(dof: int, rounds: int) -> dict[str, float]:
     walls, processors = [], []
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
-            start, before = time.perf_counter(), os.times()
-            said = _process(command, folder)
+            start = time.perf_counter()
+            spent, said = _spent(command, folder)
             walls.append(time.perf_counter() - start)
-        after = os.times()
-        processors.append(
-            after.children_user
-            - before.children_user
-            + after.children_system
-            - before.children_system
-        )
+        processors.append(spent)
         kind = json.loads(said)["verdict"]
         assert kind == "consistent", f"check of a chain of {dof}: the verdict is {kind!r}"
     medians = {"wall_s": statistics.median(walls), "processor_s": statistics.median(processors)}

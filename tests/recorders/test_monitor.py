@@ -196,6 +196,8 @@ def test_what_happens_beyond_the_bound() -> None:
         ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"damper a": [0.0, 0.0]}), "E-NAME"),
         ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"hand": [0.0, 0.0]}), "E-NAME"),
         ((0.1, [0.0, 0.0], [0.0, 0.0], None, {"applied hand": [0.0]}), "E-VALUE"),
+        ((0.1, [0.0, 0.0], [0.0, 0.0], None, [1.0, 2.0]), "E-TYPE"),
+        (("0.1", [0.0, 0.0], [0.0, 0.0]), "E-TYPE"),
     ],
 )
 def test_rows_that_cannot_be(row: Any, code: str) -> None:
@@ -370,6 +372,8 @@ def test_a_missed_step_and_another_model_are_refused() -> None:
     assert watch.monitor.rows == 2
     with pytest.raises(InputError, match="Monitor"):
         dc.Monitor(PENDULUM).mujoco(model, data)
+    with pytest.raises(InputError, match=r"mujoco\.MjData"):
+        dc.Monitor(model).mujoco(model, model)
 
 
 @pytest.mark.filterwarnings("ignore")

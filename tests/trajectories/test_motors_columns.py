@@ -106,3 +106,10 @@ def test_what_is_not_read_says_what_to_do(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(InputError) as caught:
         dc.read_trajectory(path)
     assert caught.value.code == "E-FILE"
+
+
+def test_a_mechanism_in_place_of_the_mapping(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(AS_IS["unit.csv"](), encoding="utf-8")
+    with pytest.raises(InputError, match=r"read_trajectory\(log, mapping, mechanism\)"):
+        dc.read_trajectory(path, ARM)

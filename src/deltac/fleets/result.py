@@ -170,7 +170,8 @@ class Fleet(Report):
             yield f"No logs, and left out: {listed(self.skipped)}"
         if self.others:
             yield f"{self.others} other rows, of an earlier plan, version or model, are {OUTSIDE}."
-        yield f"Table: {self.folder / RESULTS}"
+        if self.done == self.total:
+            yield f"Table: {self.folder / RESULTS}"
 
 
 def shown_cell(value: Any, name: str) -> str:

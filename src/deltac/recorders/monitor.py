@@ -29,6 +29,7 @@ from deltac.errors import (
     RecordingError,
     StateError,
     UnknownName,
+    WrongType,
 )
 from deltac.mechanism.channels import ChannelName
 from deltac.models import ModelLike, load_model
@@ -169,6 +170,7 @@ class Monitor:
         side = self._standing
         return 0 if side is None else 1 + int(side.sums[_STEPS])
 
+    @checked
     def update(
         self,
         t: float,
@@ -202,6 +204,11 @@ class Monitor:
             InputError: the row does not fit the mechanism or the rows before.
         """
         forces, held = forces or {}, held or {}
+        for name, given in (("forces", forces), ("held", held)):
+            if not isinstance(given, Mapping):
+                raise WrongType(
+                    f"{name}: found {type(given).__name__}, expected a dictionary: channel -> force (nu,)"
+                )
         mechanism, rated = self.mechanism, udot is not None
         nu = len(mechanism.speeds)
         parts = [_sized("q", q, len(mechanism.coordinates)), _sized("u", u, nu)]
@@ -215,14 +222,14 @@ class Monitor:
             )
         if first:
             named = [tuple(map(ChannelName.parse, names)) for names in (forces, held)]
-            given = Given(named[0], named[1], rated)
-            both = set(given.forces) & set(given.held)
+            rows = Given(named[0], named[1], rated)
+            both = set(rows.forces) & set(rows.held)
             if both:
                 raise ArgumentsError(
                     f"channels given both as forces and as held: {', '.join(both)}"
                 )
             self._origin = (float(t), parts[0][mechanism.free.q])
-            self._set_up(given, None)
+            self._set_up(rows, None)
         elif rated != self._kernels.given.rated:
             raise RecordingError(
                 f"t = {t:g} s: accelerations must be given in every row or in none"

@@ -15,7 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy.live import Given, Memory
-from deltac.errors import ModelError, RecordingError
+from deltac.errors import ModelError, RecordingError, WrongType
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
 from deltac.mechanism.channels import ChannelName
 from deltac.recorders.builder import simulator
@@ -47,6 +47,12 @@ class MujocoMonitor:
 
     def __init__(self, monitor: Monitor, model: Model, data: Data) -> None:
         self._mujoco = simulator("mujoco", "mujoco")
+        for name, given, kind in (("model", model, "MjModel"), ("data", data, "MjData")):
+            if not isinstance(given, getattr(self._mujoco, kind)):
+                raise WrongType(
+                    f"{name}: found {type(given).__name__}, expected a mujoco.{kind}; it is "
+                    "monitor.mujoco(model, data)"
+                )
         self.monitor, self._model, self._data = monitor, model, data
         mechanism = monitor.mechanism
         names = (tuple(coordinate_names(model)), tuple(speed_names(model)))

@@ -103,7 +103,11 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         except NO_NUMBER:
             number = math.nan
         if not (math.isfinite(number) and number > 0.0):
-            raise InputError(f"{what} is {step!r}; expected a positive, finite number")
+            logs = "; runs that were made before are given as logs="
+            raise InputError(
+                f"{what} is {step!r}; expected a positive, finite number"
+                f"{logs if hasattr(step, 'provenance') else ''}"
+            )
         values.append(number)
     if not values:
         raise InputError(f"no {what} was given; give three, each half of the previous one")

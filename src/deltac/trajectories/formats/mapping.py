@@ -39,7 +39,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import InputError, LogError, closest, shown
+from deltac.errors import InputError, LogError, WrongType, closest, shown
 from deltac.files import read_text
 from deltac.limits import parse_toml
 from deltac.mechanism.channels import ChannelName
@@ -126,7 +126,14 @@ def read_mapping(path: str | Path) -> LogMapping:
 
 def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
     """A mapping from its file, or as it is."""
-    return read_mapping(mapping) if isinstance(mapping, str | Path) else mapping
+    if isinstance(mapping, str | Path):
+        return read_mapping(mapping)
+    if mapping is not None and not isinstance(mapping, LogMapping):
+        raise WrongType(
+            f"mapping: found {type(mapping).__name__}, expected a LogMapping or the path of a TOML file. The "
+            "order of arguments is read_trajectory(log, mapping, mechanism)"
+        )
+    return mapping
 
 
 @dataclass(frozen=True)

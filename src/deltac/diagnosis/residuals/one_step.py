@@ -1445,6 +1445,9 @@ def _fit_under_noise(
     """
     from scipy.optimize import lsq_linear
 
+    if not names:  # as of a log at rest
+        return {}, np.zeros(residual.shape[1])
+
     def windows(forces: Iterable[Array]) -> Array:
         return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
 

@@ -1447,6 +1447,9 @@ def _fit_under_noise(
         return {}, np.zeros_like(noise)
     from scipy.optimize import lsq_linear
 
+    if not names:  # as of a log at rest
+        return {}, np.zeros(residual.shape[1])
+
     def windows(forces: Iterable[Array]) -> Array:
         return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
 
@@ -1636,10 +1639,14 @@ def _mistakes(
     the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
+    energy = np.sum((residual / np.maximum(_rms(residual), 1e-100)) ** 2, axis=1)
+    kept = energy <= np.quantile(energy, 1.0 - TRIMMED)  # what acts all along shows in the others
+    residual = residual[kept]
     weight = 1.0 / np.maximum(_rms(residual), 1e-100)  # whose square is a number
 
     def weighted(forces: Iterable[Array]) -> Array:
-        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
+        made = np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
+        return np.asarray(made[kept] * weight)
 
     bounds = {n: max(p.bounds.get(n, 0.0) for p in parts) for n in names}
     columns = [

@@ -12,6 +12,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.models import from_file
 from deltac.repair.repair import repair_loaded
 from deltac.scripts import Script
 
@@ -92,6 +93,27 @@ MEANS = {
     "an import in a function": "def f():\n    from math import floor\n    return floor(3.5)",
     "a comprehension": "k = 3\nv = [k for _ in range(2)]\ndef f(): return v[0]",
     "a name built in": "def f(): return max(1, 3)",
+    "a registry": (
+        "known = {}\ndef register(g):\n    known[g.__name__] = 3\n    return g\n@register\ndef g(): pass\n"
+        "def f(): return known['g']"
+    ),
+    "derived classes": (
+        "class A:\n    known = []\n    def __init_subclass__(cls): A.known.append(3)\nclass B(A): pass\n"
+        "def f(): return A.known[0]"
+    ),
+    "a class by setattr": "class P: k = 1\nsetattr(P, 'k', 3)\ndef f(): return P.k",
+    "a class by its method": (
+        "class P:\n    k = 1\n    @classmethod\n    def set(cls, k): cls.k = k\nP.set(3)\ndef f(): return P.k"
+    ),
+    "an object that is called": (
+        "class P:\n    k = 1\n    def __call__(self): self.k = 3\np = P()\np()\ndef f(): return p.k"
+    ),
+    "an option of a package": (
+        "import decimal\ndecimal.setcontext(decimal.Context(prec=3))\n"
+        "def f(): return len(str(decimal.Decimal(1) / 3)) - 2"
+    ),
+    "all of a package over a name": "pi = 1\nfrom math import *\ndef f(): return floor(pi)",
+    "an attribute of a package": "import math\nmath.extra = 3\ndef f(): return math.extra",
     "a redefinition": "def f(): return 1\ndef f(): return 3",
     "a wrapped function": "def f(): return 1\ndef more(g): return lambda: g() + 2\nf = more(f)",
 }
@@ -110,6 +132,30 @@ def test_what_a_name_means_is_what_python_says(tmp_path: Path, case: str) -> Non
 def test_output_of_a_file_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script(tmp_path, "print('hello')\nk = 3").run()
     assert capsys.readouterr().out == ""
+
+
+def test_modules_beside_a_file_may_be_altered_by_it(tmp_path: Path) -> None:
+    (tmp_path / "beside.py").write_text(
+        "k = 1\ndef load(n):\n    global k\n    k = n\n", encoding="utf-8"
+    )
+    text = "import beside\nn = [3]\nbeside.load(n[0])\ndef f(): return beside.k"
+    script(tmp_path, text)
+    assert from_file(tmp_path / "user.py", "f")() == 3
+
+
+def test_modules_are_found_where_the_file_says(tmp_path: Path) -> None:
+    for folder, k in ((tmp_path, 1), (tmp_path / "newer", 3)):
+        folder.mkdir(exist_ok=True)
+        (folder / "which_one.py").write_text(f"k = {k}\n", encoding="utf-8")
+    place = str(tmp_path / "newer")
+    script(
+        tmp_path,
+        f"import sys\nsys.path.insert(0, {place!r})\nimport which_one\ndef f(): return which_one.k",
+    )
+    try:
+        assert from_file(tmp_path / "user.py", "f")() == 3
+    finally:
+        sys.path[:] = [p for p in sys.path if p != place]
 
 
 HANDED = {

@@ -11,6 +11,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, is_dataclass, replace
 from importlib import import_module
 from inspect import Parameter, isfunction, signature
@@ -404,11 +405,13 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
 def _run(path: Path, what: str, *names: str) -> ModuleType:
     if not os.path.isfile(path):
         raise FileError(f"{what} {path}: no such file")
-    sys.path.insert(0, str(path.resolve().parent))  # it may import its neighbours
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)  # it may import its neighbours
     try:
         return _users(lambda: Script(path).run(*names), path, f"{what} {path} cannot be run")
     finally:
-        sys.path.pop(0)
+        with suppress(ValueError):  # the file may set the path itself
+            sys.path.remove(folder)
 
 
 def _users(code: Callable[[], T], path: Path, said: str) -> T:

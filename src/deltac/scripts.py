@@ -20,7 +20,7 @@ from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from hashlib import sha256
-from importlib.util import decode_source
+from importlib.util import decode_source, find_spec
 from itertools import chain
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -44,7 +44,13 @@ EVERYTHING = "*"
 FUTURE = sum(getattr(__future__, name).compiler_flag for name in __future__.all_feature_names)
 
 DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-IMPORTS = (ast.Import, ast.ImportFrom)
+NUMBERS = (
+    ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop, ast.Name, ast.expr_context, ast.Tuple
+)  # fmt: skip
+"""What expressions consist of whose values are numbers and tuples of them, if those of their names are."""
+
+SURROUNDINGS = frozenset({"os", "sys", "site"})
+"""Packages whose calls tell Python where it is, and where it finds modules."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,9 @@ class Statement:
     binds    names that it defines
     alters   names of values that it assigns parts of, or for which it makes another name
     passes   names of values that it hands over or calls methods of, and that may be altered there
+    calls    names that it calls
+    roots    packages that it imports from
+    constant whether nothing alters what it binds: an installed module, a function, a number
     """
 
     node: ast.stmt
@@ -63,6 +72,9 @@ class Statement:
     binds: frozenset[str]
     alters: frozenset[str]
     passes: frozenset[str]
+    calls: frozenset[str]
+    roots: frozenset[str]
+    constant: bool
 
     @property
     def defines(self) -> bool:
@@ -251,35 +263,73 @@ def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Stat
     bound = {name for s in statements for name in s.binds}
     if not bound.issuperset(names) or any(s.reads & OPAQUE for s in statements):
         return None
-    variable = {n for s in statements if not _of_constants(s.node) for n in s.binds}
-    calls = {n: s for s in statements if s.defines for n in s.binds}
+    variable = {n for s in statements if not s.constant for n in s.binds}
+    defined = {n: s for s in statements if s.defines for n in s.binds}
+    imported = {n: s.roots for s in statements if s.roots for n in s.binds}
 
     def altered(s: Statement, seen: frozenset[str] = frozenset()) -> set[str]:
         """Names whose values a statement may alter, by the file's functions that it calls, too."""
-        inner = s.reads & calls.keys() - seen
-        further = (altered(calls[f], seen | inner) for f in inner)
-        return set(s.alters | s.passes & variable).union(*further)
+        inner = s.reads & defined.keys() - seen
+        further = (altered(defined[f], seen | inner) for f in inner)
+        own = s.alters | s.passes & variable | s.calls & (variable - defined.keys())
+        return set(own).union(*further)
 
-    effects = [set[str]() if s.defines else altered(s) for s in statements]
-    wanted, chosen = set(names), set[int]()
+    def effects(s: Statement) -> set[str]:
+        """Names that mean something else after a statement."""
+        if not isinstance(s.node, DEFINITIONS):
+            return altered(s)
+        bases = (
+            s.node.bases if isinstance(s.node, ast.ClassDef) else []
+        )  # which may list what is derived
+        return {*map(_base, bases)}.union(altered(s) if s.node.decorator_list else ())
+
+    def sets_up(s: Statement) -> bool:
+        """Whether it sets an option of a package that is needed, or where modules are found."""
+        call = s.node.value if isinstance(s.node, ast.Expr) else None
+        if not isinstance(call, ast.Call) or not s.reads <= imported.keys() | BUILTIN:
+            return False
+        used = imported.get(_base(call.func), frozenset())
+        return bool(used & (SURROUNDINGS | roots)) and not ast.unparse(call.func).endswith("exit")
+
+    changes = [effects(s) for s in statements]
+    roots = set[str]()
+    chosen = {k for k, s in enumerate(statements) if _always(s)}
+    wanted = set(names).union(*(statements[k].binds for k in chosen))
     while True:
-        more = set()
-        for k, s in enumerate(statements):
-            if k not in chosen and (s.binds | effects[k]) & wanted:
-                more.add(k)
-                wanted |= s.reads | s.binds
+        more = {
+            k
+            for k, s in enumerate(statements)
+            if k not in chosen and ((s.binds | changes[k]) & wanted or sets_up(s))
+        }
         if not more and not wanted <= bound | BUILTIN | {EVERYTHING}:
             bound |= wanted  # only an import of all names can bring the others
             wanted.add(EVERYTHING)
         elif not more:
             return [statements[k] for k in sorted(chosen)]
         chosen |= more
+        for s in (statements[k] for k in more):
+            wanted |= s.reads | s.binds
+            roots |= s.roots
+
+
+def _always(s: Statement) -> bool:
+    """Whether a statement may concern any name: what it imports is not told, or is of the language."""
+    if "__future__" in s.roots:
+        return True
+    return EVERYTHING in s.binds and all(map(_importable, s.roots))
+
+
+def _importable(root: str) -> bool:
+    try:
+        return root in sys.modules or find_spec(root) is not None
+    except (ImportError, ValueError):
+        return False
 
 
 def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
     code = compile(ast.Module([node], []), path, "exec", flags, dont_inherit=True)
     reads, binds = _names(code)
-    alters, passes, sets = set[str](), set[str](), set[str]()
+    alters, sets, passes, calls = set[str](), set[str](), set[str](), set[str]()
     for part in ast.walk(node):
         if isinstance(part, ast.Subscript | ast.Attribute) and not isinstance(part.ctx, ast.Load):
             alters.add(_base(part))
@@ -292,9 +342,10 @@ def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
         elif isinstance(part, ast.Global):
             sets |= set(part.names)
         elif isinstance(part, ast.Call):
-            passes.add(_base(part.func))
+            (calls if isinstance(part.func, ast.Name) else passes).add(_base(part.func))
             for value in chain(part.args, (k.value for k in part.keywords)):
                 passes |= _whole(value)
+    roots = _roots(node)
     return Statement(
         node,
         code,
@@ -302,7 +353,25 @@ def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
         binds=frozenset(binds),
         alters=frozenset(alters & (reads | binds) | sets),
         passes=frozenset(passes & reads),
+        calls=frozenset(calls & reads),
+        roots=frozenset(roots),
+        constant=_of_constants(node) and not any(_beside(root, path) for root in roots),
     )
+
+
+def _roots(node: ast.stmt) -> set[str]:
+    """The packages that an import is from; a relative import is from "." itself."""
+    if isinstance(node, ast.Import):
+        return {a.name.partition(".")[0] for a in node.names}
+    if isinstance(node, ast.ImportFrom):
+        return {(node.module or ".").partition(".")[0]}
+    return set()
+
+
+def _beside(root: str, path: str) -> bool:
+    """Whether a package is a user's, next to the file."""
+    place = Path(path).parent / root
+    return place.is_dir() or place.with_suffix(".py").is_file()
 
 
 def _names(code: CodeType) -> tuple[set[str], set[str]]:
@@ -336,18 +405,9 @@ def _whole(node: ast.expr) -> set[str]:
 
 
 def _of_constants(node: ast.stmt) -> bool:
-    """Whether what a statement binds is a module, a function, a class, or a number: nothing alters these."""
-    if isinstance(node, (*DEFINITIONS, *IMPORTS)):
+    """Whether what a statement binds is a module, a function, or a number."""
+    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Import, ast.ImportFrom)):
         return True
-    numbers = (
-        ast.Constant,
-        ast.UnaryOp,
-        ast.BinOp,
-        ast.operator,
-        ast.unaryop,
-        ast.Name,
-        ast.expr_context,
-    )
     value = getattr(node, "value", None)
     parts = list(ast.walk(value)) if isinstance(value, ast.expr) else [node]
-    return all(isinstance(part, (*numbers, ast.Tuple)) for part in parts)
+    return all(isinstance(part, NUMBERS) for part in parts)

@@ -148,6 +148,9 @@ def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 # --- `explain_residual` --------------------------------------------------------------------------
 
+PREDICTS = 0.9
+"""Share of a residual within its bar that parts of the log must predict of the others to have a cause."""
+
 EXPLAINS = 0.95
 """Share of what is no noise that causes must explain of the squared residual to be named."""
 
@@ -347,8 +350,8 @@ def _at_its_place(
 
 def _alone(regression: Regression, fit: Fit) -> bool:
     """Whether one cause explains nearly all of a residual within its bar, and the same all along the log."""
-    left = fit.left <= (1.0 - EXPLAINS) * regression.total
-    return left and regression.stands_out(fit) and regression.predicted >= EXPLAINS
+    explained = regression.total - fit.left >= EXPLAINS * regression.unlike_noise
+    return explained and regression.stands_out(fit) and regression.predicted >= PREDICTS
 
 
 def told(

@@ -49,6 +49,9 @@ BLURRED, FARTHER = 2.0, 10.0
 """Squares that a fit may leave for columns known only so far, as multiples of what these do, and of the best.
 """
 
+MOSTLY = 0.5
+"""Share of a residual that is taken for no noise, whatever seems to be."""
+
 SURE = 6.0
 """Standard errors by which a cause must stand out to be named."""
 
@@ -115,7 +118,8 @@ class Regression:
         """Share of |r|² that all columns, fitted to three quarters of the blocks, predict of the others.
 
         A mistake of the equations does the same everywhere; what noise, filters and unknown forces leave in
-        one part of a log says nothing of another.
+        one part of a log says nothing of another. Of white noise it is known how large it is: that part of
+        |r|² nobody can predict.
         """
         grams = np.swapaxes(self.blocks, 1, 2) @ self.blocks
         size = np.sqrt(np.maximum(np.diag(grams.sum(axis=0)), 1e-300))
@@ -128,7 +132,13 @@ class Regression:
             columns = known[:-1, :-1] + RIDGE * np.eye(len(known) - 1)
             c = np.append(-np.linalg.solve(columns, known[:-1, -1]), 1.0)
             left += float(c @ test @ c)
-        return float(np.clip(1.0 - left / max(self.total, 1e-300), 0.0, 1.0))
+        known = max(self.unlike_noise, 1e-300)
+        return float(np.clip((self.total - left) / known, 0.0, 1.0))
+
+    @property
+    def unlike_noise(self) -> float:
+        """What |r|² is without that of noise, half of it at least: the size of noise is an estimate."""
+        return max(self.total - self.noise(self.nothing), MOSTLY * self.total)
 
     @property
     def nothing(self) -> Fit:

@@ -1443,7 +1443,12 @@ def _fit_under_noise(
     equation that fits best; coefficients are as large as their bounds at first sight. Also what their errors
     leave of each equation (n,), N or N·m.
     """
+    if not names:
+        return {}, np.zeros_like(noise)
     from scipy.optimize import lsq_linear
+
+    if not names:  # as of a log at rest
+        return {}, np.zeros(residual.shape[1])
 
     def windows(forces: Iterable[Array]) -> Array:
         return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
@@ -1634,10 +1639,14 @@ def _mistakes(
     the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
+    energy = np.sum((residual / np.maximum(_rms(residual), 1e-100)) ** 2, axis=1)
+    kept = energy <= np.quantile(energy, 1.0 - TRIMMED)  # what acts all along shows in the others
+    residual = residual[kept]
     weight = 1.0 / np.maximum(_rms(residual), 1e-100)  # whose square is a number
 
     def weighted(forces: Iterable[Array]) -> Array:
-        return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)]) * weight
+        made = np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])
+        return np.asarray(made[kept] * weight)
 
     bounds = {n: max(p.bounds.get(n, 0.0) for p in parts) for n in names}
     columns = [

@@ -122,8 +122,8 @@ define require_python
 endef
 
 # $(call install,REQUIREMENT,STAMPS): editable install; the stamps are made only when it succeeds.
-# uv takes a third of pip's time. Where it cannot be had, or does not reach what pip reaches (it reads none of
-# pip's configuration but the index), pip installs, and says what is wrong where something is.
+# uv takes a third of pip's time. Of pip's configuration it is given the index and the certificates. Where it
+# cannot be had, or does not reach what pip reaches, pip installs, and says what is wrong where something is.
 # --no-compile: Python compiles what is imported, which is a fraction of what is installed.
 PIP_OPTIONS := --quiet --disable-pip-version-check --no-input
 define install
@@ -132,9 +132,10 @@ $(call require_python,$(PY),Remove $(VENV) and run make again with a newer one: 
 @rm -f $@
 @$(PY) -m pip --version >/dev/null 2>&1 || $(PY) -m ensurepip >/dev/null || { \
 	echo "$(VENV) has no pip, and it could not be added: remove $(VENV) and run make again" >&2; exit 1; }
-@index=$$($(PY) -m pip config get global.index-url 2>/dev/null || echo "$$PIP_INDEX_URL"); \
+@index=$${PIP_INDEX_URL:-$$($(PY) -m pip config get global.index-url 2>/dev/null)}; \
 	{ $(PY) -m pip install $(PIP_OPTIONS) uv && \
-	env $${index:+UV_DEFAULT_INDEX="$$index"} $(PY) -m uv pip install --quiet --python $(PY) --editable "$(1)"; \
+	env UV_HTTP_TIMEOUT=180 $${index:+UV_DEFAULT_INDEX="$$index"} $${PIP_CERT:+SSL_CERT_FILE="$$PIP_CERT"} \
+		$(PY) -m uv pip install --quiet --python $(PY) --editable "$(1)"; \
 	} 2>/dev/null || $(PY) -m pip install $(PIP_OPTIONS) --no-compile --editable "$(1)"
 @touch $(2)
 endef

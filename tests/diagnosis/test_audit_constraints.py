@@ -66,3 +66,12 @@ def test_prescribed_joints_in_logs_of_few_decimals(decimals: int) -> None:
     found = dc.audit(mechanism, log)
     assert found.verdict.kind != "equation-error", found.verdict.explain()
     assert not [f for f in found.findings if f.weight == "cause"]
+
+
+def test_a_log_at_rest_of_rods_that_have_no_inertia_about_other_axes() -> None:
+    """No scheme leaves anything then, and the model with another axis of a joint cannot be evaluated."""
+    problem = dc.problems.load("n-four-bar")
+    run = dc.simulate(problem.mechanism, problem.state, 0.8, 0.004, "ode4")
+    q = np.repeat(run.q[:1], len(run), axis=0)
+    log = Trajectory(t=run.t, q=q, u=0.0 * run.u, coordinates=run.coordinates, speeds=run.speeds)
+    assert dc.audit(problem, log).verdict.kind in ("equation-error", "unresolved")

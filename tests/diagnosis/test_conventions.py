@@ -114,3 +114,18 @@ def test_another_axis_of_a_joint() -> None:
         "joint-axis",
         "knee",
     )
+
+
+def test_a_motor_that_fails_is_told_with_its_time() -> None:
+    """Until 1.2 s the force of the knee's motor acts as logged, afterwards not."""
+    failing = [
+        dc.forces.joint_torque("m1", "hip", "1.5*sin(3*t)"),
+        dc.forces.joint_torque("m2", "knee", "0.4*cos(5*t)*(1 - tanh(1e4*(t - 1.2)))/2"),
+    ]
+    model = replace(mechanism(), forces=failing)
+    start = model.state({"hip": 1.0, "knee": -0.5})
+    made = dc.simulate(model, start, duration=2.0, step=2e-3, solver="rk4")
+    first = dc.audit(mechanism(), replace(run(), q=made.q, u=made.u)).findings[0]
+    assert (first.kind, first.element) == ("actuator-gear", "actuator m2")
+    assert first.factor == pytest.approx(0.0, abs=1e-2)
+    assert "before, the equations hold" in first.evidence

@@ -132,6 +132,13 @@ def test_bars_of_known_integrals(count: int, derived: bool) -> None:
         assert (error <= found.bar + 1e-14).all()
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_a_few_samples_whose_rates_are_derived(count: int) -> None:
+    found = integrate(analytic(np.linspace(0.0, 0.1, count), derived=True), integrand)
+    assert np.isfinite(found.value).all()
+    np.testing.assert_array_equal(found.bar[-1], np.abs(found.value).max(axis=0))
+
+
 @pytest.mark.parametrize("offset", [1e3, 1e6, 1.7e9])
 @pytest.mark.parametrize("spacing", ["even", "uneven"])
 @pytest.mark.parametrize("derived", [False, True])

@@ -62,6 +62,8 @@ def test_the_recommended_setting_is_marked(tmp_path: Path) -> None:
 
 def test_view_shows_a_problem_and_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    assert run("view", "simple-pendulum", "--no-open", "--step", "0") == 2
+    assert run("view", "simple-pendulum", "--no-open", "--duration", "0") == 2
     assert run("view", "simple-pendulum", "--no-open", "--duration", "1") == 0
     contents = read(tmp_path / "simple-pendulum.html")
     assert contents["tone"] == "plain" and contents["scene"]["runs"][0]["t"][-1] == 1.0

@@ -34,7 +34,7 @@ from deltac.energy.terms import (
     residual_kernel,
     variants,
 )
-from deltac.energy.works import Work, certain, exchanged, in_loop, of_potential, widened
+from deltac.energy.works import Work, certain, exchanged, in_loop, largest, of_potential, widened
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
@@ -452,7 +452,8 @@ def _momenta(
     departures: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     for name, h, force in zip(kernels.momenta, momentum, sums):
-        impulse = force.value + impulses.get(name, 0.0)
-        departures[name] = h - h[0] - impulse
-        bars[name] = force.bar + 8 * EPS * float(np.abs(h).max() + np.abs(impulse).max())
+        impulse = force.value + impulses[name] if name in impulses else force.value
+        departures[name] = h - h[0]
+        departures[name] -= impulse
+        bars[name] = force.bar + 8 * EPS * (largest(h) + largest(impulse))
     return departures, bars

@@ -50,16 +50,23 @@ class Work:
         `size` is that of the numbers it is a difference of; `rows` are the samples' places in the run, if
         they are not all of them.
         """
-        steps = 4.0 + np.sqrt(np.arange(len(value)) if rows is None else rows)
-        return Work(value, EPS * (float(np.abs(value).max()) + size) * steps, way)
+        bar = np.sqrt(np.arange(len(value)) if rows is None else rows)
+        bar += 4.0
+        bar *= EPS * (largest(value) + size)
+        return Work(value, bar, way)
 
     def __add__(self, other: Work) -> Work:
         return Work(self.value + other.value, self.bar + other.bar, self.way)
 
 
+def largest(x: Array) -> float:
+    """The largest |x|, without an array of sizes."""
+    return max(float(x.max()), -float(x.min()))
+
+
 def of_potential(V: Array, explicit: Work | None, rows: NDArray[np.intp] | None = None) -> Work:
     """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero."""
-    lost = Work.exact(V[0] - V, "potential", float(np.abs(V).max()), rows)
+    lost = Work.exact(V[0] - V, "potential", largest(V), rows)
     return lost if explicit is None else lost + explicit
 
 

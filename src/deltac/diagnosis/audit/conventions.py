@@ -7,7 +7,8 @@ then tested on the whole log from row to row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.one_step import Model, one_step
 from deltac.diagnosis.verdict import Finding
+from deltac.errors import InputError
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Deadline
@@ -152,8 +154,9 @@ def axes(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding |
                 continue
             turned = replace(joint, axes=(tuple(axis.tolist()),))
             joints = tuple(turned if j is joint else j for j in mechanism.joints)
-            other = replace(mechanism, joints=joints)
-            found.append((_left(Model(other, part), part), joint, name, other))
+            with suppress(InputError):  # a body may have no inertia about that axis
+                other = replace(mechanism, joints=joints)
+                found.append((_left(Model(other, part), part), joint, name, other))
     if not found:
         return None
     left, joint, name, other = min(found, key=lambda item: item[0])
@@ -207,7 +210,8 @@ def _left(model: Model, run: Trajectory) -> float:
     F = np.concatenate(values, axis=1) if values else np.zeros((len(run), 0))
     h = np.diff(run.t)
     next_to = h < 1.5 * np.median(h)
-    with np.errstate(all="ignore"):
+    sizes: Sequence[float] = (np.inf, 1.0, 0.0)  # where accelerations are not finite
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
         a = model.acceleration(run.t, q, u, F)
         M = model.inertia(run.t[:-1], q[:-1])[next_to]
         D = (np.diff(u, axis=0) / h[:, None])[next_to]

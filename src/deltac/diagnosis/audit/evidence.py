@@ -20,6 +20,7 @@ from deltac.diagnosis.audit import checks, conventions
 from deltac.diagnosis.audit.acted import as_acted
 from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
+from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
 from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
 from deltac.diagnosis.explain.result import Explanation
@@ -83,6 +84,9 @@ SHORT = 0.5
 
 FEWEST = 3
 """Windows that must stand out."""
+
+MOSTLY, QUIET = 0.6, 0.1
+"""Share of the windows that stand out in a part of a log, and of the log where none does."""
 
 NOT_OF_FORCES = 3.0
 """How many times the largest change of a force must be missing beside one of its changes to be none of it."""
@@ -244,6 +248,8 @@ def gather(
         else:
             several = parts.part("several")
             step, more = _of_steps(mechanism, log, step, tolerance, deadline, several)
+        if not any(f.weight == "cause" and f.kind != "missing-contact" for f in more):
+            more = _in_a_part(mechanism, log, step, tolerance, deadline) or more
         again = {(f.kind, f.element) for f in more}
         found = [f for f in found if (f.kind, f.element) not in again] + more
     if foreign:
@@ -623,6 +629,41 @@ def _of_steps(
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
         return step, _missing(step, float(out.mean()))
     return step, _unknown(told)
+
+
+def _in_a_part(
+    mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, deadline: Deadline
+) -> list[Finding]:
+    """Causes of what begins at some time of a log, or ends there: a load that drops, a motor that fails."""
+    out = np.flatnonzero(step.standing_out)
+    if not len(out) or step.closes or deadline.passed("a cause in a part of the log"):
+        return []
+    first, last, count = int(out[0]), int(out[-1]), len(step.t)
+    if len(out) < MOSTLY * (last - first + 1) or (last - first + 1) > (1.0 - QUIET) * count:
+        return []
+    begins, ends = first >= QUIET * count, last < (1.0 - QUIET) * count
+    if begins == ends:
+        return []
+    edge = float(step.t[first if begins else last])
+    run = log.consecutive
+    beside = BESIDE * float(np.median(np.diff(run.t)))
+    part = run.between(edge + beside, run.t[-1]) if begins else run.between(run.t[0], edge - beside)
+    there = one_step(mechanism, part, _late(log)) if len(part) >= LEAST_ROWS else None
+    if there is None or not there.significant.any():
+        return []
+    pair = known_but_for_one(mechanism, part, there, deadline.part(FIRST))
+    if pair is not None:
+        causes = _weighed(pair[1], pair[0], tolerance)
+    else:
+        whole = replace(log, run=part, consecutive=part)
+        causes = _of_steps(mechanism, whole, there, tolerance, deadline, untold)[1]
+    when = f"from t = {edge:.4g} s on" if begins else f"until t = {edge:.4g} s"
+    rest = "before" if begins else "afterwards"
+    return [
+        replace(f, what=f"{when}: {f.what}", evidence=f"{f.evidence}; {rest}, the equations hold")
+        for f in causes
+        if f.kind in PREFERENCE
+    ]
 
 
 def _now_and_then(log: Log, step: OneStep) -> list[Finding]:

@@ -23,6 +23,12 @@ DOMINATES = 4.0
 SMOOTH = 2.0
 """Order of convergence from which on an error bar above the tolerance is believed."""
 
+AS_OF_AN_ACTUATOR = (
+    "missing-spring", "missing-damper", "missing-drag", "missing-friction", "missing-stop", "constant-force",
+    "damping", "stiffness", "rest-angle",
+)  # fmt: skip
+"""Causes that a controlled actuator looks like whose force is not in the log."""
+
 BEYOND = 30.0
 """So many error bars count whatever their order."""
 
@@ -144,6 +150,11 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
         return verdict("unresolved", "high", balance, f"{impacts}")
+    if unlogged and causes and causes <= {*AS_OF_AN_ACTUATOR}:
+        alike = "; ".join(f.what for f in findings if f.weight == "cause")
+        findings = tuple(replace(f, weight="note") if f.weight == "cause" else f for f in findings)
+        lacking = f"It may be {alike}; or a force that the log lacks: {unlogged.evidence}"
+        return verdict("unresolved", "high", balance, *equations, lacking)
     if causes == {"constraint-drift"}:
         return verdict("integration-error", "medium", balance, *equations, _smaller_step(measures))
     if causes:

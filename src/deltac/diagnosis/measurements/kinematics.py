@@ -675,7 +675,9 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
     for i, turned, jumps in zip(places, turns.T, jumping.T):
         within = np.abs(np.ptp(q[:, i]) - turn) < 0.6 or np.ptp(q[:, i]) < turn
-        if jumps.any() and within:
+        # Of another clock, or of a coarse one, the speeds alone tell of turns.
+        jumped = np.abs(np.diff(run.q[:, i])).max() > 0.5 * turn
+        if jumps.any() and within and jumped:
             q[1:, i] -= turn * np.cumsum(np.where(jumps, turned, 0.0))
             found.append(
                 Finding(

@@ -1443,7 +1443,12 @@ def _fit_under_noise(
     equation that fits best; coefficients are as large as their bounds at first sight. Also what their errors
     leave of each equation (n,), N or N·m.
     """
+    if not names:
+        return {}, np.zeros_like(noise)
     from scipy.optimize import lsq_linear
+
+    if not names:  # as of a log at rest
+        return {}, np.zeros(residual.shape[1])
 
     def windows(forces: Iterable[Array]) -> Array:
         return np.concatenate([_window(x, h, width) for x, h in zip(forces, lengths)])

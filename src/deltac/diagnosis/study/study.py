@@ -674,7 +674,7 @@ def _of_user(simulator: Simulator, order: int | None) -> _Maker:
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
-        raise ArgumentsError("give steps=, three or more, each half of the previous one")
+        raise ArgumentsError("give steps= (--steps), three or more, each half of the previous one")
     h, duration = loaded.problem.step, loaded.problem.duration
     coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
     return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)

@@ -47,6 +47,9 @@ SAMPLED = 8
 ROWS_AT_ONCE = 520
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
+THINNED = 5
+"""Samples from which on some can be left out, to see what that changes."""
+
 NUMBERS = 1 << 15
 """Numbers of integrals whose bars are found at once."""
 
@@ -293,7 +296,8 @@ def _chosen(
 ) -> Integral:
     """The integral by the rule with the smallest bars."""
     thinned = {1: (samples, known)}
-    for n in (2,) if samples.derived else (2, 4):
+    steps = (2,) if samples.derived else (2, 4)
+    for n in steps if len(samples.t) >= THINNED else ():
         thin = samples.every(n)
         # Derived rates are others when samples are left out.
         thinned[n] = thin, at_samples(thin, powers, rated) if samples.derived else known[:, ::n]
@@ -342,7 +346,7 @@ def _estimated(
     fine = rule.sums(*thinned[1])
     count = fine.shape[1]
     bar = np.empty(fine.shape)
-    if count < 5:  # nothing can be left out: as much error as integral
+    if count < THINNED:  # nothing can be left out: as much error as integral
         np.maximum.accumulate(np.abs(fine), axis=1, out=bar)
         return Integral(fine.T, bar.T, rule.name, 0.0)
     half = rule.sums(*thinned[2])

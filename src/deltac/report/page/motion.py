@@ -25,6 +25,7 @@ from deltac.report.page.plots import by_name, energy_plots, motion_plots
 from deltac.report.page.scene import Scene
 from deltac.report.page.sketch import sketch
 from deltac.results import number
+from deltac.simulation.arguments import positive
 from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory, read_trajectory
 
@@ -54,10 +55,13 @@ def viewed(
         read = read_log(mechanism, log, None, mapping)
         return mechanism, read.run, read.ledger
     start = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
-    step = step or (problem.step if problem else STEP)
+    if step is None:
+        step = problem.step if problem else STEP
+    step = positive(step, "step")
     solver = solver or (problem.solver if problem else SOLVER)
-    wanted = duration or (problem.duration if problem else DURATION)
-    if duration is None:
+    wanted = duration
+    if wanted is None:
+        wanted = problem.duration if problem else DURATION
         wanted = step * max(2, round(min(wanted / step, ROWS)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page says where it stopped

@@ -117,3 +117,36 @@ def test_noise_of_one_equation_is_not_that_of_another(seed: int) -> None:
     u = run.u + np.array([1e-6, 1e-2]) * rng.standard_normal(run.u.shape)
     step = one_step(MECHANISM, replace(run, u=u))
     assert step is not None and float(step.ratio.max()) < 2.0
+
+
+@pytest.mark.parametrize("row", [12, -12])
+def test_an_impact_near_an_end_is_no_spoiled_end(row: int) -> None:
+    """The coordinates show it, too: the run goes on from there with other speeds."""
+    run = log(RIGHT, "rk4", accelerations=False)
+    k = row % len(run)
+    t = run.t - run.t[k]
+    q, u = run.q.copy(), run.u.copy()
+    kick = np.array([0.0, 0.5])
+    u[k + 1 :] += kick
+    q[k + 1 :] += t[k + 1 :, None] * kick
+    found = dc.audit(MECHANISM, noisy(replace(run, q=q, u=u), 3, 1e-6, 1e-5))
+    assert "F-SPOILED-ENDS" not in {f.code for f in found.findings}
+    assert found.verdict.kind != "consistent"
+
+
+def test_noise_on_a_motion_without_scheme_columns() -> None:
+    """Constant accelerations leave an integrator nothing to differ in."""
+    mechanism = dc.Mechanism(
+        [dc.body("c", 2.0, inertia=(0.1, 0.1, 0.1))], [dc.prismatic("x", "ground", "c", "x")]
+    )
+    t = 2e-3 * np.arange(1001)
+    run = dc.Trajectory(
+        t=t,
+        q=(t + 0.075 * t**2)[:, None],
+        u=(1.0 + 0.15 * t)[:, None],
+        coordinates=("x",),
+        speeds=("x",),
+        forces={"actuator m": np.full((len(t), 1), 0.3)},
+    )
+    found = dc.audit(mechanism, noisy(run, 1, 1e-4, 1e-2))
+    assert found.verdict.kind in ("consistent", "unresolved")

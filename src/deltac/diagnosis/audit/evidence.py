@@ -34,6 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import (
+    LEAST,
     EXPLICIT,
     NAMED,
     UNEVEN,
@@ -383,7 +384,7 @@ def _is_motion(
     if step is None:
         return True
     left, inside = _left(step), (step.t > start) & (step.t < end)
-    most = max(most, BEYOND_OTHERS * float(left[inside].max(initial=0.0)))
+    most = max(most, LEAST, BEYOND_OTHERS * float(left[inside].max(initial=0.0)))
     return bool(np.any(left[~inside] > most))
 
 

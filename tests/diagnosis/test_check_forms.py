@@ -105,6 +105,20 @@ def test_a_wrong_rate_of_a_coordinate_is_an_error(crane: dc.Mechanism) -> None:
     assert [s.sees for s in found.seen if s.test == "coordinate rates"] == [True]
 
 
+def test_exchanged_masses_are_no_order_of_coordinates() -> None:
+    """Two like carts: with each other's mass, the function would be right in the other order."""
+    masses = {"a": 1.0, "b": 2.0}
+    carts = dc.Mechanism(
+        [dc.body(name, m, inertia=(0.1, 0.1, 0.1)) for name, m in masses.items()],
+        [dc.prismatic(f"x{name}", "ground", name, "x") for name in masses],
+        forces=[dc.forces.joint_spring(f"k{name}", f"x{name}", 5.0) for name in masses],
+    )
+    found = dc.check_equations(
+        carts, lambda t, y: [y[2], y[3], -5.0 * y[0] / 2.0, -5.0 * y[1] / 1.0]
+    )
+    assert found.verdict.kind == "equation-error"
+
+
 def hamilton(t: Any, y: Any, weight: float = 1.0) -> Any:
     """Of H = (m L² p² − 2 m L c p r + (2 + m) r²)/2D − m g L c, with D = m L² (2 + m s²), by hand."""
     _, a, p, r = y

@@ -13,6 +13,7 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.trajectories import draft_mapping
+from deltac.trajectories.formats.files import read_raw
 
 ARM = dc.Mechanism(
     bodies=[dc.point_mass("upper", 1.0, (0, -0.4, 0)), dc.point_mass("fore", 0.5, (0, -0.3, 0))],
@@ -84,6 +85,21 @@ def test_read_as_it_is(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(run.q, Q, atol=1e-9)
     np.testing.assert_allclose(run.u, U, atol=1e-9)
     np.testing.assert_allclose(run.forces["actuator lift"][:, 0], TAU, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "stamp", [{"sec": 0, "nanosec": 1}, {"sec": None, "nanosec": 0}, {"sec": "0", "nanosec": "0"}]
+)
+def test_columns_of_records_that_never_change(tmp_path: Path, stamp: dict[str, Any]) -> None:
+    """A motor that holds its torque has a column of forces; stamps that are no numbers are none."""
+    path = tmp_path / "run.jsonl"
+    rows = [
+        {"time": t, "header": {"stamp": stamp}, "q": list(q), "qd": list(u), "tau": [0.0, 0.3]}
+        for t, q, u in zip(T, Q, U)
+    ]
+    path.write_text("\n".join(map(json.dumps, rows)), encoding="utf-8")
+    found = read_raw(path).columns
+    assert all(np.all(found[name] == x) for name, x in zip(("tau[0]", "tau[1]"), (0.0, 0.3)))
 
 
 @pytest.mark.parametrize("key", ["ctrl", "action", "U"])

@@ -34,8 +34,8 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import (
-    LEAST,
     EXPLICIT,
+    LEAST,
     NAMED,
     UNEVEN,
     OneStep,

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from math import factorial
 from typing import Any
 
@@ -94,7 +94,11 @@ class Caller:
         rates: Array,
         accelerations: Array,
     ) -> None:
-        """Take the coordinates of the state in another order, where all of q̇ and u̇ is right then."""
+        """Take the coordinates of the state in another order, where all of q̇ and u̇ is right then.
+
+        Those of the same unit stay in theirs: parameters of two equal parts that are exchanged by mistake
+        look like an exchange of their coordinates.
+        """
 
         def right(form: StateForm) -> bool:
             found = evaluate(form)
@@ -104,7 +108,11 @@ class Caller:
         nq, nu = len(rates), len(accelerations)
         if nq != nu or nq > MOST_ORDERED or right(self.form):
             return
+        units = {entry.name: entry.unit for entry in self.kane.mechanism.coordinates}
+        of = [units.get(name, "") for name in self.kane.told_names]
         for places in permutations(range(nq)):
+            if any(a > b and of[a] == of[b] for a, b in combinations(places, 2)):
+                continue
             order = tuple(places[k] if k < nq else nq + places[k - nq] for k in self.form.order)
             with suppress(InputError):
                 if right(form := replace(self.form, order=order)):

@@ -9,6 +9,7 @@ import pytest
 
 import deltac as dc
 from deltac.arrays import EPS
+from deltac.energy import one_pass
 from deltac.energy.one_pass import PART, ROWS
 from deltac.errors import InputError
 
@@ -80,6 +81,28 @@ def test_bits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     for group in GROUPS:
         for name, values in getattr(one, group).items():
             np.testing.assert_array_equal(values, getattr(three, group)[name])
+
+
+def test_all_rows_of_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = 3 * ROWS + 700
+    mechanism, run = shaken(2e-4, rows)
+    known = dc.balance(mechanism, run, work="samples")
+    monkeypatch.setattr(one_pass, "LONG", rows)
+    ledgers = []
+    for threads in ("1", "3"):
+        monkeypatch.setenv("DELTAC_THREADS", threads)
+        ledgers.append(dc.balance(mechanism, run, work="samples"))
+    one, three = ledgers
+    assert one.rule == known.rule == "samples" and len(one.t) == rows
+    size = known.energy_exchanged + float(np.abs(known.potential_energy).max())
+    for group in GROUPS:
+        for name, values in getattr(one, group).items():
+            np.testing.assert_array_equal(values, getattr(three, group)[name])
+            wanted = getattr(known, group)[name]
+            np.testing.assert_allclose(
+                values, wanted, rtol=1e-9, atol=100 * EPS * size * np.sqrt(rows)
+            )
+    assert one.energy_exchanged == pytest.approx(known.energy_exchanged, rel=1e-12)
 
 
 def test_rows_that_are_not_equidistant_are_all_looked_at() -> None:

@@ -113,7 +113,9 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
                 pairs = zip(columns.pop(name), columns.pop(before + part))
                 columns = {f"{before}stamp": _seconds(list(pairs)), **columns}
     alike = {
-        name: v[0] for name, v in columns.items() if isinstance(v[0], list) and v == v[:1] * len(v)
+        name: v[0]
+        for name, v in columns.items()
+        if v and isinstance(v[0], list) and v == v[:1] * len(v)
     }
     tables = {name: np.asarray(v) for name, v in columns.items() if _is_table(v)}
     for name, values in labelled({**columns, **tables, **alike}).items():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deltac.arrays import EPS
-from deltac.diagnosis.measurements.digits import MANY, Digits
+from deltac.diagnosis.measurements.digits import MANY, Digits, resolution
 from deltac.trajectories import Trajectory, suspicions
 
 ROWS = 3 * MANY
@@ -43,3 +43,9 @@ def test_slips_of_a_long_log_are_seen() -> None:
     )
     found = [s for s in suspicions(run) if s.certain]
     assert [s.kind for s in found] == ["degrees"] and found[0].factors["q.a"] == np.pi / 180.0
+
+
+@pytest.mark.parametrize("rows", [20_001, 25_000, 40_000])
+def test_rows_that_are_looked_at_twice_are_no_counts(rows: int) -> None:
+    x = np.linspace(0.0, 50.0, rows)[:, None] ** 2
+    np.testing.assert_array_equal(resolution(x), EPS * x)

@@ -194,7 +194,7 @@ def explicit(system: System, equations: Equations) -> Equations:
             arguments = form.given(at, position.copy(), speed.copy(), np.array, 0.0)
             with np.errstate(all="ignore"):
                 value = np.asarray(equations.rhs(*arguments), dtype=np.float64)
-            if form.column:
+            if form.column and value.ndim == 2:
                 value = value.ravel()
             if value.ndim != 1:
                 raise ValueError(f"it returns an array of shape {value.shape}")

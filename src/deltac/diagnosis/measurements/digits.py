@@ -48,7 +48,10 @@ class Digits:
         values = self._values
         if not self._short:
             spread = np.linspace(0, len(values) - 1, MANY // 2).astype(np.intp)
-            values = np.concatenate([_stretches(values, MANY // 2, STRETCHES // 2), values[spread]])
+            near = _stretches(np.arange(float(len(values))), MANY // 2, STRETCHES // 2)
+            values = values[
+                np.union1d(near.astype(np.intp), spread)
+            ]  # twice the same row is no repeated number
         if not values.size:
             return {}
         rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)

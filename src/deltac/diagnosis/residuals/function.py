@@ -126,7 +126,10 @@ class Caller:
         rates: Array,
     ) -> None:
         """Take the state to hold momenta, as Hamilton's equations do, where more of q̇ is right then."""
-        best = matching(evaluate(self.form)[0], rates)
+        returned = evaluate(self.form)[0]
+        best = matching(returned, rates)
+        if returned.shape != rates.shape or best == len(rates):
+            return
         for form in (replace(one, momenta=True) for one in candidates if one.order):
             with suppress(InputError):
                 found = matching(evaluate(form)[0], rates)
@@ -184,6 +187,8 @@ class Caller:
         change = sum(c * (mass(k * h) - mass(-k * h)) for k, c in enumerate(EIGHTH, 1)) / h
         M, nq = mass(0.0), len(self.kane.told_names)
         found = self._singly(replace(told(self.kane, states), u=times(M, states.u)), self.progress)
+        if len(found) != nq + len(states.u):
+            raise SourceError(f"{self.name} returns no rates of the whole state")
         force = found[nq:] - times(change, states.u)
         return found[:nq], np.asarray(np.linalg.solve(M, force.T[..., None])[..., 0].T)
 
@@ -259,7 +264,7 @@ class Caller:
             )
         try:
             value = np.asarray(_joined(found))
-            value = value.ravel() if self.form.column else value
+            value = value.ravel() if self.form.column and value.ndim == 2 else value
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
         except NO_NUMBER:
             real = None

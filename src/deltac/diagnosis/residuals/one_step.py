@@ -1569,7 +1569,7 @@ def _judged(
             break
     assert best is not None
     width, noise_bar, residual = best
-    if width > 1 and uncertain is None and c:
+    if width > 1 and uncertain is None:
         again, uncertain = _fit_under_noise(parts, weights, tuple(c), residual, noise_bar, width)
         return _judged(
             model, run, pieces, parts, again, off, steps, groups, unsteady, held, uncertain

@@ -110,11 +110,13 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
         for name in [name for name in columns if name.rpartition(".")[2] == whole]:
             before = name.removesuffix(whole)
             pairs = list(zip(columns[name], columns.get(before + part, ())))
-            if len(pairs) == len(columns[name]) and all(map(_is_stamp, pairs)):
+            if pairs and len(pairs) == len(columns[name]) and all(map(_is_stamp, pairs)):
                 del columns[name], columns[before + part]
                 columns = {f"{before}stamp": _seconds(pairs), **columns}
     # Names, the same in each record; numbers that never change are a column like any other.
-    alike = {name: v[0] for name, v in columns.items() if _is_names(v[0]) and v == v[:1] * len(v)}
+    alike = {
+        name: v[0] for name, v in columns.items() if v and _is_names(v[0]) and v == v[:1] * len(v)
+    }
     tables = {name: np.asarray(v) for name, v in columns.items() if _is_table(v)}
     for name, values in labelled({**columns, **tables, **alike}).items():
         if isinstance(values, Mapping):
@@ -132,7 +134,9 @@ def _is_stamp(pair: tuple[Any, Any]) -> bool:
 
 
 def _is_names(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+    return (
+        isinstance(value, list) and bool(value) and all(isinstance(entry, str) for entry in value)
+    )
 
 
 def _seconds(pairs: Sequence[tuple[Any, Any]]) -> list[float]:

@@ -101,9 +101,19 @@ def search(
 
 
 def promise(regression: Regression) -> float:
-    """The squares that the best single cause leaves, about: of causes not linear, by their tangent."""
+    """The squares that the best single cause leaves which the world could have.
+
+    Of causes not linear, the order in which they are looked at is by their tangent. Others promise nothing:
+    masses that vanish close any equation without other forces.
+    """
     nothing = regression.R[:, -1]
-    return float(_left(regression, np.zeros((len(nothing), 0)), nothing).min(initial=np.inf))
+    left = _left(regression, np.zeros((len(nothing), 0)), nothing)
+    for k in np.argsort(left):
+        if not np.isfinite(left[k]):
+            break
+        if plausible(regression, fit := regression.fit((int(k),))):
+            return fit.left
+    return float("inf")
 
 
 def _closed(regression: Regression, fit: Fit) -> bool:

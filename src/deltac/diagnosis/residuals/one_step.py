@@ -120,6 +120,9 @@ CHANCE = 4.0
 BLOCKS = 16
 """Parts of a log over whose scatter the standard error of a number is taken."""
 
+TINY_SQUARE = 1e-200
+"""A sum of squares below this is of something that does not happen in a log."""
+
 CARRIED = 2.0
 """How much worse than q and u rows may keep the relation of u and u̇."""
 
@@ -1678,13 +1681,15 @@ def _mistakes(
             by_block(m * m),
         )
         a = with_columns.sum(axis=0)
-        seen = np.maximum(squares.sum(axis=0) - np.sum(taken * a * a, axis=1), 1e-300)
+        total = squares.sum(axis=0)
+        exists = total > TINY_SQUARE  # else nothing moves there, and theta may be anything
+        seen = np.maximum(total - np.sum(taken * a * a, axis=1), EPS * total)
+        seen = np.where(exists, seen, 1.0)
         theta = (products.sum(axis=0) - (taken * a) @ of_columns.sum(axis=0)) / seen
         scores = products - of_columns @ (taken * a).T
         scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
         error = np.sqrt(np.maximum(1.0 / seen, np.sum((scores / seen) ** 2, axis=0)))
         done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
-        exists = squares.sum(axis=0) > 0.0
         most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))
     return most
 

@@ -110,10 +110,15 @@ def _tendon_damping(model: Model) -> Array:
     return damping
 
 
+def plastic_state(data: Data) -> Array:
+    """A copy of the plastic strains; empty before MuJoCo 4, which has none."""
+    return np.array(getattr(data, "plastic", ()), dtype=np.float64)
+
+
 def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Array) -> Forces:
     """Channel -> generalized force (nv,), N or N·m, of the forward pass that `data` holds.
 
-    `plastic` is data.plastic as it was in that pass (stepping moves it on). Gravity and the Coriolis
+    `plastic` is `plastic_state` as it was in that pass (stepping moves it on). Gravity and the Coriolis
     forces are not among the channels: a mechanism knows them.
 
     Raises InputError, naming the group and the joint, when the channels do not add up to what MuJoCo

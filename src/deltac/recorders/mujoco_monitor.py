@@ -20,7 +20,7 @@ from deltac.importers.names import coordinate_names, joint_names, speed_names, t
 from deltac.mechanism.channels import ChannelName
 from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import BoundExceeded, Monitor
-from deltac.recorders.mujoco_forces import Elements, passive_forces
+from deltac.recorders.mujoco_forces import Elements, passive_forces, plastic_state
 
 Model: TypeAlias = Any
 Data: TypeAlias = Any
@@ -81,7 +81,7 @@ class MujocoMonitor:
     def restart(self) -> None:
         """Begin with the present state of the data: after a reset, or when the state was set."""
         data = self._data
-        self._plastic = np.array(data.plastic)  # as it was in the pass whose forces are read
+        self._plastic = plastic_state(data)  # as it was in the pass whose forces are read
         if self._stages:
             self._forward(data)
         self._read()
@@ -195,7 +195,7 @@ class MujocoMonitor:
         if self._missing:
             forces = passive_forces(self._model, data, self._elements, self._plastic)
             lacking = [force for name, force in forces.items() if name in self._missing]
-            self._plastic = np.array(data.plastic)  # as it is in the next pass
+            self._plastic = plastic_state(data)  # as it is in the next pass
             groups.append(np.sum([*lacking, np.zeros(self._model.nv)], axis=0))
         rates = [data.qacc] if self._stages else []
         np.concatenate((data.qpos, data.qvel, *rates, *groups), out=self._row)

@@ -40,6 +40,7 @@ from deltac.recorders.mujoco_forces import (
     discrete,
     generalized_forces,
     mass_times,
+    plastic_state,
 )
 from deltac.recorders.recorder import OCCASIONAL, Recorder
 from deltac.trajectories import Provenance, Trajectory
@@ -242,7 +243,7 @@ class MujocoRecorder(Recorder):
         """Take the step from the state in `data`; the row of what it began with."""
         model, mujoco = self._model, self._mujoco
         t, q, u = float(data.time), np.array(data.qpos), np.array(data.qvel)
-        plastic, h = np.array(data.plastic), float(model.opt.timestep)
+        plastic, h = plastic_state(data), float(model.opt.timestep)
         stages = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         if stages:
             mujoco.mj_forward(model, data)

@@ -129,6 +129,16 @@ def test_what_a_name_means_is_what_python_says(tmp_path: Path, case: str) -> Non
     assert read.run("f").f() == whole["f"]() == 3  # type: ignore[operator]
 
 
+def test_the_work_grows_with_the_file_and_not_with_its_paths(tmp_path: Path) -> None:
+    """Twenty layers of four functions, each of which calls all of the next: 4²⁰ paths."""
+    lines = [f"def g20_{j}(): return 3" for j in range(4)]
+    for layer in range(20):
+        body = " or ".join(f"g{layer + 1}_{j}()" for j in range(4))
+        lines += [f"def g{layer}_{j}(): return {body}" for j in range(4)]
+    text = "\n".join([*lines, "k = g0_0()", "def f(): return g0_0()"])
+    assert script(tmp_path, text).run("f").f() == 3
+
+
 def test_output_of_a_file_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script(tmp_path, "print('hello')\nk = 3").run()
     assert capsys.readouterr().out == ""

@@ -156,9 +156,8 @@ class Script:
         required = [p.name for p in parameters if p.default is p.empty]
         for call in self._calls() if len(required) > 2 else ():
             for further in _further(call, name, [p.name for p in parameters]):
-                with suppress(
-                    Exception
-                ):  # values that exist only while a function of the file runs
+                # Some values exist only while a function of the file runs.
+                with suppress(Exception):
                     values = self._value(further, call)
                     if not isinstance(values, dict):
                         values = dict(zip([p.name for p in parameters][2:], values))
@@ -170,9 +169,8 @@ class Script:
         """An object of a class, made as the file itself makes one; None if it makes none."""
         for call in self._calls():
             if ast.unparse(call.func) == name:
-                with suppress(
-                    Exception
-                ):  # arguments that exist only while a function of the file runs
+                # Some arguments exist only while a function of the file runs.
+                with suppress(Exception):
                     return self._value(call, call)
         return None
 
@@ -194,7 +192,7 @@ class Script:
 def _code_cells(content: bytes, path: Path) -> str:
     """The code of a notebook; lines of the shell and of IPython's magic are comments."""
     try:
-        cells = parse_json(content.decode("utf-8"), "a notebook")["cells"]
+        cells = parse_json(content.decode("utf-8"), "its cells")["cells"]
         code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     except (InputError, ValueError, TypeError, KeyError) as error:
         raise FileError(f"{path}: no notebook (nbformat 4) in JSON: {error}") from None
@@ -267,20 +265,23 @@ def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Stat
     defined = {n: s for s in statements if s.defines for n in s.binds}
     imported = {n: s.roots for s in statements if s.roots for n in s.binds}
 
-    def altered(s: Statement, seen: frozenset[str] = frozenset()) -> set[str]:
+    def altered(s: Statement) -> set[str]:
         """Names whose values a statement may alter, by the file's functions that it calls, too."""
-        inner = s.reads & defined.keys() - seen
-        further = (altered(defined[f], seen | inner) for f in inner)
-        own = s.alters | s.passes & variable | s.calls & (variable - defined.keys())
-        return set(own).union(*further)
+        found, reached, waiting = set[str](), set[str](), [s]
+        while waiting:
+            one = waiting.pop()
+            found |= one.alters | one.passes & variable | one.calls & (variable - defined.keys())
+            more = one.reads & (defined.keys() - reached)
+            reached |= more
+            waiting += [defined[name] for name in more]
+        return found
 
     def effects(s: Statement) -> set[str]:
         """Names that mean something else after a statement."""
         if not isinstance(s.node, DEFINITIONS):
             return altered(s)
-        bases = (
-            s.node.bases if isinstance(s.node, ast.ClassDef) else []
-        )  # which may list what is derived
+        # A class may keep a list of what is derived from it.
+        bases = s.node.bases if isinstance(s.node, ast.ClassDef) else []
         return {*map(_base, bases)}.union(altered(s) if s.node.decorator_list else ())
 
     def sets_up(s: Statement) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from deltac.arrays import Array
 from deltac.errors import InputError
+from deltac.kernels.calls import NativeCall
 
 FUNCTIONS = ("evaluate", "iterate", "call")
 """What code has to hold.
@@ -83,20 +84,13 @@ class NativeEvaluator:
             p = 0 if parameters is None else parameters.ctypes.data
             self._evaluate(x.ctypes.data, out.ctypes.data, p, columns, whole)
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
-        """`batch` of these arrays, without arguments."""
-        kept = (self, x, out, parameters)  # as long as the function that is handed out
-        columns = x.shape[1]
-        p = 0 if parameters is None else parameters.ctypes.data
-        arguments = (x.ctypes.data, out.ctypes.data, p, columns, columns - columns % self.width)
-        evaluate = self._evaluate
-
-        def call() -> object:
-            if arguments[-1]:
-                evaluate(*arguments)
-            return kept
-
-        return call
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> NativeCall:
+        """`batch` of these arrays, whatever row of a log it is called for."""
+        given = [a for a in (x, out, parameters) if a is not None]
+        places = [0 if a is None else a.ctypes.data for a in (x, out, parameters)]
+        stride = max(a.strides[0] for a in given) // out.itemsize
+        arguments = (*places, stride, out.shape[1] - out.shape[1] % self.width)
+        return NativeCall(self._code["evaluate"], arguments, (self, *given))
 
     def iterate(self, rows: Array, parameters: Array) -> None:
         """rows[k + 1] = f(rows[k], parameters[k modulo their number]), from the first row on."""

@@ -33,17 +33,9 @@ from deltac.diagnosis.measurements.kinematics import (
     unsteadiness,
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import (
-    EXPLICIT,
-    LEAST,
-    NAMED,
-    UNEVEN,
-    OneStep,
-    one_step,
-    one_steps,
-    stairs,
-    trimmed,
-)
+from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
+from deltac.diagnosis.residuals.rows import UNEVEN, stairs, trimmed
+from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -636,8 +628,10 @@ def _in_a_part(
     mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, deadline: Deadline
 ) -> list[Finding]:
     """Causes of what begins at some time of a log, or ends there: a load that drops, a motor that fails."""
+    if step.closes:  # before its residual is asked for
+        return []
     out = np.flatnonzero(step.standing_out)
-    if not len(out) or step.closes or deadline.passed("a cause in a part of the log"):
+    if not len(out) or deadline.passed("a cause in a part of the log"):
         return []
     first, last, count = int(out[0]), int(out[-1]), len(step.t)
     if len(out) < MOSTLY * (last - first + 1) or (last - first + 1) > (1.0 - QUIET) * count:

@@ -632,8 +632,10 @@ def _in_a_part(
     mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, deadline: Deadline
 ) -> list[Finding]:
     """Causes of what begins at some time of a log, or ends there: a load that drops, a motor that fails."""
+    if step.closes:  # before its residual is asked for
+        return []
     out = np.flatnonzero(step.standing_out)
-    if not len(out) or step.closes or deadline.passed("a cause in a part of the log"):
+    if not len(out) or deadline.passed("a cause in a part of the log"):
         return []
     first, last, count = int(out[0]), int(out[-1]), len(step.residual.t)
     if len(out) < MOSTLY * (last - first + 1) or (last - first + 1) > (1.0 - QUIET) * count:

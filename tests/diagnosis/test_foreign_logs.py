@@ -14,7 +14,8 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.audit import audit as audits
 from deltac.diagnosis.explain.regression import Regression, factored
-from deltac.diagnosis.residuals.one_step import OneStep, one_step, stairs
+from deltac.diagnosis.residuals.one_step import OneStep, one_step
+from deltac.diagnosis.residuals.rows import stairs
 from deltac.kernels.rows import at_rows
 from deltac.progress import Deadline
 from tests.systems.cart_pole import CartPole, generalized_alpha, log

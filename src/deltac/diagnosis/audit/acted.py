@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.one_step import UNEVEN, Model
+from deltac.diagnosis.residuals.rows import UNEVEN, Model
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism

@@ -21,7 +21,7 @@ from deltac.diagnosis.residuals.at_samples import (
     equation_terms,
     total,
 )
-from deltac.diagnosis.residuals.one_step import ramped
+from deltac.diagnosis.residuals.rows import ramped
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.one_step import Model, one_step
+from deltac.diagnosis.residuals.one_step import one_step
+from deltac.diagnosis.residuals.rows import Model
 from deltac.diagnosis.verdict import Finding
 from deltac.errors import InputError
 from deltac.mechanism.joints import Joint

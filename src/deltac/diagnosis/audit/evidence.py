@@ -33,17 +33,9 @@ from deltac.diagnosis.measurements.kinematics import (
     unsteadiness,
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import (
-    EXPLICIT,
-    LEAST,
-    NAMED,
-    UNEVEN,
-    OneStep,
-    one_step,
-    one_steps,
-    stairs,
-    trimmed,
-)
+from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
+from deltac.diagnosis.residuals.rows import UNEVEN, stairs, trimmed
+from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism

@@ -31,15 +31,15 @@ from deltac.diagnosis.explain.regression import (
 )
 from deltac.diagnosis.explain.search import Found, promise, search
 from deltac.diagnosis.residuals.at_samples import Evaluator
-from deltac.diagnosis.residuals.one_step import (
+from deltac.diagnosis.residuals.one_step import OneStep
+from deltac.diagnosis.residuals.rows import trimmed
+from deltac.diagnosis.residuals.schemes import (
     INSTANTS,
     ORDERS,
     TABLEAUS,
-    OneStep,
     Relation,
     Scheme,
     Steps,
-    trimmed,
 )
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.forces import JointDamper, JointSpring

@@ -26,7 +26,7 @@ from deltac.diagnosis.explain.columns import (
 )
 from deltac.diagnosis.measurements.digits import resolution, white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
-from deltac.diagnosis.residuals.one_step import UNEVEN
+from deltac.diagnosis.residuals.rows import UNEVEN
 from deltac.dynamics.spatial import SX, Inertia
 from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism

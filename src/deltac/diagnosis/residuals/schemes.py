@@ -1,0 +1,607 @@
+"""Identification: which integrator made the rows of a log?
+
+With a(t, q, u, F) the model's acceleration at a row and its logged forces, and D = (u[n+1] − u[n])/h, every
+integrator leaves a relation between D and values of a:
+
+    explicit Euler D = a[n],  trapezoidal rule D = (a[n] + a[n+1])/2,  generalized-α a two-step relation, …
+
+Each relation of the dictionary is evaluated on some steps of the log. The one that closes to the digits of
+the log names the integrator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import EPS, Array
+from deltac.diagnosis.measurements.digits import medians
+from deltac.diagnosis.residuals.rows import (
+    Model,
+    Rows,
+    StretchesOfLog,
+    mass_norm,
+    mean_over_steps,
+    multiply,
+)
+
+IDENTIFYING = 120
+"""Steps that identify an integrator."""
+
+CLOSED = 1e-8
+"""A scheme closes if it leaves this share of the accelerations: iterations of implicit methods stop there."""
+
+PROVES = 1e-7
+"""A scheme that leaves less than this share of the accelerations proves the equations."""
+
+ALIKE = 1e-11
+"""Share of the accelerations up to which the relations of two methods are the same."""
+
+DISTINCT = 10.0
+"""How much better than all others a scheme must close to be named."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """An integrator that closes: its name ("" where several do, then `among` has theirs), and order.
+
+    `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
+    half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
+    "start" or the "end" of a step, or "smooth" ones. `everywhere`: it closes so far that this `PROVES` the
+    equations not only in the steps that were looked at, but in all.
+    """
+
+    name: str
+    order: int
+    defect: float
+    precision: float
+    forces: str
+    typical: float
+    among: tuple[str, ...] = ()
+    everywhere: bool = False
+
+    @property
+    def late_forces(self) -> bool:
+        """Whether forces beside the new state moved it there by an explicit scheme: they are one row late."""
+        return self.forces == "end" and self.name in EXPLICIT
+
+
+ON_THE_GROUP = "-on-the-group"
+"""Ends the names of methods whose stages turn bodies along their angular velocities."""
+
+ORDERS = {
+    "explicit-euler": 1, "semi-implicit-euler": 1, "euler": 1, "implicit-euler": 1,
+    "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
+    "implicit-speed-euler": 1, "verlet": 2,
+    "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
+    "adams-bashforth-2": 2,
+    "rk3": 3, "bs3": 3, "rk4": 4, "dopri5": 5, "rk4-on-the-group": 4, "heun-on-the-group": 2,
+    "explicit-midpoint-on-the-group": 2,
+}  # fmt: skip
+
+
+EXPLICIT = (
+    "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
+    "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "dopri5",
+    "rk4-on-the-group", "heun-on-the-group", "explicit-midpoint-on-the-group",
+)  # fmt: skip
+
+
+TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
+    "explicit-midpoint": (((0.5,),), (0.0, 1.0)),
+    "heun": (((1.0,),), (0.5, 0.5)),
+    "rk3": (((0.5,), (-1.0, 2.0)), (1 / 6, 4 / 6, 1 / 6)),
+    "bs3": (((0.5,), (0.0, 0.75)), (2 / 9, 3 / 9, 4 / 9)),
+    "rk4": (((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 2 / 6, 2 / 6, 1 / 6)),
+    "dopri5": (
+        (
+            (1 / 5,),
+            (3 / 40, 9 / 40),
+            (44 / 45, -56 / 15, 32 / 9),
+            (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+            (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+        ),
+        (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+    ),
+}
+"""Explicit Runge–Kutta methods: rows of a, weights b (Hairer, Nørsett, Wanner 1993, section II)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """What an integrator makes of some steps: their mean accelerations `a` (I, n), found when asked for.
+
+    `forces` tells which ones it took ("start", "end", "smooth"), `at` the instants (t, q, u, F) of which its
+    equations are, or the middle of a step where it takes several.
+    """
+
+    name: str
+    forces: str
+    at: Rows
+    find: Callable[[], Array]
+
+    @cached_property
+    def a(self) -> Array:
+        """Mean accelerations (I, n)."""
+        return self.find()
+
+    @property
+    def mark(self) -> str:
+        """The forces, as a mark of its name."""
+        return "" if self.forces == "start" else f"@{self.forces}"
+
+    def of(self, some: slice) -> Relation:
+        """Its part for some of the steps."""
+        return Relation(self.name, self.forces, self.at.taken(some), lambda: self.a[some])
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Steps that are looked at, of one log or of several side by side: those that start at rows k of each.
+
+    Logs side by side have forces that change all or none, and steps that are even all or none (`alike`).
+    """
+
+    model: Model
+    parts: Sequence[tuple[Rows, NDArray[np.intp]]]
+    _rows: dict[int, Rows] = field(default_factory=dict)
+    _accelerations: dict[int, Array] = field(default_factory=dict)
+
+    @staticmethod
+    def alike(whole: Rows, k: NDArray[np.intp]) -> tuple[bool, bool]:
+        """Whether forces change from row to row there, and whether all steps of a log are of one length."""
+        held = whole.F.shape[1] > 0 and bool(np.any(whole.F[k] != whole.F[k + 1]))
+        return held, bool(np.ptp(whole.h) < 1e-6 * float(whole.h.min()))
+
+    def rows(self, j: int) -> Rows:
+        """The rows j after the starts of the steps; the last one in place of those beyond."""
+        if j not in self._rows:
+            here = [r.taken(np.minimum(k + j, len(r.t) - 1)) for r, k in self.parts]
+            self._rows[j] = Rows.joined(here)
+        return self._rows[j]
+
+    def acceleration(self, j: int) -> Array:
+        """The model's accelerations (I, n) at these."""
+        if j not in self._accelerations:
+            self._accelerations[j] = self.model.at(self.rows(j))
+        return self._accelerations[j]
+
+    def D(self, j: int = 0) -> Array:
+        """Mean accelerations (I, n) of the steps, or of those that start j rows later."""
+        a, b = self.rows(j), self.rows(j + 1)
+        return np.asarray((b.u - a.u) / (b.t - a.t)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Some steps of a log: from `start` (I rows), by D (I, n), and what integrators make of them.
+
+    N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits
+    and noise seem to leave, `late` θ of q against u.
+    """
+
+    model: Model
+    start: Rows
+    D: Array
+    N: Array
+    relations: Sequence[Relation]
+    digits: float
+    late: float
+
+    def named(self, relation: Relation) -> str:
+        """The name of its integrator; Euler's are told apart by θ of q against u, "" where none is meant."""
+        if relation.name == ACCURATE:
+            return ""
+        return _euler(self.late) if relation.name == "euler" else relation.name
+
+    def off(self, relation: Relation) -> Array:
+        """What a relation leaves of each step (I,), in the mass metric."""
+        return mass_norm(self.N, self.D - relation.a)
+
+    @cached_property
+    def offs(self) -> Array:
+        """The same of all relations but `ACCURATE`, which comes last (I, number of them)."""
+        left = np.empty((*self.D.shape, sum(r.name != ACCURATE for r in self.relations)))
+        for k in range(left.shape[2]):
+            np.subtract(self.D, self.relations[k].a, out=left[..., k])
+        energy: Array = np.sum(left * (self.N @ left), axis=1)
+        return np.sqrt(np.maximum(energy, 0.0))
+
+
+INSTANTS = {
+    "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
+    "implicit-euler": (1, 1, 1), "semi-implicit-euler-vu": (0, 1, 0), "implicit-speed-euler": (1, 0, 1),
+}  # fmt: skip
+"""Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
+
+
+def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
+    """Some steps of a stretch, evenly over it; none of a stretch of few rows."""
+    most = len(whole.t) - 2
+    if most < 4:
+        return np.zeros(0, dtype=np.intp)
+    return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+
+
+def _relations(chosen: Chosen) -> list[Relation]:
+    """Every integrator of the dictionary at some steps."""
+    from scipy.interpolate import make_interp_spline
+
+    model, start, end = chosen.model, chosen.rows(0), chosen.rows(1)
+    t0, q0, u0, F0 = start.t, start.q, start.u, start.F
+    t1, q1, u1, F1 = end.t, end.q, end.u, end.F
+    h0 = (t1 - t0)[:, None]
+    held, even = Chosen.alike(*chosen.parts[0])
+    middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
+    half_t, half_u, mean = 0.5 * (t0 + t1), 0.5 * (u0 + u1), 0.5 * (F0 + F1)
+    between = [make_interp_spline(r.t, r.F, k=5) for r, _ in chosen.parts] if held else []
+    found = list[Relation]()
+
+    def smooth(c: float) -> Array:
+        if not held:
+            return F0
+        splines = zip(between, chosen.parts)
+        return np.concatenate([f(r.t[k] + c * np.diff(r.t)[k]) for f, (r, k) in splines])
+
+    def offer(marked: str, find: Callable[[], Array]) -> None:
+        name, _, forces = marked.partition("@")
+        F = {"": F0, "end": F1, "smooth": mean}[forces]
+        at = Rows(half_t, middle, half_u, F)
+        if name in INSTANTS:
+            at_t, at_q, at_u = INSTANTS[name]
+            at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
+        found.append(Relation(name, forces or "start", at, find))
+
+    @cache
+    def rate() -> Array:
+        return model.rate(t0, q0, u0)
+
+    def a00() -> Array:
+        return chosen.acceleration(0)
+
+    def a11() -> Array:
+        return chosen.acceleration(1)
+
+    def offer_held(mark: str, F: Array) -> None:
+        """Those that hold their forces over a step."""
+
+        @cache
+        def a() -> Array:
+            return a00() if mark == "" else model.acceleration(t0, q0, u0, F)
+
+        offer("euler" + mark, a)
+
+        def damped() -> Array:
+            change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
+            return a() + model.response(t0, q0, change)
+
+        if model.damped:
+            offer("implicit-damping-euler" + mark, damped)
+
+        def linear() -> Array:
+            step, along = 1e-4, u1 - u0
+            ahead, back = (
+                model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0)
+            )
+            return a() + (ahead - back) / (2.0 * step)
+
+        @cache
+        def a_end() -> Array:
+            return a11() if mark == "" and not held else model.acceleration(t1, q1, u1, F)
+
+        offer("linearly-implicit-euler" + mark, linear)
+        offer("implicit-euler" + mark, a_end)
+        offer("semi-implicit-euler-vu" + mark, lambda: model.acceleration(t0, q1, u0, F))
+        offer("implicit-speed-euler" + mark, lambda: model.acceleration(t1, q0, u1, F))
+        offer("trapezoidal" + mark, lambda: 0.5 * (a() + a_end()))
+        offer("implicit-midpoint" + mark, lambda: model.acceleration(half_t, middle, half_u, F))
+        offer(
+            "verlet" + mark,
+            lambda: 0.5 * (a() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a(), F)),
+        )
+        for name in TABLEAUS:
+            made = partial(_runge_kutta, model, name, t0, q0, u0, partial(_held, F), h0)
+            offer(name + mark, partial(made, first=lambda: (rate(), a())))
+
+    offer_held("", F0)
+    if held:  # or forces that change within a step
+        offer_held("@end", F1)
+        offer("trapezoidal@smooth", lambda: 0.5 * (a00() + a11()))
+        for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
+            along = (half_t, middle, half_u, F)
+            offer("implicit-midpoint@smooth", partial(model.acceleration, *along))
+
+        def carried() -> Array:
+            before = model.acceleration(t0, q0, u0, chosen.rows(-1).F)
+            return 0.5 * (before + model.acceleration(t1, q1, u1, F0))
+
+        # Newmark's method carries its acceleration over, with the force of the step before.
+        offer("trapezoidal", carried)
+        offer(
+            "verlet@smooth",
+            lambda: 0.5 * (a00() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00(), F1)),
+        )
+        for name in TABLEAUS:
+            made = partial(_runge_kutta, model, name, t0, q0, u0, h=h0)
+            offer(name + "@smooth", partial(made, force=smooth))
+            # or written one row late
+            offer(name + "@end", partial(made, force=lambda c: smooth(1.0 + c)))
+    if model._quaternions:
+        for name in ("rk4", "heun", "explicit-midpoint"):
+            turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
+            offer(f"{name}{ON_THE_GROUP}", partial(turned, force=partial(_held, F0)))
+            if held:
+                offer(f"{name}{ON_THE_GROUP}@smooth", partial(turned, force=smooth))
+
+    def accurate() -> Array:
+        return np.concatenate([mean_over_steps(r.t, model.at(r), 5)[k] for r, k in chosen.parts])
+
+    if even:
+        found += _two_step_relations(chosen)
+    offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
+    return found
+
+
+SPECTRAL_RADII = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""ρ∞ of the generalized-α methods that are tried: those that people choose."""
+
+
+def _two_step_relations(chosen: Chosen) -> list[Relation]:
+    """Adams–Bashforth and generalized-α, D[n] + x D[n−1] = y₀ a[n−1] + y₁ a[n] + y₂ a[n+1], over one step."""
+
+    @cache
+    def parts() -> tuple[Array, ...]:
+        before, here, after = (chosen.acceleration(j) for j in (-1, 0, 1))
+        return here, chosen.D() - chosen.D(-1), before - here, after - here
+
+    def made(x: float, y0: float, y2: float) -> Array:
+        here, change, before, after = parts()
+        told = here + (y0 / (1.0 + x)) * before + (y2 / (1.0 + x)) * after
+        return told + (x / (1.0 + x)) * change if x else told
+
+    methods = [("adams-bashforth-2", 0.0, -0.5, 0.0)]
+    for rho in SPECTRAL_RADII:
+        am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        gamma = 0.5 + af - am
+        scale = 1.0 / (1.0 - am)
+        y0, y2 = (1.0 - gamma) * af * scale, gamma * (1.0 - af) * scale
+        methods.append(("generalized-alpha", am * scale, y0, y2))
+    start = chosen.rows(0)
+    return [Relation(name, "smooth", start, partial(made, *of)) for name, *of in methods]
+
+
+ACCURATE = "accurate"
+"""The relation of a motion that steps follow to more digits than rows are told by."""
+
+
+Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None]"
+"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at."""
+
+SIDE_BY_SIDE = 4096
+"""Steps of several logs that are looked at side by side: their numbers stay in the processor's cache."""
+
+
+def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
+    """The integrators whose steps the rows of logs are, those of one model side by side.
+
+    What is left is a share of the accelerations.
+    """
+    found: list[Identified] = [(None, 1.0, None)] * len(logs)
+    alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
+    for place, log in enumerate(logs):
+        whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
+        k = _steps_looked_at(whole)
+        if len(k):
+            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
+    at_once = SIDE_BY_SIDE // IDENTIFYING
+    for same in alike.values():
+        for several in (same[i : i + at_once] for i in range(0, len(same), at_once)):
+            chosen = Chosen(model, [(whole, k) for _, whole, _, k in several])
+            relations = _relations(chosen)
+            here, a00, D = chosen.rows(0), chosen.acceleration(0), chosen.D()
+            N = model.inertia(here.t, here.q)
+            # Digits of u in D, and of q and u in a: by moving them.
+            other = [
+                whole.taken(k).shaken(size.taken(k), np.random.default_rng(3))
+                for _, whole, size, k in several
+            ]
+            shaken = model.at(Rows.joined(other)) - a00
+            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            digits_of = mass_norm(N, np.concatenate(fine)) + mass_norm(N, shaken)
+            of_a, of_D = mass_norm(N, a00), mass_norm(N, D)
+            last = 0
+            for place, whole, _, k in several:
+                some = slice(last, last := last + len(k))
+                a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
+                typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
+                digits = float(medians(digits_of[some])) / typical
+                least = float(np.abs(whole.u[k]).max(initial=0.0) / whole.h[k].min())
+                least *= 50.0 * EPS / max(float(np.abs(D[some]).max()), 1e-300)
+                own = [r.of(some) for r in relations] if len(several) > 1 else relations
+                steps = Steps(
+                    model, whole.taken(k), D[some], N[some], own, max(digits, least),
+                    logs[place].late,
+                )  # fmt: skip
+                two_step = _two_step(whole, a, D[some], N[some], k, typical)
+                found[place] = _identified(steps, two_step, typical, logs[place].stretches)
+    return found
+
+
+def _identified(
+    steps: Steps, two_step: _TwoStep, typical: float, stretches_: Sequence[tuple[Rows, Rows]]
+) -> Identified:
+    """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
+    relations, N, digits = steps.relations, steps.N, steps.digits
+    offs = steps.offs
+    ranked = sorted((float(left) / typical, k) for k, left in enumerate(_nearly_all(offs)))
+    limit = 3.0 * digits + CLOSED
+    best, first = ranked[0]
+    closes = two_step.left <= 3.0 * digits + 1e-10
+    if closes and two_step.name and two_step.left < best / DISTINCT:
+        found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
+        return found, two_step.left, steps
+    if best > limit:
+        left = np.median(offs, axis=0)
+        half = relations[int(np.argmin(left))]
+        typical_left = float(left.min()) / typical
+        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
+            return None, min(best, two_step.left), steps
+        name = steps.named(half)  # it closes but for what happens now and then
+        found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
+        return found, min(best, two_step.left), steps
+    # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
+    apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
+    near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
+    same = [r for r in near_by if mass_norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
+    chosen = same[0]
+    alike = {r.name for r in same}
+    rivals = [x for x, k in ranked if relations[k].name not in alike]
+    unique = not rivals or rivals[0] > DISTINCT * max(best, 1e-13)
+    unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
+    base = steps.named(chosen)
+    name, order = (base, ORDERS[base]) if unique else ("", 0)
+    place = next(k for k, r in enumerate(relations) if r is chosen)
+    typical_left = float(medians(offs[:, place])) / typical
+    near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
+    among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
+    everywhere = best <= PROVES and all(
+        _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
+        for rows, _ in stretches_
+    )
+    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
+    return scheme, best, steps
+
+
+def _closes_everywhere(
+    model: Model, rows: Rows, place: int, relation: Relation, most: float
+) -> bool:
+    """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
+    k = np.arange(1, len(rows.t) - 1)
+    chosen = Chosen(model, [(rows, k)])
+    found = _relations(chosen)[place : place + 1]
+    if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
+        return False  # other ones are offered where no force changes
+    return bool(np.all(model.size(rows.t[k], rows.q[k], chosen.D() - found[0].a) <= most))
+
+
+def _euler(late: float) -> str:
+    return "semi-implicit-euler" if late > 0.25 else "explicit-euler" if late < -0.25 else "euler"
+
+
+def _nearly_all(values: Array) -> Array:
+    """What nine tenths of the steps stay within: a force that is missing now and then must not pass."""
+    return np.asarray(np.quantile(values, 0.9, axis=0))
+
+
+def _held(F: Array, c: float) -> Array:
+    """Forces that do not change within a step."""
+    return F
+
+
+def _runge_kutta(
+    model: Model,
+    name: str,
+    t: Array,
+    q: Array,
+    u: Array,
+    force: Callable[[float], Array],
+    h: Array,
+    *,
+    first: Callable[[], tuple[Array, Array]] | None = None,
+    on_group: bool = False,
+) -> Array:
+    """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step.
+
+    `first`: q̇ and u̇ of the first stage, where they are known.
+    """
+    rows, b = TABLEAUS[name]
+    slopes_u: list[Array] = []
+    slopes_q: list[Array] = []
+    velocities: list[Array] = []
+    x, v, c = q, u, 0.0
+    for s in range(len(b)):
+        if s:
+            weights = rows[s - 1]
+            c = float(sum(weights))
+            v = u + h * _weighted(weights, slopes_u)
+            if on_group:
+                x = model.moved(q, _weighted(weights, velocities), h)
+            else:
+                x = q + h * _weighted(weights, slopes_q)
+        now = t + c * h[:, 0]
+        if s == 0 and first is not None:
+            rate, slope = first()
+        else:
+            rate, slope = model.rate(now, x, v), model.acceleration(now, x, v, force(c))
+        slopes_q.append(rate)
+        velocities.append(v)
+        slopes_u.append(slope)
+    return _weighted(b, slopes_u)
+
+
+def _weighted(weights: Iterable[float], slopes: Iterable[Array]) -> Array:
+    """Σ w k."""
+    first, *others = (w * k for w, k in zip(weights, slopes) if w)
+    for other in others:
+        first += other
+    return np.asarray(first)
+
+
+@dataclass(frozen=True)
+class _TwoStep:
+    """A two-step relation: what it leaves as a share of a, and the method whose numbers it has, or ""."""
+
+    left: float
+    name: str
+
+
+def _two_step(
+    rows: Rows, at: Sequence[Array], D: Array, N: Array, k: NDArray[np.intp], typical: float
+) -> _TwoStep:
+    """What the best relation D[n+1] + x D[n] = y0 a[n] + y1 a[n+1] + y2 a[n+2] leaves, 1 + x = Σy.
+
+    `at` are the accelerations of the model at rows k, the next, and the next but one; D those of the steps.
+
+    Newmark's method, HHT and generalized-α obey it when their own accelerations are eliminated (Erlicher,
+    Bonaventura and Bursi 2002, Comput. Mech. 28).
+    """
+    h = np.diff(rows.t)
+    own = np.flatnonzero(k + 1 < len(h))
+    own = own[np.abs(h[k[own]] - h[k[own] + 1]) < 1e-6 * h[k[own]]]
+    if len(own) < 12:
+        return _TwoStep(np.inf, "")
+    a, W, k = [x[own] for x in at], N[own], k[own]
+    # Unknowns: x, y0, y2; y1 = 1 + x − y0 − y2.
+    right = (rows.u[k + 2] - rows.u[k + 1]) / h[k + 1, None] - a[1]
+    columns = [a[1] - D[own], a[0] - a[1], a[2] - a[1]]
+    forces = np.array([multiply(W, x).ravel() for x in columns])
+    A = np.array([x.ravel() for x in columns]) @ forces.T
+    b = forces @ right.ravel()
+    x, y0, y2 = np.linalg.lstsq(A, b, rcond=1e-13)[0]
+    left = (
+        float(medians(mass_norm(W, right - x * columns[0] - y0 * columns[1] - y2 * columns[2])))
+        / typical
+    )
+    if not -0.95 < x < 1.05:
+        return _TwoStep(left, "")
+    close = 2e-3
+    if max(abs(x), abs(y0 + 0.5), abs(y2)) < close:
+        return _TwoStep(left, "adams-bashforth-2")
+    # x = αm/(1 − αm), y0 = (1 − γ) αf/(1 − αm), y2 = γ (1 − αf)/(1 − αm).
+    am = x / (1.0 + x)
+    before, after = y0 * (1.0 - am), y2 * (1.0 - am)
+    p = after - before  # γ − αf
+    root = (1.0 - p) ** 2 - 4.0 * before
+    if root < -1e-3:
+        return _TwoStep(left, "")
+    choices = [0.5 * (1.0 - p + sign * np.sqrt(max(root, 0.0))) for sign in (-1.0, 1.0)]
+    named = abs(p - 0.5 + am) < close and any(
+        -close < af < 0.5 + close and min(abs(af - (1.0 + am) / 3.0), abs(am), abs(af)) < close
+        for af in choices
+    )
+    return _TwoStep(left, "generalized-alpha" if named else "")

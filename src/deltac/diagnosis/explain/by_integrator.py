@@ -263,5 +263,6 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         step,
         scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
         found=lambda: left,
+        by_scheme=lambda: None,
         known_but_for_causes=True,
     )

@@ -39,6 +39,12 @@ CLOSED = 1e-8
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
+SAME_LENGTH, SINGLE = 1e-6, 24
+"""Relative difference of steps of one length; single steps among others that are enough to tell by."""
+
+STARTING = 5
+"""Steps in which a method of several steps may start in another way."""
+
 ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
 
@@ -52,8 +58,7 @@ class Scheme:
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
-    "start" or the "end" of a step, or "smooth" ones. `everywhere`: it closes so far that this `PROVES` the
-    equations not only in the steps that were looked at, but in all.
+    "start" or the "end" of a step, or "smooth" ones.
     """
 
     name: str
@@ -63,7 +68,6 @@ class Scheme:
     forces: str
     typical: float
     among: tuple[str, ...] = ()
-    everywhere: bool = False
 
     @property
     def late_forces(self) -> bool:
@@ -84,6 +88,9 @@ ORDERS = {
     "explicit-midpoint-on-the-group": 2,
 }  # fmt: skip
 
+
+OF_SEVERAL_STEPS = ("adams-bashforth-2", "generalized-alpha", "trapezoidal")
+"""Methods that carry something over from the step before; Newmark's is a trapezoidal rule."""
 
 EXPLICIT = (
     "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
@@ -154,9 +161,10 @@ class Chosen:
 
     @staticmethod
     def alike(whole: Rows, k: NDArray[np.intp]) -> tuple[bool, bool]:
-        """Whether forces change from row to row there, and whether all steps of a log are of one length."""
+        """Whether forces change there, and whether these steps and those before are of one length."""
         held = whole.F.shape[1] > 0 and bool(np.any(whole.F[k] != whole.F[k + 1]))
-        return held, bool(np.ptp(whole.h) < 1e-6 * float(whole.h.min()))
+        h = np.concatenate([whole.h[k], whole.h[np.maximum(k - 1, 0)]])
+        return held, bool(np.ptp(h) < SAME_LENGTH * float(h.min()))
 
     def rows(self, j: int) -> Rows:
         """The rows j after the starts of the steps; the last one in place of those beyond."""
@@ -220,12 +228,26 @@ INSTANTS = {
 """Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
 
 
+def single(rows: Rows) -> NDArray[np.bool_]:
+    """Which intervals (T − 1,) are single steps: of the shortest length that many have, or else all."""
+    h = rows.h[:, 0]
+    ranked = np.sort(h)
+    many = ranked[SINGLE - 1 :] - ranked[: max(len(h) - SINGLE + 1, 0)] < SAME_LENGTH * ranked[0]
+    if not many.any():
+        return np.ones(len(h), dtype=np.bool_)
+    return np.asarray(np.abs(h - ranked[np.argmax(many)]) < SAME_LENGTH * ranked[0])
+
+
 def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
-    """Some steps of a stretch, evenly over it; none of a stretch of few rows."""
-    most = len(whole.t) - 2
-    if most < 4:
+    """Some single steps of a stretch, evenly over it, after others if possible; none of a short stretch."""
+    own = single(whole)
+    k = np.arange(1, len(whole.t) - 1)
+    k = k[own[k]]
+    after = k[own[k - 1]]
+    k = after if len(after) >= SINGLE else k
+    if len(k) < 4:
         return np.zeros(0, dtype=np.intp)
-    return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+    return k[np.unique(np.linspace(0, len(k) - 1, min(len(k), IDENTIFYING)).astype(np.intp))]
 
 
 def _relations(chosen: Chosen) -> list[Relation]:
@@ -379,8 +401,35 @@ ACCURATE = "accurate"
 """The relation of a motion that steps follow to more digits than rows are told by."""
 
 
-Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None]"
-"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at."""
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the relation of an integrator leaves of every step of a log, n free speeds.
+
+    t         the middle of each step (W,)
+    residual  generalized forces (W, n), N or N·m
+    allowed   what iterations of implicit methods may leave of them (W, n)
+    work      energy (J) that they do, without sign
+    """
+
+    t: Array
+    residual: Array
+    allowed: Array
+    work: float
+
+    @property
+    def closes(self) -> bool:
+        """Whether it leaves no step more than that."""
+        return bool(np.all(np.abs(self.residual) <= self.allowed))
+
+
+Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None, Callable[[], Left | None]]"
+"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at; and what
+it leaves of all, None where it closes only to the digits of the log."""
+
+
+def _nothing() -> None:
+    """What no integrator leaves."""
+
 
 SIDE_BY_SIDE = 4096
 """Steps of several logs that are looked at side by side: their numbers stay in the processor's cache."""
@@ -391,7 +440,7 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
 
     What is left is a share of the accelerations.
     """
-    found: list[Identified] = [(None, 1.0, None)] * len(logs)
+    found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
     alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
         whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
@@ -444,16 +493,17 @@ def _identified(
     closes = two_step.left <= 3.0 * digits + 1e-10
     if closes and two_step.name and two_step.left < best / DISTINCT:
         found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
-        return found, two_step.left, steps
+        return found, two_step.left, steps, _nothing
     if best > limit:
         left = np.median(offs, axis=0)
         half = relations[int(np.argmin(left))]
         typical_left = float(left.min()) / typical
         if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
-            return None, min(best, two_step.left), steps
+            return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
-        return found, min(best, two_step.left), steps
+        by = _left_by(steps.model, stretches_, int(np.argmin(left)), half, PROVES * typical)
+        return found, min(best, two_step.left), steps, by
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
     apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
     near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
@@ -469,24 +519,49 @@ def _identified(
     typical_left = float(medians(offs[:, place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    everywhere = best <= PROVES and all(
-        _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
-        for rows, _ in stretches_
-    )
-    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
-    return scheme, best, steps
+    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among)
+    exact = typical_left <= CLOSED or best <= PROVES
+    by = _left_by(steps.model, stretches_, place, chosen, PROVES * typical) if exact else _nothing
+    return scheme, best, steps, by
 
 
-def _closes_everywhere(
-    model: Model, rows: Rows, place: int, relation: Relation, most: float
-) -> bool:
-    """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
-    k = np.arange(1, len(rows.t) - 1)
-    chosen = Chosen(model, [(rows, k)])
-    found = _relations(chosen)[place : place + 1]
-    if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
-        return False  # other ones are offered where no force changes
-    return bool(np.all(model.size(rows.t[k], rows.q[k], chosen.D() - found[0].a) <= most))
+def _left_by(
+    model: Model,
+    stretches_: Sequence[tuple[Rows, Rows]],
+    place: int,
+    relation: Relation,
+    most: float,
+) -> Callable[[], Left | None]:
+    """What a relation, of a place in the dictionary, leaves of all single steps, when it is wanted."""
+
+    @cache
+    def left() -> Left | None:
+        several = relation.name in OF_SEVERAL_STEPS
+        t, residual, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
+        for rows, _ in stretches_:
+            own = single(rows)
+            k = np.flatnonzero(own)
+            if several:
+                k = k[(k >= STARTING) & own[k - 1]]
+            chosen = Chosen(model, [(rows, k)])
+            offered = _relations(chosen) if len(k) else []
+            # Others are offered where no force changes: then all of one name are the same.
+            there = [r for r in offered[place : place + 1] if r.mark == relation.mark]
+            same = [r for r in (*there, *offered) if r.name == relation.name]
+            if not same:
+                continue
+            here, h = chosen.rows(0), rows.h[k]
+            N = model.inertia(here.t, here.q)
+            force = multiply(N, chosen.D() - same[0].a)
+            t.append(here.t + 0.5 * h[:, 0])
+            residual.append(force)
+            allowed.append(most * np.sqrt(np.maximum(np.einsum("tii->ti", N), 0.0)))
+            work += float(np.sum(np.abs(here.u * force) * h))
+        if not t:
+            return None
+        return Left(np.concatenate(t), np.concatenate(residual), np.concatenate(allowed), work)
+
+    return left
 
 
 def _euler(late: float) -> str:

@@ -48,11 +48,11 @@ LEAST = 2e-5
 NEAR = 3
 """Windows around one that stands out that may show traces of the same."""
 
-MATERIAL, SLIGHT = 5e-2, 1e-3
+MATERIAL, SLIGHT = 5e-2, 1e-2
 """Share of the terms that a force which is missing now and then must be; and where a known integrator closes.
 """
 
-TAKEN_BACK = 0.1
+TAKEN_BACK = 0.5
 """Share of its last residual that the sum over a spike may leave."""
 
 SPIKE = 3
@@ -229,7 +229,7 @@ class OneStep:
     @cached_property
     def _out(self) -> NDArray[np.bool_]:
         """Windows (W,) of `local` that are far out of their error bars, and no small part of the terms."""
-        material = MATERIAL if self.by_scheme() is None else SLIGHT
+        material = SLIGHT if self.scheme is not None and self.scheme.exact else MATERIAL
         out = np.abs(self.local.residual) > LOCAL * self.local.allowed + material * self.scale
         return np.asarray(out.any(axis=1))
 
@@ -246,7 +246,7 @@ class OneStep:
                 if rows[last] and left < TAKEN_BACK * np.abs(size[last]).max():
                     spikes[first : last + 1] = True
         rows &= ~spikes
-        if self.by_scheme() is None:
+        if self.scheme is None or not self.scheme.exact:
             edge = max(1, len(rows) // 50)
             rows[:edge] = rows[-edge:] = False
         return rows

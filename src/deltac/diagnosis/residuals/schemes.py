@@ -36,6 +36,9 @@ IDENTIFYING = 120
 CLOSED = 1e-8
 """A scheme closes if it leaves this share of the accelerations: iterations of implicit methods stop there."""
 
+ROUNDING = 1e-11
+"""What is left of steps that no filter and no unfinished iteration has touched."""
+
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
 
@@ -68,6 +71,11 @@ class Scheme:
     forces: str
     typical: float
     among: tuple[str, ...] = ()
+
+    @property
+    def exact(self) -> bool:
+        """Whether it leaves of most steps nothing but rounding."""
+        return self.typical <= ROUNDING
 
     @property
     def late_forces(self) -> bool:
@@ -228,20 +236,20 @@ INSTANTS = {
 """Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
 
 
-def single(rows: Rows) -> NDArray[np.bool_]:
-    """Which intervals (T − 1,) are single steps: of the shortest length that many have, or else all."""
-    h = rows.h[:, 0]
-    ranked = np.sort(h)
-    many = ranked[SINGLE - 1 :] - ranked[: max(len(h) - SINGLE + 1, 0)] < SAME_LENGTH * ranked[0]
+def _single(log: StretchesOfLog) -> list[NDArray[np.bool_]]:
+    """Which intervals of each stretch are single steps: of the shortest length that many have, or all."""
+    lengths = [rows.h[:, 0] for rows, _ in log.stretches]
+    h = np.sort(np.concatenate(lengths))
+    same = SAME_LENGTH * h[0]
+    many = h[SINGLE - 1 :] - h[: max(len(h) - SINGLE + 1, 0)] < same
     if not many.any():
-        return np.ones(len(h), dtype=np.bool_)
-    return np.asarray(np.abs(h - ranked[np.argmax(many)]) < SAME_LENGTH * ranked[0])
+        return [np.ones(len(x), dtype=np.bool_) for x in lengths]
+    return [np.asarray(np.abs(x - h[np.argmax(many)]) < same) for x in lengths]
 
 
-def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
+def _steps_looked_at(own: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Some single steps of a stretch, evenly over it, after others if possible; none of a short stretch."""
-    own = single(whole)
-    k = np.arange(1, len(whole.t) - 1)
+    k = np.arange(1, len(own))
     k = k[own[k]]
     after = k[own[k - 1]]
     k = after if len(after) >= SINGLE else k
@@ -443,8 +451,8 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
     found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
     alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
-        whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
-        k = _steps_looked_at(whole)
+        (whole, size), own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
+        k = _steps_looked_at(own_steps)
         if len(k):
             alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
     at_once = SIDE_BY_SIDE // IDENTIFYING
@@ -477,12 +485,12 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
                     logs[place].late,
                 )  # fmt: skip
                 two_step = _two_step(whole, a, D[some], N[some], k, typical)
-                found[place] = _identified(steps, two_step, typical, logs[place].stretches)
+                found[place] = _identified(steps, two_step, typical, logs[place])
     return found
 
 
 def _identified(
-    steps: Steps, two_step: _TwoStep, typical: float, stretches_: Sequence[tuple[Rows, Rows]]
+    steps: Steps, two_step: _TwoStep, typical: float, log: StretchesOfLog
 ) -> Identified:
     """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
     relations, N, digits = steps.relations, steps.N, steps.digits
@@ -502,8 +510,8 @@ def _identified(
             return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
-        by = _left_by(steps.model, stretches_, int(np.argmin(left)), half, PROVES * typical)
-        return found, min(best, two_step.left), steps, by
+        by = _left_by(steps.model, log, int(np.argmin(left)), half, PROVES * typical)
+        return found, min(best, two_step.left), steps, by if found.exact else _nothing
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
     apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
     near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
@@ -520,17 +528,12 @@ def _identified(
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
     scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among)
-    exact = typical_left <= CLOSED or best <= PROVES
-    by = _left_by(steps.model, stretches_, place, chosen, PROVES * typical) if exact else _nothing
-    return scheme, best, steps, by
+    by = _left_by(steps.model, log, place, chosen, PROVES * typical)
+    return scheme, best, steps, by if scheme.exact or best <= PROVES else _nothing
 
 
 def _left_by(
-    model: Model,
-    stretches_: Sequence[tuple[Rows, Rows]],
-    place: int,
-    relation: Relation,
-    most: float,
+    model: Model, log: StretchesOfLog, place: int, relation: Relation, most: float
 ) -> Callable[[], Left | None]:
     """What a relation, of a place in the dictionary, leaves of all single steps, when it is wanted."""
 
@@ -538,8 +541,7 @@ def _left_by(
     def left() -> Left | None:
         several = relation.name in OF_SEVERAL_STEPS
         t, residual, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
-        for rows, _ in stretches_:
-            own = single(rows)
+        for (rows, _), own in zip(log.stretches, _single(log)):
             k = np.flatnonzero(own)
             if several:
                 k = k[(k >= STARTING) & own[k - 1]]

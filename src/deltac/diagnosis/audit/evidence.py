@@ -336,8 +336,8 @@ def _without_ends(
     most = BEYOND_OTHERS * float(left[count:-count].max())
     first = np.flatnonzero(left[:count] > most)
     last = np.flatnonzero(left[-count:] > most)
-    start = float(step.t[first[-1]]) if len(first) else run.t[0]
-    end = float(step.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
+    start = float(step.residual.t[first[-1]]) if len(first) else run.t[0]
+    end = float(step.residual.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
     if not len(first) and not len(last) or _is_motion(mechanism, run, start, end, most):
         return None
     part = run.between(start, end)
@@ -357,7 +357,9 @@ def _without_ends(
 
 def _left(step: OneStep) -> Array:
     """What each window leaves, as a share of the terms: of the equation that leaves most."""
-    return np.asarray(np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1))
+    return np.asarray(
+        np.max(np.abs(step.residual.forces) / np.maximum(step.residual.scale, 1e-300), axis=1)
+    )
 
 
 def _is_motion(
@@ -375,7 +377,7 @@ def _is_motion(
     step = one_step(mechanism, replace(run, u=u))
     if step is None:
         return True
-    left, inside = _left(step), (step.t > start) & (step.t < end)
+    left, inside = _left(step), (step.residual.t > start) & (step.residual.t < end)
     most = max(most, LEAST, BEYOND_OTHERS * float(left[inside].max(initial=0.0)))
     return bool(np.any(left[~inside] > most))
 
@@ -444,7 +446,7 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         # Rates made of the logged speeds hold what the integrator did to these.
-        doubt = np.maximum(doubt, np.maximum(BESIDE * step.bar, step.taken))
+        doubt = np.maximum(doubt, np.maximum(BESIDE * step.residual.bar, step.residual.taken))
     # What filters leave at the ends of a log is not all along it.
     doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
@@ -597,7 +599,9 @@ def _of_steps(
     told: Explanation | None = None
     enough = len(log.consecutive) >= LEAST_ROWS
     if enough and not deadline.passed("several causes together"):
-        excused = Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
+        excused = Excused(
+            lambda s: step.residual.columns(s.t, s.q, s.u, s.logged), step.residual.bar
+        )
         with contextlib.suppress(InputError):
             told = explanation(
                 mechanism,
@@ -618,7 +622,7 @@ def _of_steps(
         return step, _missing(step, share)
     out = step.standing_out
     # A body that rests on something is pushed all the time: by what it falls onto, and never down.
-    stands_out = np.where(out[:, None], -step.local.residual, 0.0)  # like F_r + F*_r
+    stands_out = np.where(out[:, None], -step.local.forces, 0.0)  # like F_r + F*_r
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
         return step, _missing(step, float(out.mean()))
     return step, _unknown(told)
@@ -628,8 +632,10 @@ def _in_a_part(
     mechanism: Mechanism, log: Log, step: OneStep, tolerance: float, deadline: Deadline
 ) -> list[Finding]:
     """Causes of what begins at some time of a log, or ends there: a load that drops, a motor that fails."""
+    if step.closes:  # before its residual is asked for
+        return []
     out = np.flatnonzero(step.standing_out)
-    if not len(out) or step.closes or deadline.passed("a cause in a part of the log"):
+    if not len(out) or deadline.passed("a cause in a part of the log"):
         return []
     t = step.local.t
     first, last, count = int(out[0]), int(out[-1]), len(t)
@@ -695,7 +701,7 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
         away = np.abs(step.local.t[:, None] - changes).min(axis=1) > near
         most = np.abs(np.diff(sum(run.forces.values()), axis=0)).max(axis=0)
         speeds = [run.speeds.index(name) for name in step.speeds]
-        far = np.abs(step.local.residual) > NOT_OF_FORCES * most[speeds]
+        far = np.abs(step.local.forces) > NOT_OF_FORCES * most[speeds]
         local = local & (away | np.any(far, axis=1))
     return local
 
@@ -724,13 +730,15 @@ def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list
 
 def beyond(step: OneStep, tolerance: float) -> bool:
     """Whether what the one-step test leaves of an equation is more than the tolerance allows."""
-    return bool(step.significant.any() and step.relative[step.significant].max() > tolerance)
+    return bool(
+        step.significant.any() and step.residual.relative[step.significant].max() > tolerance
+    )
 
 
 def _missing(step: OneStep, share: float) -> list[Finding]:
     active, left = step.standing_out, step.local
-    worst = np.abs(left.residual[active]).max(axis=0)
-    k = int(np.argmax(worst / np.maximum(step.scale, 1e-300)))
+    worst = np.abs(left.forces[active]).max(axis=0)
+    k = int(np.argmax(worst / np.maximum(step.residual.scale, 1e-300)))
     when = ", ".join(f"{t:.4g}" for t in left.t[active][:3])
     return [
         Finding(

@@ -233,7 +233,7 @@ def _excused(mechanism: Mechanism, run: Trajectory) -> Excused | None:
     step = one_step(mechanism, run)
     if step is None:
         return None
-    return Excused(lambda s: step.columns(s.t, s.q, s.u, s.logged), step.bar)
+    return Excused(lambda s: step.residual.columns(s.t, s.q, s.u, s.logged), step.residual.bar)
 
 
 def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:

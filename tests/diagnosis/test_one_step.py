@@ -107,7 +107,7 @@ def test_the_error_bar_falls_with_the_step() -> None:
     coarse, fine = (
         made(log(RIGHT, "heun", step=h, accelerations=False).every(2)) for h in (0.008, 0.004)
     )
-    assert np.all(fine.bar < 0.35 * coarse.bar)
+    assert np.all(fine.residual.bar < 0.35 * coarse.residual.bar)
 
 
 def test_nothing_free_or_too_few_rows() -> None:

@@ -36,7 +36,7 @@ from deltac.trajectories import Trajectory
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
 
-NAMED = 3.0
+NAMED = 1.0
 """Error bars beyond which it is, where one cause explains it all along the log."""
 
 LOCAL = 30.0
@@ -149,11 +149,6 @@ class OneStep:
     def noisy(self) -> float:
         """How much of apparent noise is that; see `Residual`."""
         return self.found().noisy
-
-    @property
-    def columns(self) -> Callable[[Array, Array, Array, Array], Array]:
-        """The scheme columns as generalized forces; see `Residual`."""
-        return self.found().columns
 
     @property
     def ratio(self) -> Array:

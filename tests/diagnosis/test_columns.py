@@ -109,7 +109,7 @@ def test_steps_tell_what_the_samples_tell() -> None:
     step = one_step(other, bare)
     assert step is not None
     fits = []
-    for left in (None, step.found()):
+    for left in (None, step.residual):
         regression = prepare(other, bare, left).regression
         kinds = [(c.kind, c.element, c.size) for c in regression.candidates]
         places = [kinds.index(("body-mass", "limb", 1)), kinds.index(("missing-damper", "hip", 1))]

@@ -60,7 +60,7 @@ def test_wrong_models_are_significant(scheme: str, every: int) -> None:
 @pytest.mark.parametrize("every", [2, 5])
 def test_right_logs_of_unknown_substeps_are_borne(scheme: str, every: int) -> None:
     step = made(log(RIGHT, scheme, accelerations=False, held=scheme == "rk4").every(every))
-    assert float(step.ratio.max()) < 0.5 * CLEAR
+    assert float(step.residual.ratio.max()) < 0.5 * CLEAR
 
 
 def test_columns_that_constraints_take_off_are_not_fitted() -> None:
@@ -69,7 +69,7 @@ def test_columns_that_constraints_take_off_are_not_fitted() -> None:
     run = dc.simulate(problem, duration=0.6, step=2e-3, solver="semi-implicit-euler")
     bare = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=run.coordinates, speeds=run.speeds)
     step = one_step(problem.mechanism, bare, 0.5)
-    assert step is not None and float(step.relative.max()) < 1e-9
+    assert step is not None and float(step.residual.relative.max()) < 1e-9
 
 
 @pytest.mark.parametrize("form", ["float32", "decimals", "noise", "stale", "non-uniform"])

@@ -34,7 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
-from deltac.diagnosis.residuals.rows import UNEVEN, stairs, trimmed
+from deltac.diagnosis.residuals.rows import UNEVEN, rms, stairs, trimmed
 from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
@@ -339,8 +339,8 @@ def _without_ends(
     most = BEYOND_OTHERS * float(left[count:-count].max())
     first = np.flatnonzero(left[:count] > most)
     last = np.flatnonzero(left[-count:] > most)
-    start = float(step.t[first[-1]]) if len(first) else run.t[0]
-    end = float(step.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
+    start = float(step.residual.t[first[-1]]) if len(first) else run.t[0]
+    end = float(step.residual.t[len(left) - count + last[0]]) if len(last) else run.t[-1]
     if not len(first) and not len(last) or _is_motion(mechanism, run, start, end, most):
         return None
     part = run.between(start, end)
@@ -360,7 +360,9 @@ def _without_ends(
 
 def _left(step: OneStep) -> Array:
     """What each window leaves, as a share of the terms: of the equation that leaves most."""
-    return np.asarray(np.max(np.abs(step.residual) / np.maximum(step.scale, 1e-300), axis=1))
+    return np.asarray(
+        np.max(np.abs(step.residual.forces) / np.maximum(step.residual.scale, 1e-300), axis=1)
+    )
 
 
 def _is_motion(
@@ -378,7 +380,7 @@ def _is_motion(
     step = one_step(mechanism, replace(run, u=u))
     if step is None:
         return True
-    left, inside = _left(step), (step.t > start) & (step.t < end)
+    left, inside = _left(step), (step.residual.t > start) & (step.residual.t < end)
     most = max(most, LEAST, BEYOND_OTHERS * float(left[inside].max(initial=0.0)))
     return bool(np.any(left[~inside] > most))
 
@@ -447,7 +449,7 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         # Rates made of the logged speeds hold what the integrator did to these.
-        doubt = np.maximum(doubt, np.maximum(BESIDE * step.bar, step.taken))
+        doubt = np.maximum(doubt, np.maximum(BESIDE * step.residual.bar, step.residual.taken))
     # What filters leave at the ends of a log is not all along it.
     doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
@@ -596,18 +598,15 @@ def _of_steps(
     now_and_then = local.sum() >= FEWEST and share <= SHORT
     clear = bool(step.significant.any())
     told: Explanation | None = None
-    asked = clear or bool((step.ratio > NAMED).any())
-    if (
-        asked
-        and len(log.consecutive) >= LEAST_ROWS
-        and not deadline.passed("several causes together")
-    ):
+    outside = float((rms(step.residual.forces) / step.residual.bar).max())
+    enough = (clear or outside > NAMED) and len(log.consecutive) >= LEAST_ROWS
+    if enough and not deadline.passed("several causes together"):
         with contextlib.suppress(InputError):
             told = explanation(
                 mechanism,
                 log.consecutive,
-                step.found(),
-                EXPLAINS if clear else ALONE,
+                step.residual,
+                EXPLAINS if outside > step.clear else ALONE,
                 most=MOST if clear else 1,
                 deadline=deadline,
                 progress=progress,
@@ -621,7 +620,7 @@ def _of_steps(
         return step, []
     out = step.standing_out
     # A body that rests on something is pushed all the time: by what it falls onto, and never down.
-    stands_out = np.where(out[:, None], -step.residual, 0.0)  # like F_r + F*_r
+    stands_out = np.where(out[:, None], -step.residual.forces, 0.0)  # like F_r + F*_r
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
         return step, _missing(step, float(out.mean()))
     return step, _unknown(told)
@@ -637,7 +636,7 @@ def _known_by(step: OneStep, told: Explanation) -> OneStep:
 
     Part of that is like what an integrator leaves, and was taken off with it.
     """
-    left = step.found()
+    left = step.residual
     there = replace(left, size=np.array(told.effect) * left.scale, spent=told.work)
     return replace(step, found=lambda: there, clear=step.clear if step.significant.any() else NAMED)
 
@@ -651,13 +650,13 @@ def _in_a_part(
     out = np.flatnonzero(step.standing_out)
     if not len(out) or deadline.passed("a cause in a part of the log"):
         return []
-    first, last, count = int(out[0]), int(out[-1]), len(step.t)
+    first, last, count = int(out[0]), int(out[-1]), len(step.residual.t)
     if len(out) < MOSTLY * (last - first + 1) or (last - first + 1) > (1.0 - QUIET) * count:
         return []
     begins, ends = first >= QUIET * count, last < (1.0 - QUIET) * count
     if begins == ends:
         return []
-    edge = float(step.t[first if begins else last])
+    edge = float(step.residual.t[first if begins else last])
     run = log.consecutive
     beside = BESIDE * float(np.median(np.diff(run.t)))
     part = run.between(edge + beside, run.t[-1]) if begins else run.between(run.t[0], edge - beside)
@@ -689,13 +688,13 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     even = np.abs(h - step_length).max() < UNEVEN * step_length
     if not step.closes_mostly or not (even or len(gap_rows(log.consecutive.t))):
         return []
-    out = step.t[_at_times(log, step)]
+    out = step.residual.t[_at_times(log, step)]
     t = log.consecutive.t
     jumped = np.unique(
         np.concatenate([t[c.start[c.outliers]] for c in log.comparisons.values()] or [t[:0]])
     )
     near = np.abs(out[:, None] - jumped[None, :]).min(axis=1, initial=np.inf) < 2.0 * step_length
-    share = len(out) / max(len(step.t), 1)
+    share = len(out) / max(len(step.residual.t), 1)
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
@@ -713,10 +712,10 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     if forces.held:
         near = BESIDE * float(np.median(np.diff(run.t)))
         changes = run.t[1:][~forces.known]
-        away = np.abs(step.t[:, None] - changes).min(axis=1) > near
+        away = np.abs(step.residual.t[:, None] - changes).min(axis=1) > near
         most = np.abs(np.diff(sum(run.forces.values()), axis=0)).max(axis=0)
         speeds = [run.speeds.index(name) for name in step.speeds]
-        local &= away | np.any(np.abs(step.residual) > NOT_OF_FORCES * most[speeds], axis=1)
+        local &= away | np.any(np.abs(step.residual.forces) > NOT_OF_FORCES * most[speeds], axis=1)
     return local
 
 
@@ -744,14 +743,16 @@ def _weighed(causes: Iterable[Finding], step: OneStep, tolerance: float) -> list
 
 def beyond(step: OneStep, tolerance: float) -> bool:
     """Whether what the one-step test leaves of an equation is more than the tolerance allows."""
-    return bool(step.significant.any() and step.relative[step.significant].max() > tolerance)
+    return bool(
+        step.significant.any() and step.residual.relative[step.significant].max() > tolerance
+    )
 
 
 def _missing(step: OneStep, share: float) -> list[Finding]:
-    active = step.standing_out
-    worst = np.abs(step.residual[active]).max(axis=0)
-    k = int(np.argmax(worst / np.maximum(step.scale, 1e-300)))
-    when = ", ".join(f"{t:.4g}" for t in step.t[active][:3])
+    active, r = step.standing_out, step.residual
+    worst = np.abs(r.forces[active]).max(axis=0)
+    k = int(np.argmax(worst / np.maximum(r.scale, 1e-300)))
+    when = ", ".join(f"{t:.4g}" for t in r.t[active][:3])
     return [
         Finding(
             "missing-contact",

@@ -37,7 +37,7 @@ def energy_of_noise(
     if len(run) > MOST_ROWS:
         run = run.between(run.t[0], run.t[MOST_ROWS - 1])
     # What looks like noise may be kinks of forces, or a motion that the rows hardly resolve.
-    real = step.noisy if step is not None and not step.closes else 0.0
+    real = step.residual.noisy if step is not None and not step.closes else 0.0
     columns = {"q": run.q, "u": run.u, **run.forces}
     of_run = digits_of(run)
     known = {n: of_run[n] if n in of_run else Digits(x) for n, x in columns.items()}

@@ -175,7 +175,7 @@ def _counts(pair: _Pair, step: OneStep, h: float) -> bool:
     regression = pair.prepared.regression
     if not pair.found.best.chosen or not regression.stands_out(pair.found.best):
         return False
-    unknown = float(np.linalg.norm(step.size * pair.weight))
+    unknown = float(np.linalg.norm(step.residual.size * pair.weight))
     there = CLEAR * math.sqrt(regression.precision / len(pair.residual))
     if pair.left > FAR_LESS * min(unknown, pair.total) or pair.total < there:
         return False
@@ -213,11 +213,11 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         np.maximum(pair.left, math.sqrt(pair.prepared.regression.precision / len(r))) / pair.weight
     )
     u = steps.start.u
-    time_ = float(step.t[-1] - step.t[0])
+    time_ = float(step.residual.t[-1] - step.residual.t[0])
     left = replace(
-        step.found(),
+        step.residual,
         t=steps.start.t,
-        residual=r,
+        forces=r,
         allowed=np.broadcast_to(bar, r.shape),
         size=trimmed(r),
         bar=bar,

@@ -221,7 +221,7 @@ def explain_residual(
         step = one_step(mechanism, run)
         if step is None:
             raise too_short(run)
-        found = explanation(mechanism, run, step.found(), progress=progress or untold)
+        found = explanation(mechanism, run, step.residual, progress=progress or untold)
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)

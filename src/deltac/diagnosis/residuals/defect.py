@@ -78,7 +78,7 @@ class Residual:
 
     Attributes:
         t: the middle of each window (W,).
-        residual: what the equations leave in each, scheme columns taken off (W, n), N or N·m.
+        forces: what the equations leave in each, scheme columns taken off (W, n), N or N·m.
         allowed: error bar of each of these (W, n).
         size, bar, scale: its root mean square without the largest tenth, its error bar, the size of the
             terms (n,).
@@ -93,7 +93,7 @@ class Residual:
     """
 
     t: Array
-    residual: Array
+    forces: Array
     allowed: Array
     size: Array
     bar: Array
@@ -105,6 +105,16 @@ class Residual:
     bars: Mapping[str, Array]
     noisy: float
     intervals: Intervals
+
+    @property
+    def ratio(self) -> Array:
+        """`size` in units of the error bar (n,)."""
+        return np.asarray(self.size / np.maximum(self.bar, 1e-300))
+
+    @property
+    def relative(self) -> Array:
+        """`size` as a share of the terms (n,)."""
+        return np.asarray(self.size / np.maximum(self.scale, 1e-300))
 
 
 def residual_of(model: Model, log: StretchesOfLog, off: float, steps: Steps | None) -> Residual:

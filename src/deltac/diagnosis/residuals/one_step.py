@@ -12,7 +12,7 @@ A residual beyond its bar is a mistake of the equations, or a force that the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
 from deltac.diagnosis.residuals.defect import Residual, residual_of
 from deltac.diagnosis.residuals.rows import (
     Functions,
@@ -91,74 +90,9 @@ class OneStep:
     clear: float = CLEAR
 
     @property
-    def t(self) -> Array:
-        """The middle of each window (W,), s."""
-        return self.found().t
-
-    @property
-    def residual(self) -> Array:
-        """What the equations leave in each window (W, n), N or N·m."""
-        return self.found().residual
-
-    @property
-    def allowed(self) -> Array:
-        """Error bar of each of these (W, n)."""
-        return self.found().allowed
-
-    @property
-    def size(self) -> Array:
-        """Root mean square of the residual without the largest tenth (n,)."""
-        return self.found().size
-
-    @property
-    def bar(self) -> Array:
-        """Its error bar (n,)."""
-        return self.found().bar
-
-    @property
-    def scale(self) -> Array:
-        """Size of the terms of each equation (n,)."""
-        return self.found().scale
-
-    @property
-    def bars(self) -> Mapping[str, Array]:
-        """What the error bar is made of, by name (n,)."""
-        return self.found().bars
-
-    @property
-    def fitted(self) -> Mapping[str, float]:
-        """Coefficients of the scheme columns."""
-        return self.found().fitted
-
-    @property
-    def taken(self) -> Array:
-        """What the scheme columns took off (n,), N or N·m."""
-        return self.found().taken
-
-    @property
-    def hidden(self) -> float:
-        """Energy (J) that a mistake could have done; see `Residual`."""
-        return self.found().hidden
-
-    @property
-    def spent(self) -> float:
-        """Energy (J) that the residual does, without sign."""
-        return self.found().spent
-
-    @property
-    def noisy(self) -> float:
-        """How much of apparent noise is that; see `Residual`."""
-        return self.found().noisy
-
-    @property
-    def ratio(self) -> Array:
-        """`size` in units of the error bar (n,)."""
-        return np.asarray(self.size / np.maximum(self.bar, 1e-300))
-
-    @property
-    def relative(self) -> Array:
-        """`size` as a share of the terms (n,)."""
-        return np.asarray(self.size / np.maximum(self.scale, 1e-300))
+    def residual(self) -> Residual:
+        """What the equations leave, whatever the integrator."""
+        return self.found()
 
     @property
     def closes(self) -> bool:
@@ -182,7 +116,7 @@ class OneStep:
         """Which equations leave more than their error bar explains (n,); none where a scheme closes."""
         if self.closes:
             return np.zeros(len(self.speeds), dtype=np.bool_)
-        return (self.ratio > self.clear) & (self.relative > LEAST)
+        return (self.residual.ratio > self.clear) & (self.residual.relative > LEAST)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of the test, for JSON."""
@@ -192,9 +126,9 @@ class OneStep:
             "among": [] if scheme is None else list(scheme.among),
             "closes": self.closes,
             "defect": self.off_scheme,
-            "residual": dict(zip(self.speeds, self.size.tolist())),
-            "error_bar": dict(zip(self.speeds, self.bar.tolist())),
-            "terms": dict(zip(self.speeds, self.scale.tolist())),
+            "residual": dict(zip(self.speeds, self.residual.size.tolist())),
+            "error_bar": dict(zip(self.speeds, self.residual.bar.tolist())),
+            "terms": dict(zip(self.speeds, self.residual.scale.tolist())),
             "rows": self.rows,
         }
 
@@ -205,20 +139,21 @@ class OneStep:
         if self.closes_mostly:
             return rows
         around = np.convolve(rows, np.ones(2 * NEAR + 1), "same") > 0.5
-        quiet = self.residual[~around]
+        quiet = self.residual.forces[~around]
         # What is left all the time is no contact, however much it varies.
         silent = len(quiet) > len(rows) // 3 and np.all(
-            rms(quiet) < CLEAR * self.bar + LEAST * self.scale
+            rms(quiet) < CLEAR * self.residual.bar + LEAST * self.residual.scale
         )
         return rows if silent else np.zeros_like(rows)
 
     @property
     def standing_out(self) -> NDArray[np.bool_]:
         """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
-        out = np.abs(self.residual) > LOCAL * (self.allowed + self.bar) + MATERIAL * self.scale
+        r = self.residual
+        out = np.abs(r.forces) > LOCAL * (r.allowed + r.bar) + MATERIAL * r.scale
         rows = np.asarray(out.any(axis=1))
         # A force changes the momentum for good; what is taken back in the next steps is a spike of a speed.
-        size = self.residual / np.maximum(self.scale, 1e-300)
+        size = r.forces / np.maximum(r.scale, 1e-300)
         spikes = np.zeros_like(rows)
         for first in map(int, np.flatnonzero(rows)):
             for last in range(first + 1, min(first + SPIKE, len(rows) - 1) + 1):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -193,6 +194,14 @@ class Rows:
     def D(self) -> Array:
         """Mean accelerations (T − 1, n)."""
         return np.asarray(np.diff(self.u, axis=0) / self.h)
+
+    @cached_property
+    def smooth_F(self) -> Callable[[Array], Array]:
+        """The forces of any times by a spline of degree 5."""
+        from scipy.interpolate import make_interp_spline
+
+        spline: Callable[[Array], Array] = make_interp_spline(self.t, self.F, k=5)
+        return spline
 
     def taken(self, rows: slice | NDArray[np.intp]) -> Rows:
         """Some of them."""

@@ -14,7 +14,8 @@ from itertools import product
 
 import numpy as np
 
-from deltac.trajectories.rates import continuous, rotation_matrices, rotation_vectors
+from deltac import rotations
+from deltac.trajectories.rates import continuous, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray
 
 AGREES = 0.1
@@ -141,7 +142,7 @@ def _readings(
     )
     if angular is None:
         return
-    R, w = rotation_matrices(p), angular.at
+    R, w = rotations.matrices(p), angular.at
     free = [x for x in every if not set(x) & {*four, *w}]
     places, speeds = (
         [x for x in free if x in vectors or x.stop == known.start or x.start == known.stop]

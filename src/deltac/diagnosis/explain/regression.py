@@ -412,9 +412,10 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
     moving = _where_it_moves(intervals.slowest, sliding)
     counts = (weight * moving)[..., None]
     rows, scheme = matrix * counts, intervals.scheme * counts
-    U, size, _ = np.linalg.svd(scheme.reshape(-1, scheme.shape[2]), full_matrices=False)
-    kept = 1.0 / np.sqrt(1.0 + size**2)
     flat = rows.reshape(-1, rows.shape[2])
+    spanned = scheme.reshape(len(flat), scheme.shape[2])
+    U, size, _ = np.linalg.svd(spanned, full_matrices=False)
+    kept = 1.0 / np.sqrt(1.0 + size**2)
     rows = (flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))).reshape(rows.shape)
     # White noise is known by its size: what no cause explains, and nothing predicts.
     noise = left.bars["noise"] * weight

@@ -97,8 +97,8 @@ def test_forces_that_rest_are_known(every: int) -> None:
     run = held(RIGHT, 10).every(every)
     assert stairs(run.forces["actuator motor"]).held
     right = stepped(run)
-    assert float(right.ratio.max()) < 1.0
-    assert np.all(right.bars["forces between rows"] < 1e-3 * right.scale)
+    assert float(right.residual.ratio.max()) < 1.0
+    assert np.all(right.residual.bars["forces between rows"] < 1e-3 * right.residual.scale)
     assert stepped(held(CartPole(gravity=9.81 * 1.1), 10).every(every)).significant.any()
 
 

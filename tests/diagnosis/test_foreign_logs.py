@@ -176,7 +176,7 @@ def test_one_cause_counts_from_three_error_bars_on() -> None:
     """Some bars are not significant alone; that gravity explains all of it is."""
     run = log(CartPole(gravity=9.81 * 1.002), "heun", accelerations=False)
     run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))
-    assert 3.0 < stepped(run).ratio.max() < 10.0
+    assert 3.0 < stepped(run).residual.ratio.max() < 10.0
     found = dc.audit(MECHANISM, run)
     assert "F-SMALL-BUT-REAL" in codes(found)
     cause = next(f for f in found.findings if f.code == "F-GRAVITY")

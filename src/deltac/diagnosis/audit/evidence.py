@@ -34,7 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
-from deltac.diagnosis.residuals.rows import UNEVEN, rms, stairs, trimmed
+from deltac.diagnosis.residuals.rows import rms, stairs, trimmed
 from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
@@ -620,7 +620,7 @@ def _of_steps(
         return step, []
     out = step.standing_out
     # A body that rests on something is pushed all the time: by what it falls onto, and never down.
-    stands_out = np.where(out[:, None], -step.residual.forces, 0.0)  # like F_r + F*_r
+    stands_out = np.where(out[:, None], -step.local.forces, 0.0)  # like F_r + F*_r
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
         return step, _missing(step, float(out.mean()))
     return step, _unknown(told)
@@ -650,13 +650,14 @@ def _in_a_part(
     out = np.flatnonzero(step.standing_out)
     if not len(out) or deadline.passed("a cause in a part of the log"):
         return []
-    first, last, count = int(out[0]), int(out[-1]), len(step.residual.t)
+    t = step.local.t
+    first, last, count = int(out[0]), int(out[-1]), len(t)
     if len(out) < MOSTLY * (last - first + 1) or (last - first + 1) > (1.0 - QUIET) * count:
         return []
     begins, ends = first >= QUIET * count, last < (1.0 - QUIET) * count
     if begins == ends:
         return []
-    edge = float(step.residual.t[first if begins else last])
+    edge = float(t[first if begins else last])
     run = log.consecutive
     beside = BESIDE * float(np.median(np.diff(run.t)))
     part = run.between(edge + beside, run.t[-1]) if begins else run.between(run.t[0], edge - beside)
@@ -681,20 +682,18 @@ def _in_a_part(
 def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     """A force that is missing in a few steps, where a known integrator closes most of the others to rounding.
 
-    Steps of other lengths, and those in which coordinates jump as well, are not such.
+    Those in which coordinates jump as well are not such.
     """
-    h = np.diff(log.consecutive.t)
-    step_length = float(np.median(h))
-    even = np.abs(h - step_length).max() < UNEVEN * step_length
-    if not step.closes_mostly or not (even or len(gap_rows(log.consecutive.t))):
+    if not step.closes_mostly:
         return []
-    out = step.residual.t[_at_times(log, step)]
-    t = log.consecutive.t
+    t, times = log.consecutive.t, step.local.t
+    out = times[_at_times(log, step)]
     jumped = np.unique(
         np.concatenate([t[c.start[c.outliers]] for c in log.comparisons.values()] or [t[:0]])
     )
-    near = np.abs(out[:, None] - jumped[None, :]).min(axis=1, initial=np.inf) < 2.0 * step_length
-    share = len(out) / max(len(step.residual.t), 1)
+    beside = 2.0 * float(np.median(np.diff(t)))
+    near = np.abs(out[:, None] - jumped[None, :]).min(axis=1, initial=np.inf) < beside
+    share = len(out) / max(len(times), 1)
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
@@ -712,10 +711,11 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     if forces.held:
         near = BESIDE * float(np.median(np.diff(run.t)))
         changes = run.t[1:][~forces.known]
-        away = np.abs(step.residual.t[:, None] - changes).min(axis=1) > near
+        away = np.abs(step.local.t[:, None] - changes).min(axis=1) > near
         most = np.abs(np.diff(sum(run.forces.values()), axis=0)).max(axis=0)
         speeds = [run.speeds.index(name) for name in step.speeds]
-        local &= away | np.any(np.abs(step.residual.forces) > NOT_OF_FORCES * most[speeds], axis=1)
+        far = np.abs(step.local.forces) > NOT_OF_FORCES * most[speeds]
+        local = local & (away | np.any(far, axis=1))
     return local
 
 
@@ -749,10 +749,10 @@ def beyond(step: OneStep, tolerance: float) -> bool:
 
 
 def _missing(step: OneStep, share: float) -> list[Finding]:
-    active, r = step.standing_out, step.residual
-    worst = np.abs(r.forces[active]).max(axis=0)
-    k = int(np.argmax(worst / np.maximum(r.scale, 1e-300)))
-    when = ", ".join(f"{t:.4g}" for t in r.t[active][:3])
+    active, left = step.standing_out, step.local
+    worst = np.abs(left.forces[active]).max(axis=0)
+    k = int(np.argmax(worst / np.maximum(step.residual.scale, 1e-300)))
+    when = ", ".join(f"{t:.4g}" for t in left.t[active][:3])
     return [
         Finding(
             "missing-contact",

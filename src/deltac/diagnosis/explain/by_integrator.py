@@ -33,8 +33,16 @@ from deltac.diagnosis.explain.search import Found, promise, search
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import trimmed
-from deltac.diagnosis.residuals.schemes import ORDERS, TABLEAUS, Relation, Scheme, Steps
+from deltac.diagnosis.residuals.schemes import (
+    INSTANTS,
+    ORDERS,
+    TABLEAUS,
+    Relation,
+    Scheme,
+    Steps,
+)
 from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Deadline, Progress, counted, untold
 from deltac.trajectories import Trajectory
@@ -50,6 +58,16 @@ APART = 3.0
 
 CLEAR = 30.0
 """How many times digits and rounding a mistake must be."""
+
+
+NEARLY = 1.1
+"""How many times what an implicit step makes a cause may be to be that."""
+
+DAMPS_AT_THE_END = (
+    "implicit-damping-euler", "linearly-implicit-euler", "implicit-euler", "implicit-speed-euler",
+)  # fmt: skip
+SPRINGS_AT_THE_END = ("implicit-euler", "semi-implicit-euler-vu")
+"""Methods that take the forces of dampers, and of springs, from the end of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +120,10 @@ def known_but_for_one(
         still = np.zeros_like(at.F)
         columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
         whole = evaluate(function, columns, kernels.speeds)[0]
+        if relation.name in INSTANTS and not np.array_equal(udot, steps.D):
+            # What implicit terms take off an acceleration is no part of what inertias multiply.
+            columns[3] = steps.D
+            whole[..., 1:] = evaluate(function, columns, kernels.speeds)[0][..., 1:]
         several = ORDERS.get(relation.name, 2) > 1  # instants, of which the columns are of one
         change = np.gradient(whole, at.t, axis=0) * h if several else None
         tried.append((relation, *_regression(whole, kernels, change)))
@@ -183,26 +205,36 @@ def _counts(pair: _Pair, step: OneStep, h: float) -> bool:
 
 
 def _of_an_integrator(pair: _Pair, h: float) -> bool:
-    """Whether the cause is what an implicit step makes: an inertia of h times a damping, and the like."""
-    mechanism = pair.prepared.kernels.evaluator.mechanism
+    """Whether the cause is what forces of the end of a step make, as an inertia of h times a damping.
+
+    A relation that takes these at the end already has that; more of it is no integrator's.
+    """
+    mechanism, name = pair.prepared.kernels.evaluator.mechanism, pair.relation.name
     for k, theta in zip(pair.found.best.chosen, pair.found.best.theta):
         c = pair.prepared.regression.candidates[k]
-        if len(theta) != 1 or c.element not in {j.name for j in mechanism.joints}:
-            continue
-        joint = mechanism.joint(c.element)
-        damping, stiffness = (
-            abs(mechanism.number(x)) if np.ndim(x) == 0 and x is not None else 0.0
-            for x in (getattr(joint, "damping", 0.0), getattr(joint, "stiffness", 0.0))
-        )
+        joint = c.element.split(".")[0]  # of a speed of several: joint.speed
+        damping = 0.0 if name in DAMPS_AT_THE_END else _largest(mechanism, JointDamper, joint)
+        stiffness = 0.0 if name in SPRINGS_AT_THE_END else _largest(mechanism, JointSpring, joint)
         like = {
             "armature": h * damping + h * h * stiffness,
             "missing-rotor-inertia": h * damping + h * h * stiffness,
             "damping": h * stiffness,
             "missing-damper": h * stiffness,
         }
-        if abs(float(theta[0])) <= 1.1 * like.get(c.kind, 0.0):
+        if len(theta) == 1 and abs(float(theta[0])) <= NEARLY * like.get(c.kind, 0.0):
             return True
     return False
+
+
+def _largest(mechanism: Mechanism, of: type[JointDamper] | type[JointSpring], joint: str) -> float:
+    """The largest constant damping or stiffness of the dampers or springs of a joint."""
+    laws = (
+        law
+        for e in mechanism.elements
+        if isinstance(e, of) and e.joint == joint
+        for law in (e.damping if isinstance(e, JointDamper) else e.stiffness)
+    )
+    return max((abs(law) for law in laws if isinstance(law, float)), default=0.0)
 
 
 def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
@@ -231,5 +263,6 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         step,
         scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
         found=lambda: left,
+        by_scheme=lambda: None,
         known_but_for_causes=True,
     )

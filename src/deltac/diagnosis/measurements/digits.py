@@ -15,7 +15,6 @@ from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
 
 SINGLE = float(np.finfo(np.float32).eps)
-HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).smallest_subnormal)
 PROBES = 400
 
 
@@ -155,7 +154,7 @@ def _of_column(column: Array, rows: NDArray[np.intp], least: int) -> Rule:
 def _binary(probes: Array) -> Rule | None:
     """Half or single precision; halves of few bits have few decimals as well."""
     if np.all(np.abs(probes) < MOST_HALF) and np.array_equal(probes.astype(np.float16), probes):
-        return lambda size: HALF * size + LEAST_HALF * (size > 0.0)
+        return _half_of_half_precision
     if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
         return lambda size: SINGLE * size
     return None
@@ -179,6 +178,11 @@ def _count(column: Array) -> float:
         return 0.0
     off = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
     return count if float(off.max()) < 1e-3 else 0.0
+
+
+def _half_of_half_precision(size: Array) -> Array:
+    """Nobody computes in half precision: numbers were rounded once, to the nearest."""
+    return np.asarray(0.5 * np.spacing(size.astype(np.float16)).astype(np.float64) * (size > 0.0))
 
 
 def _significant(probes: Array) -> Rule | None:

@@ -43,7 +43,7 @@ def sweep_beside_ensemble(runs: int, steps: int, workers: int) -> None:
             step,
             "ode5",
             vary={"m1": M[:members]},
-            record_every=steps // records,
+            record=steps // records,
             threads=workers,
         )
 
@@ -101,7 +101,7 @@ def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
     mechanism, rng = chain(dof), np.random.default_rng(1)
     starts = rng.uniform(-0.5, 0.5, (2, episodes, dof))
     motion = dc.simulate_ensemble(
-        mechanism, tuple(starts), 2e-3 * (samples - 1), 2e-3, "semi-implicit-euler", record_every=1
+        mechanism, tuple(starts), 2e-3 * (samples - 1), 2e-3, "semi-implicit-euler", record=1
     )
     arrays = {"t": motion.t, "qpos": motion.q, "qvel": motion.u}
     names = {"coordinates": motion.coordinates, "speeds": motion.speeds}

@@ -77,7 +77,7 @@ def by_members(sizes: Sequence[int]) -> dict[str, list[float]]:
 
         def run(start: Any = start) -> Any:
             return dc.simulate_ensemble(
-                problem.mechanism, start, STEPS * 1e-3, 1e-3, "ode4", record_every=STEPS
+                problem.mechanism, start, STEPS * 1e-3, 1e-3, "ode4", record=STEPS
             )
 
         if count == sizes[0]:

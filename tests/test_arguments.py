@@ -76,8 +76,10 @@ def test_numbers_and_names() -> None:
 
 
 def test_the_argument_is_named() -> None:
-    with pytest.raises(dc.InputError, match=r"simulate: vary is 0\.5 \(float\), expected Sequence"):
-        dc.simulate("double-pendulum", duration=0.1, step=0.01, vary=0.5)  # type: ignore[arg-type]
+    with pytest.raises(
+        dc.InputError, match=r"simulate: progress is 0\.5 \(float\), expected Callable"
+    ):
+        dc.simulate("double-pendulum", duration=0.1, step=0.01, progress=0.5)  # type: ignore[arg-type]
     with pytest.raises(dc.InputError, match="beyond double precision"):
         dc.rod("a", 1.0, 1e300)
 

@@ -149,6 +149,15 @@ except KeyboardInterrupt:
 """
 
 
+def test_what_a_library_makes_of_an_interrupt_is_one() -> None:
+    """NumPy: SystemError, "<function DM.__array__> returned a result with an exception set"."""
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise SystemError("returned a result with an exception set") from error
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ode5", "IDAS", "generalized-alpha"])
 def test_interrupts_at_random_moments_end_a_run(solver: str) -> None:

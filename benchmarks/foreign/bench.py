@@ -153,14 +153,15 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
     except dc.DeltacError as error:
         return {**row, "verdict": "refused", "message": str(error), "seconds": 0.0, "findings": []}
     step = found.step
+    left = None if step is None else step.residual
     return {
         **row,
         "verdict": found.verdict.kind,
         "confidence": found.verdict.confidence,
         "findings": [(f.kind, f.weight, f.element, f.factor, f.equals) for f in found.findings],
         "evidence": list(found.verdict.evidence),
-        "bars": None if step is None else float((made.effect * step.scale / step.bar).max()),
-        "ratio": None if step is None else float(step.ratio.max()),
+        "bars": None if left is None else float((made.effect * left.scale / left.bar).max()),
+        "ratio": None if left is None else float(left.ratio.max()),
         "named": step.scheme.name if step is not None and step.scheme is not None else "",
         "among": [] if step is None or step.scheme is None else list(step.scheme.among),
         "seconds": round(time.perf_counter() - begun, 2),

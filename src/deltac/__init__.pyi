@@ -107,7 +107,7 @@ from deltac.simulation.equations import Controller as Controller
 from deltac.simulation.equations import Equations as Equations
 from deltac.simulation.flow import Baumgarte as Baumgarte
 from deltac.simulation.flow import Projection as Projection
-from deltac.simulation.simulate import Record as Record
+from deltac.simulation.recording import Record as Record
 from deltac.simulation.simulate import SimulationStoppedWarning as SimulationStoppedWarning
 from deltac.simulation.simulate import simulate as simulate
 from deltac.simulation.solvers import solver_names as solver_names

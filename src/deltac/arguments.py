@@ -79,6 +79,7 @@ def refuse_misfits(
         annotation = str(parameter.annotation)
         if value is not parameter.default and not fits(value, annotation):
             expected = re.sub(r"\b\w+\.", "", annotation).replace(" | ", " or ")
+            expected = re.sub(r"\bProgress\b", "Callable[[float], None]", expected)
             found = f"{shown(value)} ({type(value).__name__})"
             raise WrongType(f"{name}: {argument} is {found}, expected {expected}") from error
     if isinstance(error, OverflowError) and not _in_own_code(error, given.values()):

@@ -53,14 +53,14 @@ class InputError(DeltacError, ValueError):
 
 
 class UnknownName(InputError, KeyError):
-    """A name that is not there, of a joint, a solver, a column, an option; the message says which are."""
+    """An unknown name of a joint, a solver, a column, an option; the message lists the known ones."""
 
     _code = "E-NAME"
     __str__ = Exception.__str__  # a KeyError would show the message in quotes
 
 
 class WrongType(InputError):
-    """A thing of the wrong kind: a number where a State is expected."""
+    """An argument of the wrong type: a number where a State is expected."""
 
     _code = "E-TYPE"
 
@@ -72,7 +72,7 @@ class FileError(InputError):
 
 
 class LimitError(InputError):
-    """More bytes, rows, names or seconds than is allowed for."""
+    """More bytes, rows, names or seconds than allowed."""
 
     _code = "E-LIMIT"
 
@@ -84,7 +84,7 @@ class LogError(InputError):
 
 
 class ModelError(InputError):
-    """A description of a mechanism that contradicts itself, or has what cannot be modelled."""
+    """A description of a mechanism that contradicts itself, or has parts that cannot be modelled."""
 
     _code = "E-MODEL"
 
@@ -96,7 +96,7 @@ class StateError(InputError):
 
 
 class SolverError(InputError):
-    """A solver that cannot do what is asked for, or a step that it cannot take."""
+    """A solver that does not support what is asked of it, or a step that it cannot take."""
 
     _code = "E-SOLVER"
 
@@ -114,7 +114,7 @@ class PackageError(InputError):
 
 
 class ArgumentsError(InputError):
-    """Arguments that cannot be given together or in this order, or one that the others call for."""
+    """Arguments that cannot be combined or given in this order, or a missing one that the others require."""
 
     _code = "E-ARGUMENTS"
 
@@ -132,7 +132,7 @@ class SpecificationError(InputError):
 
 
 class ProcessLost(InputError):
-    """A process that the work ran in, or the scheduler of all, has ended or does not answer."""
+    """A worker process, or the scheduler, has ended or does not answer."""
 
     _code = "E-DIED"
 

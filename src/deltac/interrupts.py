@@ -3,9 +3,9 @@
 Python raises KeyboardInterrupt in whatever Python code runs when the signal is handled. That code may be a
 function which a library calls back and whose exceptions it drops. CasADi asks `DM_from_array` and its like
 whether an argument can be converted, and takes any exception for a no; SUNDIALS takes one for an equation
-that is not defined. So the verbs run under `interruptible`, which knows that an interrupt was asked for. It
-is put off where it would be dropped, and raised again by the next `check_interrupted`, at the latest at the
-end of the verb.
+that is not defined; NumPy makes a SystemError of one in a method `__array__`. So the verbs run under
+`interruptible`, which knows that an interrupt was asked for. It is put off where it would be dropped, and
+raised again by the next `check_interrupted`, at the latest at the end of the verb.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def interruptible() -> Iterator[None]:
         if outermost:
             signal.signal(signal.SIGINT, _interrupt)
         check_interrupted()
-        yield
-        check_interrupted()
+        try:
+            yield
+        finally:
+            check_interrupted()  # also in place of what a library made of it: NumPy a SystemError
     finally:
         _depth = before
         if outermost:

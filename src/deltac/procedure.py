@@ -129,7 +129,7 @@ class Examination(
 TITLES = {
     "check": "are the equations the model's?",
     "recommend": "which solver, which step?",
-    "study": "whose is the error that is left?",
+    "study": "is the error the integrator's?",
     "audit": "can the log be trusted?",
 }
 

@@ -7,6 +7,7 @@ be said is known.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.check.numbers import formula
+from deltac.dynamics import system
 
 P = {"m1": 1.1, "m2": 0.93, "l1": 1.05, "c1": 0.52, "c2": 0.41, "I1": 0.083, "I2": 0.33, "g": 9.81}
 
@@ -218,3 +220,18 @@ def test_a_parameter_that_leaves_no_inertia_is_no_cause() -> None:
     found = dc.check_equations(model, wrong)
     assert found.verdict.kind == "equation-error"
     assert "parameter-value" not in [f.kind for f in found.verdict.findings]
+
+
+def test_hypotheses_about_parameters_share_one_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How many parameters a mechanism has does not matter, nor how fast the machine is."""
+    made: list[tuple[str, ...]] = []
+    written_out = system._written_out
+
+    def counted(mechanism: dc.Mechanism, vary: tuple[str, ...]) -> Any:
+        made.append(vary)
+        return written_out(mechanism, vary)
+
+    monkeypatch.setattr(system, "_written_out", counted)
+    found = dc.check_equations(replace(ARM, name="renamed"), lambda t, q, u: arm(t, q, u, I2=0.4))
+    assert [f.kind for f in found.verdict.findings if f.weight == "cause"] == ["parameter-value"]
+    assert len(made) == 2 and sum(map(bool, made)) == 1

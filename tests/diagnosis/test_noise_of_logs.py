@@ -75,7 +75,7 @@ def test_no_mistake_does_more_than_what_may_be_hidden(
     step = one_step(MECHANISM, run.every(2))
     assert step is not None
     done = damper * float(np.sum(run.u[:-1, 1] ** 2 * np.diff(run.t)))
-    assert step.hidden + step.spent >= 0.9 * done
+    assert step.residual.hidden + step.residual.spent >= 0.9 * done
 
 
 def test_ends_that_a_difference_spoiled_are_left_out() -> None:
@@ -116,7 +116,7 @@ def test_noise_of_one_equation_is_not_that_of_another(seed: int) -> None:
     rng = np.random.default_rng(seed)
     u = run.u + np.array([1e-6, 1e-2]) * rng.standard_normal(run.u.shape)
     step = one_step(MECHANISM, replace(run, u=u))
-    assert step is not None and float(step.ratio.max()) < 2.0
+    assert step is not None and float(step.residual.ratio.max()) < 2.0
 
 
 @pytest.mark.parametrize("row", [15, -15])

@@ -60,9 +60,7 @@ def test_rows_are_those_of_the_bare_ensemble(undisturbed: dc.Fleet) -> None:
     Q[:, 0] = q
     U = np.tile(problem.state.u, (100, 1))
     for solver in ("ode4", "ode5"):
-        bare = dc.simulate_ensemble(
-            problem, (Q, U), 1.0, 0.01, solver, vary={"m1": m}, record_every=20
-        )
+        bare = dc.simulate_ensemble(problem, (Q, U), 1.0, 0.01, solver, vary={"m1": m}, record=20)
         rows = frame.filter(pl.col("solver") == solver)
         np.testing.assert_array_equal(rows["parameter.m1"], m)
         np.testing.assert_array_equal(rows["q.joint1"], q)
@@ -77,7 +75,7 @@ def test_an_ensemble_tells_its_energies() -> None:
     """K and V by the ledger of one member's own run."""
     problem = dc.problems.load("double-pendulum")
     ensemble = dc.simulate_ensemble(
-        problem, [problem.state] * 2, 1.0, 0.01, vary={"m1": [1.0, 2.0]}, record_every=50
+        problem, [problem.state] * 2, 1.0, 0.01, vary={"m1": [1.0, 2.0]}, record=50
     )
     for k, m1 in enumerate((1.0, 2.0)):
         ledger = dc.balance(problem.mechanism.with_parameters(m1=m1), ensemble.member(k))

@@ -31,7 +31,6 @@ from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_meta
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import draft_mapping, explain
 from deltac.trajectories.formats.mapping import read_mapping
-from deltac.trajectories.formats.mat5 import variables
 from deltac.trajectories.formats.raw import parse_header
 from deltac.trajectories.formats.schema import from_columns
 from deltac.trajectories.formats.units import unit
@@ -111,11 +110,6 @@ def _metadata(data: bytes) -> None:
 
 def _event(data: bytes) -> None:
     Occurrence.from_dict(parse_json(data, "an event"))
-
-
-def _mat(data: bytes) -> None:
-    for _ in variables(data):
-        pass
 
 
 def _mapping(data: bytes) -> None:
@@ -220,7 +214,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "sto": _file(".sto"),
     "npz": _file(".npz"),
     "npy": _foreign(".npy"),
-    "mat": _mat,
+    "mat": _file(".mat"),
     "h5": _file(".h5"),
     "parquet": _file(".parquet"),
     "txt": _foreign(".txt"),

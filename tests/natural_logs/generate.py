@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.io import savemat
 
 import deltac as dc
-from deltac.trajectories.rates import rotation_matrices
+from deltac import rotations
 from tests.natural_logs import models
 from tests.natural_logs.models import GRAVITY, INERTIA, LENGTH, MASS
 
@@ -732,7 +732,7 @@ class Walk:
     @property
     def R(self) -> Any:
         """Body to world."""
-        return rotation_matrices(self.quat)
+        return rotations.matrices(self.quat)
 
     @property
     def xyzw(self) -> Any:

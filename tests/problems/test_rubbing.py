@@ -43,11 +43,11 @@ def test_parameters_of_a_contact_may_vary() -> None:
     """A compiled run with another stiffness is the run of a mechanism with that stiffness."""
     p = problems.load("ball-on-compliant-floor")
     softer = p.mechanism.with_parameters(k=800.0)
-    run = simulate(softer, p.state, 1.0, 1e-3, "ode5", vary=["k"])
+    run = simulate(softer.varying("k"), p.state, 1.0, 1e-3, "ode5")
     plain = simulate(softer, p.state, 1.0, 1e-3, "ode5")
     np.testing.assert_allclose(run.q, plain.q, rtol=0, atol=1e-11)
     members = simulate_ensemble(
-        p.mechanism, p.state, 1.0, 1e-3, "ode5", vary={"k": [800.0, 2000.0]}, record_every=100
+        p.mechanism, p.state, 1.0, 1e-3, "ode5", vary={"k": [800.0, 2000.0]}, record=100
     )
     np.testing.assert_allclose(members.q[:, 0], plain.q[::100], rtol=0, atol=1e-11)
     assert abs(members.q[-1, 0, 0] - members.q[-1, 1, 0]) > 1e-3

@@ -12,7 +12,6 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.recorders import record_pybullet
-from deltac.recorders.recorder import rotation, xyzw
 from deltac.trajectories import Trajectory
 from tests.recorders.arm import ARM, mechanism
 
@@ -178,15 +177,6 @@ def test_a_monitor_stops_the_loop(client: int, tmp_path: Path) -> None:
     assert monitor.rows == len(run) + 1
     theirs = ledger.delta_c["wang"]
     assert abs(monitor.delta_c - theirs[-1]) <= 3 * np.abs(np.diff(theirs)).max()
-
-
-def test_quaternions_of_matrices() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        x, y, z, w = found = rng.normal(size=4) * np.array([1, 1, 1, rng.choice([0, 1])])
-        found /= np.linalg.norm(found)
-        x, y, z, w = xyzw(rotation(np.array([found[3], *found[:3]])))
-        assert abs(abs(np.dot([x, y, z, w], found)) - 1.0) < 1e-14
 
 
 def test_what_cannot_be_recorded(client: int, tmp_path: Path) -> None:

@@ -13,8 +13,9 @@ import pytest
 import deltac as dc
 from deltac.analysis.kinematics import kinematics
 from deltac.report.page import document
-from deltac.report.page.parts import Chapter, Line, Page, TimePlot, Told
+from deltac.report.page.parts import Chapter, Page, Told
 from deltac.report.page.scene import scene
+from deltac.report.panels import Line, TimePlot
 from deltac.results import Finding
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

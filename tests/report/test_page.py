@@ -15,8 +15,9 @@ import pytest
 import deltac as dc
 from deltac.report.page import document, html_of
 from deltac.report.page.geometry import coarser
-from deltac.report.page.parts import STRETCHES, Chapter, Line, Page, Stretches, TimePlot
+from deltac.report.page.parts import STRETCHES, Chapter, Page, Stretches
 from deltac.report.page.scene import scene
+from deltac.report.panels import Line, TimePlot
 from deltac.results import Report, Table
 
 

@@ -37,7 +37,7 @@ def test_members_equal_single_runs(
     """Whole steps compiled, and stage by stage; to rounding, since code of other shape rounds otherwise."""
     monkeypatch.setattr(ensemble_steps, "FUSED_INSTRUCTIONS", fused)
     mechanism, (Q, U) = double_pendulum(), starts(5)
-    runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record_every=10)
+    runs = dc.simulate_ensemble(mechanism, (Q, U), 0.5, 0.01, solver, record=10)
     for k in range(5):
         one = dc.simulate(mechanism, mechanism.state(Q[k], U[k]), 0.5, 0.01, solver, record=10)
         np.testing.assert_allclose(runs.t, one.t, rtol=1e-15)
@@ -104,7 +104,7 @@ def test_a_member_that_blows_up_leaves_the_others_alone() -> None:
         [dc.forces.joint_torque("push", "x", "q.x**3")],
     )
     runs = dc.simulate_ensemble(
-        mechanism, (np.array([[5.0], [0.0]]), np.array([[50.0], [0.0]])), 4.0, 0.01, record_every=50
+        mechanism, (np.array([[5.0], [0.0]]), np.array([[50.0], [0.0]])), 4.0, 0.01, record=50
     )
     # From x = 5, ẋ = 50, the time to infinity is ∫dx/√(v² + (x⁴ − 5⁴)/2) = 0.217 s (by quadrature).
     assert 0.1 <= runs.stopped[0] <= 0.3  # known to five steps, and the last steps are rough
@@ -119,7 +119,7 @@ def test_steps_and_solvers_vary_between_members() -> None:
     mechanism = double_pendulum()
     state = mechanism.state({"shoulder": 1.0, "elbow": 0.5})
     steps, solvers = [0.02, 0.01, 0.005, 0.02], ["ode4", "ode4", "ode4", "ode2"]
-    runs = dc.simulate_ensemble(mechanism, state, 1.0, steps, solvers, record_every=10)
+    runs = dc.simulate_ensemble(mechanism, state, 1.0, steps, solvers, record=10)
     assert len(runs) == 4 and len(runs.t) == 6
     for k in range(4):
         one = dc.simulate(mechanism, state, 1.0, steps[k], solvers[k], record=1)
@@ -138,10 +138,10 @@ def test_sensitivity_is_the_derivative_of_delta_c(solver: str) -> None:
     state = mechanism.state({"shoulder": 1.0}, speeds={"elbow": 2.0})
     masses, delta = np.array([0.7, 1.0, 1.6]), 1e-4
     found = dc.simulate_ensemble(
-        mechanism, state, 1.0, 0.02, solver, vary={"m": masses}, sensitivity=("m",), record_every=25
+        mechanism, state, 1.0, 0.02, solver, vary={"m": masses}, sensitivity=("m",), record=25
     )
     up, down = (
-        dc.simulate_ensemble(mechanism, state, 1.0, 0.02, solver, vary={"m": m}, record_every=25)
+        dc.simulate_ensemble(mechanism, state, 1.0, 0.02, solver, vary={"m": m}, record=25)
         for m in (masses + delta, masses - delta)
     )
     for name, slopes in found.sensitivity.items():
@@ -165,12 +165,12 @@ def test_sensitivity_needs_no_vary() -> None:
         ({"solver": "DOP853"}, "fixed steps"),
         ({"step": 0.3}, "does not divide"),
         ({"step": [0.1, 0.05]}, "Q has 3, step has 2"),
-        ({"step": [0.1, 0.05, 0.04], "record_every": 1}, "time between records"),
+        ({"step": [0.1, 0.05, 0.04], "record": 1}, "time between records"),
         ({"step": -0.1}, "positive number"),
         ({"solver": ["ode4", "ode1"]}, "Q has 3, solver has 2"),
         ({"sensitivity": ("k",)}, "sensitivity: unknown parameter 'k'"),
         ({"sensitivity": "m"}, "names of parameters"),
-        ({"record_every": 7}, "does not divide the number of steps"),
+        ({"record": 7}, "does not divide the number of steps"),
         ({"vary": {"n": [1.0]}}, "unknown parameter 'n'"),
         ({"vary": {"m": [1.0, np.inf, 2.0]}}, "finite"),
         ({"vary": {"m": [1.0, 2.0]}}, "Q has 3, vary has 2"),
@@ -247,9 +247,7 @@ def test_a_member_that_blew_up_says_so() -> None:
         parameters={"k": 1.0},
     )
     state = mechanism.state({"slide": 1.0})
-    ensemble = dc.simulate_ensemble(
-        mechanism, state, 100.0, 0.1, vary={"k": [1.0, 1e9]}, record_every=10
-    )
+    ensemble = dc.simulate_ensemble(mechanism, state, 100.0, 0.1, vary={"k": [1.0, 1e9]}, record=10)
     assert ensemble.member(0).provenance.completed
     assert not ensemble.member(1).provenance.completed
     assert "not finite" in ensemble.member(1).provenance.message

@@ -275,7 +275,7 @@ def test_parameters_that_vary_and_equations_by_hand(solver: str) -> None:
     mechanism = pendulum()
     state = mechanism.state({"hinge": 1.0})
     own = dc.simulate(mechanism, state, 1.0, 0.01, solver)
-    varied = dc.simulate(mechanism, state, 1.0, 0.01, solver, vary=("l",))
+    varied = dc.simulate(mechanism.varying("l"), state, 1.0, 0.01, solver)
     assert np.abs(varied.q - own.q).max() < 1e-11
     if solver == "discrete-gradient":
         return

@@ -39,7 +39,6 @@ NAN = float("nan")
         ({"solver": dc.Record()}, ["solver is Record", "deltac.solvers.Scipy"]),
         ({"constraints": "none"}, ["constraints is 'none'", "deltac.Baumgarte"]),
         ({"record": ("wnag",)}, ["testing function 'wnag'", "did you mean 'wang'"]),
-        ({"vary": ("lenght",)}, ["'lenght'", "known: m, l, g"]),
     ],
 )
 def test_options(options: dict[str, Any], words: list[str]) -> None:
@@ -80,6 +79,17 @@ def test_capitals_count_where_two_solvers_differ_by_them_alone() -> None:
     assert dc.solvers.by_name("radau") == dc.solvers.Scipy("Radau")
     with pytest.raises(InputError, match="unknown solver 'Dop853'"):
         dc.solvers.by_name("Dop853")
+
+
+def test_what_varies_is_a_parameter_or_a_number() -> None:
+    with pytest.raises(InputError, match="'lenght'.*known: m, l, g"):
+        PENDULUM.varying("lenght")
+    assert PENDULUM.varying("m").varying("l", "m").varied == ("m", "l")
+    start = PENDULUM.state({"hinge": 0.5})
+    with pytest.warns(DeprecationWarning, match="is now Mechanism.varying"):
+        before = dc.simulate(PENDULUM, start, 0.2, 0.1, vary=("m",))
+    now = dc.simulate(PENDULUM.varying("m"), start, 0.2, 0.1)
+    np.testing.assert_array_equal(before.q, now.q)
 
 
 @pytest.mark.parametrize(

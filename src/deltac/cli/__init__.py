@@ -36,12 +36,12 @@ USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "examine": (
-        "The whole procedure for a model, its equations and its log.",
+        "Run every check of a model, its equations and its log at once.",
         "deltac examine double-pendulum --duration 2\n"
         "  deltac examine model.py:pendulum --equations eom.py:rhs --log run.csv",
     ),
     "describe": (
-        "What a model is, before anything is simulated.",
+        "Show a model's bodies, joints, degrees of freedom and energies.",
         "deltac describe triple-pendulum",
     ),
     "study": (
@@ -50,24 +50,24 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
     ),
     "audit": (
-        "Judge logs: where every joule went, and what is wrong.",
+        "Audit logs: where every joule went, and what is wrong.",
         "deltac audit arm.xml run.parquet --tolerance 1e-3 --explain\n"
         "  deltac audit robot.py:model runs/*.csv --mapping map.toml --format github",
     ),
     "check": (
-        "Check equations of motion at random states; repair them.",
+        "Check hand-written equations of motion, and repair them.",
         "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
     ),
     "states": (
-        "Write states for a program in another language, to be checked.",
+        "Write states, to check a program in another language.",
         "deltac states double-pendulum --out states.csv\n  deltac check double-pendulum states.csv",
     ),
     "recommend": (
-        "Find the cheapest solver and step that keep a tolerance.",
+        "Find the cheapest solver and step within a tolerance.",
         "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
     ),
     "sweep": (
-        "Run thousands of motions or studies by one plan, and go on after a kill.",
+        "Run thousands of motions or studies from one plan, resumably.",
         "deltac sweep arm.toml --out results\n"
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
@@ -77,11 +77,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "deltac compare main.audits branch.audits --format github",
     ),
     "mutate": (
-        "Make mistakes on purpose, and see which tests notice.",
+        "Make small mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
     ),
     "view": (
-        "Show a motion in the browser: the mechanism, its energies.",
+        "Show a motion and its energies in the browser.",
         "deltac view triple-pendulum\n  deltac view arm.xml run.parquet --out arm.html",
     ),
     "problems": (
@@ -89,7 +89,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
     ),
     "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
-    "cache": ("Show, verify or clear the cache of kernels.", "deltac cache --verify"),
+    "cache": ("Show, verify or clear the cache of compiled code.", "deltac cache --verify"),
 }
 """What the list of commands says of each, and the examples in its help."""
 

@@ -26,30 +26,40 @@ if TYPE_CHECKING:
     from deltac.trajectories.formats.reading import ColumnReading
 
 
+def _status(folder: Path | None) -> None:
+    """How far the audit of many logs in a folder is; the command ends with it."""
+    if folder is not None:
+        from deltac.fleets.result import fleet_status
+
+        deliver_fleet(fleet_status(folder), options.Form.text, None)
+
+
 def command(
     model: options.Model,
     logs: Annotated[
         list[str],
         typer.Argument(
             metavar="LOG",
-            help="Logs of its motion: files, folders, patterns, URLs; see docs/fleets.md.",
+            help="Logs of the motion: files, folders, patterns, URLs; see docs/fleets.md.",
         ),
     ],
     tolerance: options.Tolerance = 1e-3,
     work: Annotated[
         str | None,
-        typer.Option(metavar="RULE", help="How works are taken: in-loop, samples or discrete."),
+        typer.Option(
+            metavar="RULE", help="How works are integrated: in-loop, samples or discrete."
+        ),
     ] = None,
     mapping: options.MappingFile = None,
     explain_log: Annotated[
-        bool, typer.Option("--explain-log", help="Only show how each column is read.")
+        bool, typer.Option("--explain-log", help="Show how each column is read, and stop.")
     ] = False,
     draft_mapping: Annotated[
         Path | None,
         typer.Option(
             "--draft-mapping",
             metavar="FILE",
-            help="Only write a mapping to edit: what is recognised, guessed, missing.",
+            help="Write a mapping to edit (columns recognised, guessed and missing), and stop.",
         ),
     ] = None,
     replay: Annotated[
@@ -61,35 +71,48 @@ def command(
     ] = False,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="A mistake within the tolerance that is real counts too."),
+        typer.Option(
+            "--strict", help="Exit with 1 for significant mistakes within the tolerance too."
+        ),
     ] = False,
     explain: Annotated[
         bool,
-        typer.Option("--explain", help="Name the changes of the model that would fit the log."),
+        typer.Option("--explain", help="Name the changes of the model that would explain the log."),
     ] = False,
     episode: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Judge this episode of a batched log alone.")
+        str | None, typer.Option(metavar="NAME", help="Audit only this episode of a batched log.")
     ] = None,
     values: options.Parameters = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Keep a table of many logs there; what is there is not done again."
+            metavar="DIR",
+            help="Keep the table of many logs in this folder, and reuse the results in it.",
         ),
     ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     time_limit: options.TimeLimit = None,
     retry_failed: options.RetryFailed = False,
+    status: Annotated[
+        Path | None,
+        typer.Option(
+            "--status",
+            metavar="DIR",
+            help="Show the progress of an audit of many logs; nothing is run.",
+            is_eager=True,
+            callback=_status,
+        ),
+    ] = None,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,
     as_json: options.Json = False,
 ) -> None:
-    """Audit logs: where every joule went, what is left, and what is wrong.
+    """Audit logs: where every joule went, what is unexplained, and what is wrong.
 
-    Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if the log does not decide; of
-    several logs the worst, and 2 if one cannot be read.
+    Exit code 0 if the energy balance holds within the tolerance, 1 if not, 3 if it is unresolved, 2 if
+    the log cannot be read. Of several logs, the worst counts.
     """
     from deltac.fleets.audits import is_fleet
 

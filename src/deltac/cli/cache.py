@@ -12,16 +12,14 @@ from deltac.results import plain
 
 
 def command(
-    clear: Annotated[bool, typer.Option("--clear", help="Empty it.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Delete everything in it.")] = False,
     verify: Annotated[
         bool,
-        typer.Option(
-            "--verify", help="Check every file; status 1 if one is not as it was written."
-        ),
+        typer.Option("--verify", help="Check every file; exit code 1 if one is damaged."),
     ] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Show the cache of compiled kernels, or clear it."""
+    """Show, verify or clear the cache of compiled kernels."""
     from deltac.kernels import cache_info, clear_cache, verify_cache
 
     if clear:

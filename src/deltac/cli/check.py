@@ -40,16 +40,21 @@ def command(
         ),
     ] = None,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Seek the line, the expression and the edit.")
+        bool,
+        typer.Option(
+            "--repair", help="Find the line, the expression and the edit that corrects it."
+        ),
     ] = False,
     write: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.patch", help="With --repair: write the least edit as a patch."),
+        typer.Option(
+            metavar="FILE.patch", help="With --repair: write the smallest edit as a patch."
+        ),
     ] = None,
     limit: Annotated[
         float,
         typer.Option(
-            "--time-limit", min=0.1, metavar="SECONDS", help="For the function's answers."
+            "--time-limit", min=0.1, metavar="SECONDS", help="Time limit of the function's calls."
         ),
     ] = 300.0,
     figure: options.FigureFile = None,
@@ -59,7 +64,7 @@ def command(
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
-    Exit code 0 if they agree, 1 if not, 3 if that cannot be told.
+    Exit code 0 if they agree, 1 if not, 3 if unresolved.
     """
     from deltac.diagnosis.check.check import TOLERANCE, check_equations
     from deltac.diagnosis.inputs.equations import load_equations, load_map

@@ -15,12 +15,12 @@ def command(
     before: Annotated[
         Path, typer.Argument(metavar="BEFORE", help="Results of a sweep or of audits.")
     ],
-    after: Annotated[Path, typer.Argument(metavar="AFTER", help="Results of the same, later.")],
+    after: Annotated[
+        Path, typer.Argument(metavar="AFTER", help="Later results of the same runs or logs.")
+    ],
     factor: Annotated[
         float,
-        typer.Option(
-            metavar="FACTOR", help="How many times larger an energy error has to be to have grown."
-        ),
+        typer.Option(metavar="FACTOR", help="Ratio above which an energy error counts as grown."),
     ] = 2.0,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,
@@ -28,7 +28,7 @@ def command(
 ) -> None:
     """Compare two folders of results row by row: what got worse?
 
-    Exit code 1 if a verdict got worse or an energy error grew, 3 if rows are missing after, else 0.
+    Exit code 1 if a verdict got worse or an energy error grew, 3 if rows are missing in AFTER, else 0.
     """
     from deltac.fleets.compare import compare
 

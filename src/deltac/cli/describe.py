@@ -16,12 +16,12 @@ def command(
     values: options.Parameters = None,
     numbers: Annotated[
         bool,
-        typer.Option("--numbers", help="Only list the parameters and numbers that have a name."),
+        typer.Option("--numbers", help="List only the named parameters and numbers."),
     ] = False,
     page: options.PageFile = None,
     as_json: options.Json = False,
 ) -> None:
-    """Bodies, joints, degrees of freedom, the class of the constraints, what is constant, energies."""
+    """Show bodies, joints, degrees of freedom, class of constraints, conserved quantities, energies."""
     from deltac.analysis.classify import classify
 
     chosen = options.with_parameters(model, values)

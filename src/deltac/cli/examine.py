@@ -16,7 +16,7 @@ def command(
     duration: options.Duration = None,
     equations: options.OwnEquations = None,
     log: Annotated[
-        Path | None, typer.Option(metavar="LOG", help="A log of this model, made elsewhere.")
+        Path | None, typer.Option(metavar="LOG", help="A log of this model from another program.")
     ] = None,
     mapping: options.MappingFile = None,
     tolerance: options.Tolerance = 1e-6,
@@ -26,9 +26,9 @@ def command(
     form: options.Format = options.Form.text,
     as_json: options.Json = False,
 ) -> None:
-    """Check the equations, choose solver and step, study what error is left, audit the log.
+    """Check the equations, choose solver and step, study the remaining error, audit the log.
 
-    Exit code 0 if all of it holds, 1 if something is wrong, 3 if that cannot be told.
+    Exit code 0 if all parts hold, 1 if something is wrong, 3 if unresolved.
     """
     from deltac.diagnosis.inputs.equations import load_equations
     from deltac.procedure import examine

@@ -19,7 +19,7 @@ def command(
     names: Annotated[
         int,
         typer.Option(
-            min=0, metavar="N", help="Other names that take the place of each use of a name."
+            min=0, metavar="N", help="Number of other names to substitute for each use of a name."
         ),
     ] = 2,
     seed: options.Seed = 0,
@@ -32,14 +32,14 @@ def command(
         ),
     ] = None,
     most: Annotated[
-        int, typer.Option(min=1, metavar="N", help="With --tests: on how many mutants.")
+        int, typer.Option(min=1, metavar="N", help="With --tests: number of mutants.")
     ] = 40,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,
     as_json: options.Json = False,
 ) -> None:
-    """Change equations in every small way, and see which tests notice.
+    """Make small mistakes in equations on purpose, and see which tests notice.
 
     Exit code 1 if the equations are wrong as they are, or your tests (--tests) miss a mistake; else 0.
     """

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON to standard output, nothing else.")]
+Json = Annotated[bool, typer.Option("--json", help="Print only JSON to standard output.")]
 
 
 class Form(Enum):
@@ -30,8 +30,8 @@ Format = Annotated[
     Form,
     typer.Option(
         "--format",
-        help="For people, or for programs: json (see docs/json.md); github: annotations and a job "
-        "summary; junit: XML; sarif: findings and repairs with file and line.",
+        help="Output format. json: see docs/json.md; github: annotations and a job summary; junit: XML; "
+        "sarif: findings and repairs with file and line.",
     ),
 ]
 
@@ -55,8 +55,8 @@ Model = Annotated[
     typer.Argument(
         metavar="MODEL",
         autocompletion=_begun,
-        help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: its base floats), "
-        "or FILE.py:NAME (FILE.py, where it holds one model).",
+        help="A problem's name, an .xml, .urdf or .sdf file (FILE.urdf:free: floating base), "
+        "or FILE.py:NAME (FILE.py, if it holds only one model).",
     ),
 ]
 
@@ -65,8 +65,8 @@ Parameters = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Another value of a parameter or number of the model, such as body.link.mass=2 (deltac "
-        "describe --numbers lists them); repeat for several.",
+        help="Change a parameter or number of the model, such as body.link.mass=2 (deltac "
+        "describe --numbers lists them); repeatable.",
     ),
 ]
 """Values of parameters for this call."""
@@ -96,8 +96,8 @@ StartState = Annotated[
     typer.Option(
         "--state",
         metavar="NAME=VALUE,…|FILE|KEYFRAME",
-        help="Where the motion starts: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file, or a log's "
-        "first row; a keyframe of an MJCF file. By default the model's own start.",
+        help="Initial state: hip=0.3,knee=-20deg,u.hip=1; a .json or .toml file; a log (its first row); "
+        "or a keyframe of an MJCF file. [default: the model's]",
     ),
 ]
 
@@ -109,7 +109,7 @@ Tolerance = Annotated[
 
 Duration = Annotated[
     float | None,
-    typer.Option(metavar="SECONDS", help="How long the motion lasts. [default: the problem's]"),
+    typer.Option(metavar="SECONDS", help="Duration of the motion. [default: the problem's]"),
 ]
 
 MappingFile = Annotated[
@@ -119,7 +119,7 @@ MappingFile = Annotated[
 OwnEquations = Annotated[
     str | None,
     typer.Option(
-        metavar="FILE.py:FUNCTION", help="Equations of motion by hand: u̇ = FUNCTION(t, q, u)."
+        metavar="FILE.py:FUNCTION", help="Hand-written equations of motion: u̇ = FUNCTION(t, q, u)."
     ),
 ]
 
@@ -132,8 +132,8 @@ OwnCoordinates = Annotated[
     ),
 ]
 
-StateCount = Annotated[int, typer.Option(min=1, metavar="N", help="How many random states.")]
-Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the random choices.")]
+StateCount = Annotated[int, typer.Option(min=1, metavar="N", help="Number of random states.")]
+Seed = Annotated[int, typer.Option(metavar="N", help="Random seed.")]
 
 
 def _checked(check: str) -> Callable[[Path | None], Path | None]:
@@ -166,25 +166,23 @@ PageFile = Annotated[
         "--report",
         metavar="FILE.html",
         callback=_checked("check_page"),
-        help="Write one page for the browser: verdict, plots, the mechanism moving, findings.",
+        help="Write one page for the browser: verdict, plots, animation, findings.",
     ),
 ]
 
 # --- of fleets ----------------------------------------------------------------------------------
 
 Workers = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Worker processes; by default one a core.")
+    int | None, typer.Option(min=1, metavar="N", help="Worker processes. [default: one per core]")
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(
-        metavar="tcp://…", help="Do the work on a Dask cluster, by its scheduler's address."
-    ),
+    typer.Option(metavar="tcp://…", help="Address of the scheduler of a Dask cluster to run on."),
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(metavar="SECONDS", help="Seconds that a piece of work may take (600)."),
+    typer.Option(metavar="SECONDS", help="Time limit of a piece of work. [default: 600]"),
 ]
 RetryFailed = Annotated[
-    bool, typer.Option("--retry-failed", help="Try again what was set aside before.")
+    bool, typer.Option("--retry-failed", help="Try again the runs that were set aside.")
 ]

@@ -20,7 +20,7 @@ def command(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="NAME", show_default=False, help="Of a problem; by default all are listed."
+            metavar="NAME", show_default=False, help="A problem's name. Without it, all are listed."
         ),
     ] = None,
     options: Annotated[
@@ -30,12 +30,12 @@ def command(
     gallery: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Write a page of every problem in motion, and index.html."
+            metavar="DIR", help="Write an animated page of every problem, and index.html."
         ),
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """List the problem library; or run the problem NAME and compare it with its references.
+    """List the problem library, or run the problem NAME and compare it with its references.
 
     Exit code 1 if a reference number is not met.
     """

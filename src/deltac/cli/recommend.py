@@ -17,14 +17,14 @@ def command(
         float | None,
         typer.Option(
             metavar="FRACTION",
-            help="Accepted error of q and u as a share of their ranges; inf: none is asked for. "
+            help="Accepted error of q and u as a share of their ranges; inf: not tested. "
             "[default: the tolerance]",
         ),
     ] = None,
     duration: options.Duration = None,
     solvers: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Choose from these, for example ode4,ode5 or mujoco:rk4."),
+        typer.Option(metavar="A,B", help="Solvers to try, for example ode4,ode5 or mujoco:rk4."),
     ] = None,
     controller: Annotated[
         str | None,
@@ -32,22 +32,22 @@ def command(
             "--controller",
             "--control",
             metavar="FILE.py:FUNCTION",
-            help="Input of a MuJoCo model: (model, data).",
+            help="Controller of a MuJoCo model: a function of (model, data).",
         ),
     ] = None,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
     time_limit: Annotated[
-        float, typer.Option("--time-limit", metavar="SECONDS", help="Of the search.")
+        float, typer.Option("--time-limit", metavar="SECONDS", help="Time limit of the search.")
     ] = 120.0,
     state: options.StartState = None,
     values: options.Parameters = None,
     form: options.Format = options.Form.text,
     as_json: options.Json = False,
 ) -> None:
-    """Find the cheapest solver and step that keep a tolerance, by trying them.
+    """Find the cheapest solver and step that keep a tolerance, by trial runs.
 
-    Exit code 0 if the recommendation is verified, 1 if nothing that was tried keeps the tolerance.
+    Exit code 0 if the recommendation is verified, 1 if no trial keeps the tolerance, 3 if nothing moves.
     """
     from deltac.diagnosis.recommend.recommend import recommend
     from deltac.models import load_callable

@@ -21,11 +21,11 @@ def command(
         typer.Option(
             "--only",
             metavar="FIGURE",
-            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: what inexact accelerations do.",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: effect of inexact accelerations.",
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Where figures and results.json go.")
+        Path, typer.Option("--out", metavar="DIR", help="Folder for figures and results.json.")
     ] = Path("results/thesis"),
     thesis_axes: Annotated[
         bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
@@ -35,7 +35,7 @@ def command(
 ) -> None:
     """Reproduce the thesis's study (figs. 4.1 to 4.10).
 
-    Exit code 0 if everything agrees but the known differences, which the table marks; else 1.
+    Exit code 0 if everything agrees except for known differences, which the table marks; else 1.
     """
     from deltac.report import output_folder
     from deltac.studies.thesis import reproduce, write

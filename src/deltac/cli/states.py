@@ -12,14 +12,12 @@ from deltac.cli import options
 
 def command(
     model: options.Model,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE.csv", help="Where the states are written.")
-    ],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.csv", help="The table to write.")],
     coordinates: options.OwnCoordinates = None,
     count: options.StateCount = 64,
     seed: options.Seed = 0,
 ) -> None:
-    """Write random states of a model to a table, for a program that is to be checked.
+    """Write random states of a model to a table, to check a program in another language.
 
     The program fills in the columns udot.<speed> (and may add qdot.<coordinate>); then
     `deltac check MODEL FILE.csv` tests them.

@@ -19,14 +19,14 @@ def command(
     steps: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,C", help="Steps (s), three or more; each half of the previous one."
+            metavar="A,B,C", help="Steps (s): three or more, each half of the previous one."
         ),
     ] = None,
     solver: Annotated[
         str | None,
         typer.Option(
             metavar="SOLVER",
-            help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (MODEL then a file).",
+            help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (if MODEL is a file).",
         ),
     ] = None,
     duration: options.Duration = None,
@@ -48,10 +48,10 @@ def command(
     form: options.Format = options.Form.text,
     as_json: options.Json = False,
 ) -> None:
-    """Study a motion at several steps: how fast the energy error falls, and whose error it is.
+    """Study a motion at several steps: is the energy error the integrator's or the equations'?
 
-    Exit code 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if that
-    cannot be told.
+    Exit code 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if
+    unresolved.
     """
     from deltac.diagnosis.study.study import study
 

@@ -26,11 +26,11 @@ INTERVAL = 10.0
 
 def command(
     plan: Annotated[
-        Path | None, typer.Argument(metavar="SWEEP.toml", help="What is swept; see docs/fleets.md.")
+        Path | None, typer.Argument(metavar="SWEEP.toml", help="The plan; see docs/fleets.md.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the results (by default NAME.sweep)."),
+        typer.Option(metavar="DIR", help="Folder of the results. [default: NAME.sweep]"),
     ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
@@ -40,22 +40,25 @@ def command(
         typer.Option(
             min=0,
             metavar="N",
-            help="More attempts for a run whose process died or took too long (2).",
+            help="Further attempts for a run whose process died or took too long. [default: 2]",
         ),
     ] = None,
     chunk: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Runs in a piece of work.")
+        int | None, typer.Option(min=1, metavar="N", help="Number of runs in a piece of work.")
     ] = None,
     retry_failed: options.RetryFailed = False,
     only: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Make this one run here and show its row; keep nothing."
+            metavar="ADDRESS",
+            help="Make only this run, in this process, and show its row; nothing is kept.",
         ),
     ] = None,
     status: Annotated[
         Path | None,
-        typer.Option("--status", metavar="DIR", help="Show how far a sweep is; run nothing."),
+        typer.Option(
+            "--status", metavar="DIR", help="Show the progress of a sweep; nothing is run."
+        ),
     ] = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,
@@ -63,9 +66,9 @@ def command(
 ) -> None:
     """Sweep models, parameters, initial states, solvers and steps: one table, one exit code.
 
-    What is in the results folder already is not done again, so a sweep that was stopped or killed goes on
-    where it was. Exit code 0 if all runs keep their energy within the tolerance, 1 if not, 3 if some are
-    unresolved, 2 if some could not be run.
+    Results already in the folder are reused, so a sweep that was stopped or killed resumes where it was.
+    Exit code 0 if all runs are within the tolerance, 1 if not, 3 if some are unresolved, 2 if some could not
+    be run.
     """
     form = form.unless(as_json)
     if status is not None:

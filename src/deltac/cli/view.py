@@ -25,7 +25,11 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE.html", help="Where to. [default: NAME.html here]"),
+        typer.Option(
+            "--out",
+            metavar="FILE.html",
+            help="The page to write. [default: NAME.html in this folder]",
+        ),
     ] = None,
     duration: options.Duration = None,
     step: Annotated[
@@ -38,11 +42,13 @@ def command(
     ] = None,
     mapping: options.MappingFile = None,
     state: options.StartState = None,
-    show: Annotated[bool, typer.Option("--open/--no-open", help="Open it in the browser.")] = True,
+    show: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
+    ] = True,
 ) -> None:
-    """Show a motion: of a log, or simulated from the model's start. Nothing is judged.
+    """Show the motion of a log, or one simulated from the model's start. No verdict is given.
 
-    A log alone is shown by its curves; with its model the mechanism moves and its energies are told.
+    Without a model, a log is shown as curves. With one, the page also shows the mechanism and its energies.
     """
     from deltac.report.files import check_page
     from deltac.report.page import write_page

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arrays import Array
 from deltac.dynamics.textbook.constrained import ConstrainedTextbook
 from deltac.dynamics.textbook.kinematics import along, is_prescribed
@@ -412,7 +413,9 @@ class _Book(ConstrainedTextbook):
             speeds_hat=tuple(names[k] for k in inner.independent),
             loop_rows=tuple(owner[loops]),
             motion_rows=tuple(owner[~loops]),
-            x=np.concatenate([np.append(at, _quaternion(E)) for at, E in zip(b.x, b.turned)]),
+            x=np.concatenate(
+                [np.append(at, rotations.quaternion(E)) for at, E in zip(b.x, b.turned)]
+            ),
             u=free_u[list(outer.independent)],
             u_hat=free_u[list(inner.independent)],
             v=b.v[keep],
@@ -446,23 +449,3 @@ class _Book(ConstrainedTextbook):
             reaction_force=force,
             reaction_moment=moment,
         )
-
-
-def _quaternion(E: Array) -> Array:
-    """The unit quaternion, scalar first and not negative, of a rotation matrix (body to world)."""
-    # Each squared component from the diagonal; the largest one is well conditioned and fixes the others.
-    trace = np.trace(E)
-    squares = np.array([1 + trace, *(1 - trace + 2 * E.diagonal())]) / 4
-    k = int(squares.argmax())
-    off = np.array(
-        [
-            [0, E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]],
-            [E[2, 1] - E[1, 2], 0, E[0, 1] + E[1, 0], E[0, 2] + E[2, 0]],
-            [E[0, 2] - E[2, 0], E[0, 1] + E[1, 0], 0, E[1, 2] + E[2, 1]],
-            [E[1, 0] - E[0, 1], E[0, 2] + E[2, 0], E[1, 2] + E[2, 1], 0],
-        ]
-    )
-    q = off[k] / (4 * np.sqrt(squares[k]))
-    q[k] = np.sqrt(squares[k])
-    q = q / np.linalg.norm(q)
-    return np.asarray(-q if q[0] < 0 else q)

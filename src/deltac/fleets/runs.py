@@ -194,6 +194,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
 
     def run(members: Any, records: int) -> Ensemble:
         from deltac.simulation.ensemble.ensemble import simulate_ensemble
+        from deltac.simulation.recording import Record
 
         values = piece.values[members]
         states: Any = task.start
@@ -209,9 +210,8 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
             task.duration,
             task.step,  # type: ignore[arg-type]
             task.solver,
-            TESTING,
+            Record(TESTING, steps // records),
             vary=vary,
-            record_every=steps // records,
             threads=1,
         )
 
@@ -279,11 +279,13 @@ def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[A
 
 def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
     """The mechanism and the run of one point, `values` (1, axes)."""
-    from deltac.simulation.simulate import Record, simulate
+    from deltac.simulation.recording import Record
+    from deltac.simulation.simulate import simulate
     from deltac.simulation.solvers import solver_options
 
     given = _parameters(task, values[0])
-    mechanism = task.mechanism.with_parameters(**given)
+    # Compiled once for all of their values.
+    mechanism = task.mechanism.varying(*given).with_parameters(**given)
     Q, U = _states(task, values)
     run = simulate(
         mechanism,
@@ -292,7 +294,6 @@ def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
         task.step,
         solver_options(task.solver, task.solver_tolerance),
         Record(TESTING),
-        vary=tuple(given),  # compiled once for all of their values
     )
     return mechanism, run
 

@@ -16,10 +16,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arrays import Array
 from deltac.errors import ModelError, closest, shown
 from deltac.importers.report import ImportReport, Remark
-from deltac.importers.urdf import axis_turn, xml_root
+from deltac.importers.urdf import xml_root
 from deltac.mechanism import joints
 from deltac.mechanism.bodies import Body, body
 from deltac.mechanism.constraints import Holonomic, gear
@@ -329,7 +330,10 @@ class _Reader:
             if joint.kind == "free":
                 R, p = self.world_pose(joint.name)
                 values |= {f"{joint.name}.{axis}": float(x) for axis, x in zip("xyz", p)}
-                values |= {f"{joint.name}.q{part}": x for part, x in zip("wxyz", _quaternion(R))}
+                values |= {
+                    f"{joint.name}.q{part}": x
+                    for part, x in zip("wxyz", rotations.quaternion(R).tolist())
+                }
         for name in self.followers:
             values[name] = self.following(name)
         return values
@@ -383,20 +387,12 @@ class _Reader:
             return np.eye(3), np.zeros(3)
         if pose.get("rotation_format") == "quat_xyzw":
             x, y, z, *quaternion = self.numbers(pose.text, 7, where)
-            qx, qy, qz, qw = np.array(quaternion) / np.linalg.norm(quaternion)
-            R = np.array(
-                [
-                    [1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)],
-                    [2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)],
-                    [2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)],
-                ]
-            )
-            return R, np.array([x, y, z])
+            return rotations.matrices(np.roll(quaternion, 1)), np.array([x, y, z])
         x, y, z, *angles = self.numbers(pose.text, 6, where)
         if pose.get("degrees") in ("true", "1"):
             angles = [float(np.deg2rad(angle)) for angle in angles]
         roll, pitch, yaw = angles
-        return axis_turn(2, yaw) @ axis_turn(1, pitch) @ axis_turn(0, roll), np.array([x, y, z])
+        return rotations.roll_pitch_yaw(roll, pitch, yaw), np.array([x, y, z])
 
     def number(self, element: Element, tag: str, default: float, where: str) -> float:
         text = element.findtext(tag)
@@ -413,14 +409,6 @@ class _Reader:
                 f"{self.file}: {where} is {shown(text)}, expected {count} finite numbers"
             )
         return values
-
-
-def _quaternion(R: Array) -> Iterator[float]:
-    """The quaternion of a rotation, scalar first."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat()
-    yield from (float(w), float(x), float(y), float(z))
 
 
 def _logged(element: str, what: str, channel: str) -> Remark:

@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arrays import Array
 from deltac.errors import FileError, InputError, ModelError, shown
 from deltac.files import read_text
@@ -176,9 +177,8 @@ def _inertia(link: ElementTree.Element, where: str) -> LinkInertia:
     if m < 0.0:
         raise ModelError(f"{where}: the mass is {m:g} kg, expected 0 or more")
     x, y, z = numbers(origin, "xyz", 3, f"{where}: origin of the inertia")
-    roll, pitch, yaw = numbers(origin, "rpy", 3, f"{where}: angles of the inertia")
+    turn = rotations.roll_pitch_yaw(*numbers(origin, "rpy", 3, f"{where}: angles of the inertia"))
     xx, xy, xz, yy, yz, zz = (numbers(inertia, k, 1, f"{where}: {k}")[0] for k in _MOMENTS)
-    turn = axis_turn(2, yaw) @ axis_turn(1, pitch) @ axis_turn(0, roll)
     tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     rows = ((tensor + tensor.T) / 2).tolist()
     return LinkInertia(m, (x, y, z), tuple(tuple(row) for row in rows))
@@ -196,15 +196,6 @@ def numbers(element: ElementTree.Element | None, key: str, count: int, where: st
     if not all(math.isfinite(value) for value in values):
         raise ModelError(f"{where} is {shown(text)}, expected finite numbers")
     return values
-
-
-def axis_turn(axis: int, angle: float) -> Array:
-    """The rotation about a coordinate axis."""
-    c, s, turn = math.cos(angle), math.sin(angle), np.eye(3)
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    turn[j, j] = turn[k, k] = c
-    turn[k, j], turn[j, k] = s, -s
-    return turn
 
 
 def _remarks(name: str, link: ElementTree.Element, found: LinkInertia) -> Iterator[Remark]:
@@ -237,8 +228,7 @@ def _refuse_impossible(
         parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
         if joint.get("type") == "fixed" and parent is not None and child is not None:
             where = f"{file}: joint {shown(joint.get('name'))}"
-            r, p, y = numbers(origin, "rpy", 3, where)
-            turn = axis_turn(2, y) @ axis_turn(1, p) @ axis_turn(0, r)
+            turn = rotations.roll_pitch_yaw(*numbers(origin, "rpy", 3, where))
             at = np.array(numbers(origin, "xyz", 3, where))
             carried.setdefault(parent.get("link", ""), []).append((child.get("link", ""), turn, at))
     parts = {child: parent for parent, children in carried.items() for child, _, _ in children}

@@ -43,7 +43,7 @@ class Mechanism(Shown):
     order of q and u. `gravity` is the acceleration of free fall in world components (m/s²).
     `parameters` are named numbers that any quantity or law may use. `events` are impacts, joint stops
     and other instants that a run looks for. `visuals` are what bodies look like in pictures; nothing
-    else depends on them.
+    else depends on them. `varied` are the parameters that compiled code takes as inputs, see `varying`.
 
     Raises InputError, naming the part, for a mass or inertia that no rigid body can have, unknown or
     repeated names, bodies that no joint or more than one joint carries, cycles, laws with unknown
@@ -59,6 +59,7 @@ class Mechanism(Shown):
     name: str = "mechanism"
     events: Sequence[Happening] = ()
     visuals: Sequence[Visual] = field(default=(), repr=False)
+    varied: Sequence[str] = field(default=(), repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         def store(attribute: str, value: Any) -> None:
@@ -182,6 +183,14 @@ class Mechanism(Shown):
         """
         same: Mechanism = opened(self, names, where)
         return same
+
+    def varying(self, *names: str) -> Mechanism:
+        """The same mechanism, whose compiled code takes these parameters or `numbers` as inputs.
+
+        `simulate` then compiles once for all of their values, which `with_parameters` changes; all other
+        numbers are constants of the code. Raises UnknownName, with near ones, for a name of no number.
+        """
+        return replace(self.opened(*names), varied=tuple(dict.fromkeys((*self.varied, *names))))
 
     def with_parameters(self, **values: float) -> Mechanism:
         """The same mechanism with other values of some parameters, or of other `numbers` of its."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from deltac import rotations
 from deltac.mechanism.bodies import box
 from deltac.mechanism.constraints import loop_revolute
 from deltac.mechanism.joints import revolute
@@ -94,11 +95,7 @@ def turned(run: Trajectory, vectors: Iterable[ArrayLike]) -> list[FloatArray]:
     R = np.broadcast_to(np.eye(3), (len(run), 3, 3))
     found = []
     for k, vector in enumerate(vectors):
-        c, s = np.cos(run.q[:, k]), np.sin(run.q[:, k])
-        i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[AXES[k]]
-        turn = np.broadcast_to(np.eye(3), (len(run), 3, 3)).copy()
-        turn[:, i, i], turn[:, i, j], turn[:, j, i], turn[:, j, j] = c, -s, s, c
-        R = R @ turn
+        R = R @ rotations.about("xyz".index(AXES[k]), run.q[:, k])
         found.append(R @ np.asarray(vector, dtype=float))
     return found
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac import rotations
 from deltac.errors import LogError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -113,10 +114,7 @@ def _root(t: FloatArray, q: FloatArray, u: FloatArray) -> float:
 
 def rotated(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     """Vectors (T, 3) or (3,) of a body in world components, by quaternions (T, 4), scalar first."""
-    w, axis = quaternion[:, :1], quaternion[:, 1:]
-    norm2 = (quaternion**2).sum(axis=1, keepdims=True)
-    twice = 2.0 * np.cross(axis, vector)
-    turned: FloatArray = vector + (w * twice + np.cross(axis, twice)) / norm2
+    turned: FloatArray = (rotations.matrices(quaternion) @ np.asarray(vector)[..., None])[..., 0]
     return turned
 
 

@@ -26,9 +26,13 @@ SAME_STEP = 1e-2
 """Steps that differ by less (relative) are the same: times are often in single precision."""
 
 
-@checked
-def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None) -> BatchRecorder:
+class BatchRecorder:
     """Record a batch of MJX or of MuJoCo Warp: call `sample` with the data after each step.
+
+    A row is the state before a step with the forces of the step, in groups: ``actuator all``,
+    ``constraint all`` (contacts, limits, friction loss, equalities) and ``applied all`` (applied forces,
+    fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit
+    integrator adds is ``correction implicit``, as for `record_mujoco`.
 
     >>> rec = record_batch(model, batch, worlds=range(8))  # doctest: +SKIP
     >>> for _ in range(500):  # doctest: +SKIP
@@ -46,19 +50,8 @@ def record_batch(model: Model, data: Batch, worlds: Sequence[int] | None = None)
         InputError: MuJoCo is missing, the data are no batch, or its integrator leaves the forces of another
             stage than that of the step (RK4).
     """
-    return BatchRecorder(model, data, worlds)
 
-
-class BatchRecorder:
-    """Rows of all worlds of a batch; made by `record_batch`.
-
-    A row is the state before a step with the forces of the step, in groups: ``actuator all``,
-    ``constraint all`` (contacts, limits, friction loss, equalities) and ``applied all`` (applied forces,
-    fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit
-    integrator adds is ``correction implicit``, as for `record_mujoco`.
-    """
-
-    def __init__(self, model: Model, data: Batch, worlds: Sequence[int] | None) -> None:
+    def __init__(self, model: Model, data: Batch, worlds: Sequence[int] | None = None) -> None:
         self._mujoco = simulator("mujoco", "mujoco")
         self._model = model
         names = {value: name for name, value in integrator_names().items()}
@@ -180,6 +173,9 @@ class BatchRecorder:
     def _values(self, data: Batch, name: str) -> Array:
         values = _array(getattr(data, name))
         return np.array(values[self._worlds])
+
+
+record_batch = checked(BatchRecorder, name="record_batch")
 
 
 def _array(values: Any) -> Array:

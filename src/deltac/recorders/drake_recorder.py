@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import ModelError, RecordingError
@@ -27,7 +28,6 @@ from deltac.recorders.recorder import (
     Forces,
     JointColumns,
     Recorder,
-    rotation,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -46,15 +46,7 @@ SOLVED = 1e-4
 """The same of a discrete step with contact, for the tolerance of its solver."""
 
 
-@checked
-def record_drake(
-    simulation: Any,
-    plant: Plant,
-    model: ModelLike | None = None,
-    *,
-    names: Mapping[str, str] | None = None,
-    monitor: Monitor | None = None,
-) -> DrakeRecorder:
+class DrakeRecorder(Recorder):
     """Record a MultibodyPlant, after every step of the simulator.
 
     >>> with record_drake(simulator, plant, mechanism) as rec:  # doctest: +SKIP
@@ -73,19 +65,15 @@ def record_drake(
         InputError: Drake is missing, a joint is of a kind that is not known here, or the mechanism has other
             joints.
     """
-    return DrakeRecorder(simulation, plant, model, names, monitor)
-
-
-class DrakeRecorder(Recorder):
-    """Rows of a running Drake simulation; made by `record_drake`."""
 
     def __init__(
         self,
         simulation: Any,
         plant: Plant,
-        model: ModelLike | None,
-        names: Mapping[str, str] | None,
-        monitor: Monitor | None,
+        model: ModelLike | None = None,
+        *,
+        names: Mapping[str, str] | None = None,
+        monitor: Monitor | None = None,
     ) -> None:
         simulator("pydrake", "drake")
         from pydrake.multibody.tree import MultibodyForces
@@ -285,21 +273,24 @@ class DrakeRecorder(Recorder):
     # --- conventions: floating joints have the quaternion and the angular velocity first ------------
 
     def _converted(self, q: Array, v: Array) -> tuple[Array, Array]:
-        parts = []
-        for joint in self._columns.joints:
-            own = q[joint.q]
-            parts.append(np.concatenate([own[4:], own[:4]]) if joint.kind == "free" else own)
-        return np.concatenate([np.zeros(0), *parts]), self._turned(v, q)
+        placed = self._columns.joined(
+            lambda joint: np.roll(q[joint.q], -4 if joint.kind == "free" else 0)
+        )
+        return placed, self._turned(v, q)
 
     def _turned(self, values: Array, q: Array) -> Array:
         """Velocities, accelerations or forces; angular components of free joints in the body's frame.
 
         d/dt (Rᵀω) = Rᵀω̇, since ω × ω = 0; and turning is orthogonal, so that forces turn alike.
         """
-        parts = []
-        for joint in self._columns.joints:
+
+        def turned(joint: JointColumns) -> Array:
             own = values[joint.v]
-            if joint.kind == "free":
-                own = np.concatenate([own[3:], rotation(q[joint.q][:4]).T @ own[:3]])
-            parts.append(own)
-        return np.concatenate([np.zeros(0), *parts])
+            if joint.kind != "free":
+                return own
+            return np.concatenate([own[3:], rotations.matrices(q[joint.q][:4]).T @ own[:3]])
+
+        return self._columns.joined(turned)
+
+
+record_drake = checked(DrakeRecorder, name="record_drake")

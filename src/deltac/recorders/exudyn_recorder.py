@@ -21,17 +21,7 @@ System: TypeAlias = Any
 Force: TypeAlias = Callable[[float, Array, Array], Sequence[float] | Array]
 
 
-@checked
-def record_exudyn(
-    mbs: System,
-    node: int,
-    joints: Iterable[str],
-    *,
-    forces: Mapping[str, Force] | None = None,
-    accelerations: bool = False,
-    constraints: Mapping[str, int] | None = None,
-    monitor: Monitor | None = None,
-) -> ExudynRecorder:
+class ExudynRecorder(Recorder):
     """Record the coordinates of an Exudyn node through the system's post-step function.
 
     >>> with record_exudyn(mbs, node, ("shoulder", "elbow")) as rec:  # doctest: +SKIP
@@ -59,33 +49,22 @@ def record_exudyn(
         InputError: Exudyn is missing, the node does not have a coordinate for each joint, or an object has no
             algebraic equations.
     """
-    return ExudynRecorder(
-        mbs,
-        node,
-        tuple(joints),
-        dict(forces or {}),
-        accelerations,
-        dict(constraints or {}),
-        monitor,
-    )
-
-
-class ExudynRecorder(Recorder):
-    """Rows of a running Exudyn simulation; made by `record_exudyn`."""
 
     def __init__(
         self,
         mbs: System,
         node: int,
-        joints: tuple[str, ...],
-        forces: Mapping[str, Force],
-        accelerations: bool,
-        constraints: Mapping[str, int],
-        monitor: Monitor | None,
+        joints: Iterable[str],
+        *,
+        forces: Mapping[str, Force] | None = None,
+        accelerations: bool = False,
+        constraints: Mapping[str, int] | None = None,
+        monitor: Monitor | None = None,
     ) -> None:
         self._exudyn = simulator("exudyn", "exudyn")
         self._mbs, self._node = mbs, node
-        self._joints, self._forces, self._accelerations = joints, forces, accelerations
+        joints, constraints = tuple(joints), constraints or {}
+        self._forces, self._accelerations = dict(forces or {}), accelerations
         count = np.size(self._output("CoordinatesTotal"))
         if count != len(joints):
             raise ModelError(
@@ -166,3 +145,6 @@ class ExudynRecorder(Recorder):
     def _output(self, name: str) -> Array:
         kind = getattr(self._exudyn.OutputVariableType, name)
         return np.atleast_1d(np.array(self._mbs.GetNodeOutput(self._node, kind), dtype=float))
+
+
+record_exudyn = checked(ExudynRecorder, name="record_exudyn")

@@ -88,9 +88,11 @@ def integrator_names() -> dict[str, Any]:
     return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
 
 
-@checked
-def record_mujoco(model: Model, data: Data, channels: str = "all") -> MujocoRecorder:
+class MujocoRecorder(Recorder):
     """A recorder for a loop of your own: call its `sample` after each ``mj_step``, or each few of them.
+
+    What all rows hold depends on whether an implicit integrator corrected any step. So they are kept as
+    `_Row`s until the trajectory is asked for.
 
     Steps that are taken with the same inputs, ``mj_step(model, data, nstep=5)``, are recorded one by one
     all the same. For environments of Gymnasium and dm_control see `deltac.recorders.gymnasium` and
@@ -109,15 +111,6 @@ def record_mujoco(model: Model, data: Data, channels: str = "all") -> MujocoReco
 
     Raises:
         InputError: MuJoCo is missing, `channels` is unknown, or the model can fall asleep.
-    """
-    return MujocoRecorder(model, data, channels)
-
-
-class MujocoRecorder(Recorder):
-    """Rows of a running MuJoCo simulation; made by `record_mujoco`.
-
-    What all rows hold depends on whether an implicit integrator corrected any step. So they are kept as
-    `_Row`s until the trajectory is asked for.
     """
 
     def __init__(self, model: Model, data: Data, channels: str = "all") -> None:
@@ -319,6 +312,9 @@ class MujocoRecorder(Recorder):
         for body in np.flatnonzero(varied.get("xfrc_applied", np.zeros(0))):
             held.append(f"applied {self._elements.bodies[body]}")
         return [channel for channel in held if channel in channels]
+
+
+record_mujoco = checked(MujocoRecorder, name="record_mujoco")
 
 
 @dataclass(frozen=True)

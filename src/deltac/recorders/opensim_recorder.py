@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import ModelError, PackageError
@@ -27,7 +28,6 @@ from deltac.recorders.recorder import (
     Forces,
     JointColumns,
     Recorder,
-    xyzw,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -53,14 +53,12 @@ KINDS = {
 """OpenSim's class of a force that is no actuator -> the kind of its channel; others are springs."""
 
 
-@checked
-def record_opensim(
-    opensim_model: Model,
-    model: ModelLike | None = None,
-    *,
-    names: Mapping[str, str] | None = None,
-) -> OpensimRecorder:
+class OpensimRecorder(Recorder):
     """Record a simulation of OpenSim: call `sample` with its states, or `states` with a table of them.
+
+    Channels: ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit
+    forces), ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the
+    force set), and ``constraint all``, what constraints add.
 
     >>> with record_opensim(opensim_model) as rec:  # doctest: +SKIP
     ...     manager.integrate(2.0)
@@ -76,19 +74,13 @@ def record_opensim(
         InputError: OpenSim is missing or cannot be loaded, a joint is of a kind that is not known here, or
             the mechanism has other joints.
     """
-    return OpensimRecorder(opensim_model, model, names)
-
-
-class OpensimRecorder(Recorder):
-    """Rows of an OpenSim simulation; made by `record_opensim`.
-
-    Channels: ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit
-    forces), ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the
-    force set), and ``constraint all``, what constraints add.
-    """
 
     def __init__(
-        self, opensim_model: Model, model: ModelLike | None, names: Mapping[str, str] | None
+        self,
+        opensim_model: Model,
+        model: ModelLike | None = None,
+        *,
+        names: Mapping[str, str] | None = None,
     ) -> None:
         self._opensim = _opensim()
         self._model = opensim_model
@@ -218,6 +210,9 @@ class OpensimRecorder(Recorder):
         return np.column_stack(columns)
 
 
+record_opensim = checked(OpensimRecorder, name="record_opensim")
+
+
 def _value(coordinate: Any, state: State) -> tuple[Array, Array, Array]:
     """A coordinate, its speed and its acceleration."""
     q, u = coordinate.getValue(state), coordinate.getSpeedValue(state)
@@ -229,12 +224,11 @@ def _motion(joint: Joint, state: State) -> tuple[Array, Array, Array]:
     frame = joint.getChildFrame()
     place = frame.getTransformInGround(state)
     R = np.array([[place.R().get(i, j) for j in range(3)] for i in range(3)])
-    x, y, z, w = xyzw(R)
     rates = [
         np.concatenate([pair.get(1).to_numpy(), R.T @ pair.get(0).to_numpy()])
         for pair in (frame.getVelocityInGround(state), frame.getAccelerationInGround(state))
     ]
-    return np.concatenate([place.p().to_numpy(), [w, x, y, z]]), rates[0], rates[1]
+    return np.concatenate([place.p().to_numpy(), rotations.quaternion(R)]), rates[0], rates[1]
 
 
 def _joined(parts: Iterable[Array]) -> Array:

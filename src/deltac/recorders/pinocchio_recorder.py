@@ -7,13 +7,14 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.errors import InputError, ModelError
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
-from deltac.recorders.recorder import INSTANT, Columns, Forces, JointColumns, Recorder, rotation
+from deltac.recorders.recorder import INSTANT, Columns, Forces, JointColumns, Recorder
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any
@@ -31,14 +32,7 @@ KINDS = {
 """Pinocchio's kind of a joint -> ours; "continuous" has the cosine and sine of its angle in q."""
 
 
-@checked
-def record_pinocchio(
-    pin_model: Model,
-    model: ModelLike | None = None,
-    *,
-    names: Mapping[str, str] | None = None,
-    monitor: Monitor | None = None,
-) -> PinocchioRecorder:
+class PinocchioRecorder(Recorder):
     """Record a loop of your own around Pinocchio.
 
     >>> with record_pinocchio(pin_model, mechanism) as rec:  # doctest: +SKIP
@@ -58,18 +52,14 @@ def record_pinocchio(
         InputError: Pinocchio is missing, a joint is of a kind that is not known here, or the mechanism has
             other joints.
     """
-    return PinocchioRecorder(pin_model, model, names, monitor)
-
-
-class PinocchioRecorder(Recorder):
-    """Rows of a loop around Pinocchio; made by `record_pinocchio`."""
 
     def __init__(
         self,
         pin_model: Model,
-        model: ModelLike | None,
-        names: Mapping[str, str] | None,
-        monitor: Monitor | None,
+        model: ModelLike | None = None,
+        *,
+        names: Mapping[str, str] | None = None,
+        monitor: Monitor | None = None,
     ) -> None:
         self._pin = simulator("pinocchio", "pin")
         self._model, self._data = pin_model, pin_model.createData()
@@ -90,7 +80,7 @@ class PinocchioRecorder(Recorder):
             )
             joints.append(JointColumns(name, kind, q, v))
         self._continuous = frozenset(continuous)
-        self._turned: dict[str, float] = {}
+        self._angles: dict[str, float] = {}
         self._columns = Columns.of(joints, model if monitor is None else monitor.mechanism, names)
         super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
 
@@ -137,8 +127,8 @@ class PinocchioRecorder(Recorder):
             total = np.sum([*acting.values(), np.zeros(model.nv)], axis=0)
             a = np.array(pin.aba(model, data, q, v, total))
         a = self._sized("a", a, model.nv)
-        ours: Forces = {name: self._dual(f, q) for name, f in acting.items()}
-        self._instant(t, self._coordinates(q), self._speeds(v, q), self._rates(a, v, q), ours)
+        ours: Forces = {name: self._turned(f, q) for name, f in acting.items()}
+        self._instant(t, self._coordinates(q), self._turned(v, q), self._rates(a, v, q), ours)
 
     def trajectory(
         self, solver: str | None = None, step: float | None = None, held: Sequence[str] = ()
@@ -174,46 +164,40 @@ class PinocchioRecorder(Recorder):
     # --- conventions: free flyers have body components and quaternions x, y, z, w ------------------
 
     def _coordinates(self, q: Array) -> Array:
-        parts = []
-        for joint in self._columns.joints:
+        def placed(joint: JointColumns) -> Array:
             own = q[joint.q]
             if joint.name in self._continuous:
                 angle = float(np.arctan2(own[1], own[0]))
-                before = self._turned.get(joint.name, angle)
-                own = np.array([before + np.remainder(angle - before + np.pi, 2 * np.pi) - np.pi])
-                self._turned[joint.name] = float(own[0])
-            elif joint.kind in ("spherical", "free"):
-                own = np.concatenate([own[:-4], own[-1:], own[-4:-1]])
-            parts.append(own)
-        return np.concatenate([np.zeros(0), *parts])
+                before = self._angles.get(joint.name, angle)
+                angle = before + np.remainder(angle - before + np.pi, 2 * np.pi) - np.pi
+                self._angles[joint.name] = angle
+                return np.array([angle])
+            if joint.kind in ("spherical", "free"):
+                return np.concatenate([own[:-4], own[-1:], own[-4:-1]])
+            return own
 
-    def _speeds(self, v: Array, q: Array) -> Array:
-        return self._turned_parts(v, q)
+        return self._columns.joined(placed)
 
-    def _dual(self, f: Array, q: Array) -> Array:
-        # Turning linear components is orthogonal: forces turn as velocities do.
-        return self._turned_parts(f, q)
+    def _turned(self, values: Array, q: Array) -> Array:
+        """Velocities or forces; linear components of free joints in the world. Turning is orthogonal."""
+
+        def turned(joint: JointColumns) -> Array:
+            own = values[joint.v]
+            if joint.kind != "free":
+                return own
+            return np.concatenate(
+                [rotations.matrices(np.roll(q[joint.q][3:], 1)) @ own[:3], own[3:]]
+            )
+
+        return self._columns.joined(turned)
 
     def _rates(self, a: Array, v: Array, q: Array) -> Array:
         """d/dt (R v_B) = R (v̇_B + ω × v_B) of free flyers."""
         inertial = a.copy()
         for joint in self._columns.joints:
             if joint.kind == "free":
-                start = joint.v.start
-                inertial[start : start + 3] += np.cross(
-                    v[start + 3 : start + 6], v[start : start + 3]
-                )
-        return self._turned_parts(inertial, q)
-
-    def _turned_parts(self, values: Array, q: Array) -> Array:
-        parts = []
-        for joint in self._columns.joints:
-            own = values[joint.v]
-            if joint.kind == "free":
-                x, y, z, w = q[joint.q][3:]
-                own = np.concatenate([rotation(np.array([w, x, y, z])) @ own[:3], own[3:]])
-            parts.append(own)
-        return np.concatenate([np.zeros(0), *parts])
+                inertial[joint.v][:3] += np.cross(v[joint.v][3:], v[joint.v][:3])
+        return self._turned(inertial, q)
 
     @staticmethod
     def _sized(what: str, values: Any, size: int) -> Array:
@@ -221,3 +205,6 @@ class PinocchioRecorder(Recorder):
         if array.shape != (size,):
             raise InputError(f"{what}: found shape {array.shape}, expected ({size},)")
         return array
+
+
+record_pinocchio = checked(PinocchioRecorder, name="record_pinocchio")

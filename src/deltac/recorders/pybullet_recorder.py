@@ -8,10 +8,11 @@ contacts, joint limits, or whatever else acted.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from deltac import rotations
 from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.errors import ModelError, RecordingError, UnknownName
@@ -25,8 +26,6 @@ from deltac.recorders.recorder import (
     Forces,
     JointColumns,
     Recorder,
-    rotation,
-    xyzw,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -36,15 +35,7 @@ KINDS = {0: "revolute", 1: "prismatic"}
 FIXED = 4
 
 
-@checked
-def record_pybullet(
-    body: int,
-    model: ModelLike | None = None,
-    *,
-    names: Mapping[str, str] | None = None,
-    monitor: Monitor | None = None,
-    client: int = 0,
-) -> PybulletRecorder:
+class PybulletRecorder(Recorder):
     """Record a body of PyBullet: call `sample` after each ``stepSimulation``.
 
     >>> with record_pybullet(robot, mechanism) as rec:  # doctest: +SKIP
@@ -66,19 +57,15 @@ def record_pybullet(
         InputError: PyBullet is missing, it makes several substeps a step, a joint is spherical or planar, or
             the mechanism has other joints.
     """
-    return PybulletRecorder(body, model, names, monitor, client)
-
-
-class PybulletRecorder(Recorder):
-    """Rows of a running PyBullet simulation; made by `record_pybullet`."""
 
     def __init__(
         self,
         body: int,
-        model: ModelLike | None,
-        names: Mapping[str, str] | None,
-        monitor: Monitor | None,
-        client: int,
+        model: ModelLike | None = None,
+        *,
+        names: Mapping[str, str] | None = None,
+        monitor: Monitor | None = None,
+        client: int = 0,
     ) -> None:
         p = self._p = simulator("pybullet", "pybullet")
         self._body, self._of = body, {"physicsClientId": client}
@@ -96,7 +83,7 @@ class PybulletRecorder(Recorder):
             ]
         )
         base = p.getDynamicsInfo(body, -1, **self._of)
-        self._centre, self._axes = np.array(base[3]), _matrix(base[4])
+        self._centre, self._axes = np.array(base[3]), rotations.matrices(np.roll(base[4], 1))
         self._places: list[int] = []
         joints: list[JointColumns] = []
         self._free = 6 if base[0] > 0.0 else 0
@@ -209,7 +196,11 @@ class PybulletRecorder(Recorder):
         centre, turn = p.getBasePositionAndOrientation(body, **self._of)
         linear, angular = p.getBaseVelocity(body, **self._of)
         return _State(
-            q, np.concatenate([linear, angular, v]), motors, np.array(centre), _matrix(turn)
+            q,
+            np.concatenate([linear, angular, v]),
+            motors,
+            np.array(centre),
+            rotations.matrices(np.roll(turn, 1)),
         )
 
     def _total(self, state: _State, a: Array) -> tuple[Array, float]:
@@ -228,7 +219,7 @@ class PybulletRecorder(Recorder):
         # comes in as an acceleration. The base's columns are angular, then linear, along its axes; the
         # forces come out linear first.
         R = state.axes
-        where = [*state.centre, *xyzw(R), *q]
+        where = [*state.centre, *np.roll(rotations.quaternion(R), -1), *q]
         along = [*(R.T @ state.v[3:6]), *(R.T @ state.v[:3]), *state.v[6:]]
         rates = [*(R.T @ a[3:6]), *(R.T @ (a[:3] - self._gravity)), *a[6:]]
         nothing = [0.0] * (6 + len(q))
@@ -264,52 +255,53 @@ class PybulletRecorder(Recorder):
         return R, R @ self._centre
 
     def _row(self, state: _State) -> tuple[Array, Array]:
-        q: list[Array] = []
-        u: list[Array] = []
-        for joint in self._columns.joints:
-            if joint.kind == "free":
-                R, r = self._arm(state)
-                omega = state.v[3:6]
-                x, y, z, w = xyzw(R)
-                q += [state.centre - r, np.array([w, x, y, z])]
-                u += [state.v[:3] - np.cross(omega, r), R.T @ omega]
-            else:
-                q.append(state.q[joint.v.start - self._free : joint.v.stop - self._free])
-                u.append(state.v[joint.v])
-        return np.concatenate([np.zeros(0), *q]), np.concatenate([np.zeros(0), *u])
+        def placed(joint: JointColumns) -> Array:
+            if joint.kind != "free":
+                return state.q[joint.v.start - self._free : joint.v.stop - self._free]
+            R, r = self._arm(state)
+            return np.concatenate([state.centre - r, rotations.quaternion(R)])
+
+        def moved(joint: JointColumns) -> Array:
+            if joint.kind != "free":
+                return state.v[joint.v]
+            R, r = self._arm(state)
+            omega = state.v[3:6]
+            return np.concatenate([state.v[:3] - np.cross(omega, r), R.T @ omega])
+
+        return self._columns.joined(placed), self._columns.joined(moved)
 
     def _acceleration(self, a: Array, state: _State) -> Array:
-        parts = []
-        for joint in self._columns.joints:
+        def moved(joint: JointColumns) -> Array:
             own = a[joint.v]
-            if joint.kind == "free":
-                R, r = self._arm(state)
-                omega, alpha = state.v[3:6], own[3:6]
-                origin = own[:3] - np.cross(alpha, r) - np.cross(omega, np.cross(omega, r))
-                own = np.concatenate([origin, R.T @ alpha])
-            parts.append(own)
-        return np.concatenate([np.zeros(0), *parts])
+            if joint.kind != "free":
+                return own
+            R, r = self._arm(state)
+            omega, alpha = state.v[3:6], own[3:6]
+            origin = own[:3] - np.cross(alpha, r) - np.cross(omega, np.cross(omega, r))
+            return np.concatenate([origin, R.T @ alpha])
+
+        return self._columns.joined(moved)
 
     def _force(self, f: Array, state: _State) -> Array:
-        parts = []
-        for joint in self._columns.joints:
+        def moved(joint: JointColumns) -> Array:
             own = f[joint.v]
-            if joint.kind == "free":
-                R, r = self._arm(state)
-                own = np.concatenate([own[:3], R.T @ (own[3:6] + np.cross(r, own[:3]))])
-            parts.append(own)
-        return np.concatenate([np.zeros(0), *parts])
+            if joint.kind != "free":
+                return own
+            R, r = self._arm(state)
+            return np.concatenate([own[:3], R.T @ (own[3:6] + np.cross(r, own[:3]))])
+
+        return self._columns.joined(moved)
 
 
+@dataclass(frozen=True)
 class _State:
     """Joints' q, all speeds v (the base's first), motor torques; the base's centre and principal axes."""
 
-    __slots__ = ("axes", "centre", "motors", "q", "v")
+    q: Array
+    v: Array
+    motors: Array
+    centre: Array
+    axes: Array
 
-    def __init__(self, q: Array, v: Array, motors: Array, centre: Array, axes: Array) -> None:
-        self.q, self.v, self.motors, self.centre, self.axes = q, v, motors, centre, axes
 
-
-def _matrix(xyzw: Any) -> Array:
-    x, y, z, w = xyzw
-    return rotation(np.array([w, x, y, z]))
+record_pybullet = checked(PybulletRecorder, name="record_pybullet")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -80,6 +80,10 @@ class Columns:
             )
         return Columns(tuple(renamed[name] for name in wanted))
 
+    def joined(self, part: Callable[[JointColumns], Array]) -> Array:
+        """What each joint contributes, one after the other."""
+        return np.concatenate([np.zeros(0), *map(part, self.joints)])
+
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates."""
@@ -93,32 +97,6 @@ class Columns:
 
 def _full(joint: str, part: str) -> str:
     return f"{joint}.{part}" if part else joint
-
-
-def rotation(quaternion: Array) -> Array:
-    """The matrix (3, 3) that turns body components into parent components, of a quaternion w, x, y, z."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def xyzw(R: Array) -> Array:
-    """The unit quaternion x, y, z, w of a rotation matrix, from its largest component on."""
-    trace = float(np.trace(R))
-    squares = np.array([*np.diag(R), trace])  # 4 x², …, 4 w², shifted
-    squares = 1.0 + 2.0 * squares - trace
-    k = int(squares.argmax())
-    K = np.empty((4, 4))
-    K[:3, :3] = R + R.T
-    K[:3, 3] = K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
-    np.fill_diagonal(K, squares)
-    found = K[k]
-    return np.asarray(found / np.linalg.norm(found))
 
 
 class Recorder:

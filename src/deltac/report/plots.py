@@ -1,21 +1,37 @@
 """What each result draws of itself: the pictures behind `result.plot()` and ``--figure``.
 
-One function for each kind of result, in `DRAWN`. All of them are of one width; legends stand beside the
-axes, where they cover nothing.
+One function for each kind of result, in `DRAWN`. Most draw the panels that the page of the result shows too.
+All are of one width; legends stand beside the axes, where they cover nothing.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import EPS, TINY, Array
-from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.errors import InputError, UnknownName, WrongType, closest
+from deltac.report.panels import (
+    Bars,
+    Flows,
+    Guide,
+    LogPlot,
+    Panel,
+    TimePlot,
+    all_functions,
+    audit_errors,
+    by_name,
+    energy_plots,
+    flows_of,
+    fronts,
+    orders,
+    residuals,
+    study_errors,
+)
 from deltac.report.style import (
     BESIDE,
     BLACK,
@@ -35,8 +51,6 @@ from deltac.report.style import (
     entitle,
     fitted,
     legend_beside,
-    shades,
-    stacked,
     styled,
     thinned,
 )
@@ -52,16 +66,12 @@ if TYPE_CHECKING:
     from deltac.diagnosis.check.localise import Localisation
     from deltac.diagnosis.explain.result import Explanation
     from deltac.diagnosis.recommend.result import Recommendation
-    from deltac.diagnosis.recommend.work_precision import Trial
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
     from deltac.mechanism.mechanism import Mechanism
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport
     from deltac.trajectories import Trajectory
-
-MANY = (BLUE, VERMILION, GREEN, ORANGE, PINK, BLACK)
-"""Colours of curves of one panel; those that follow are grey."""
 
 
 def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
@@ -95,178 +105,172 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
 def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Figure:
     """Coordinates and speeds over time; `names` chooses among both, else those that move most."""
     chosen = [names] if isinstance(names, str) else names
-    known = {*run.coordinates, *run.speeds}
+    known = (*run.coordinates, *run.speeds)
     for name in chosen or ():
         if name not in known:
             raise UnknownName(
                 f"plot: no coordinate or speed is called {name!r}{closest(name, known)}"
             )
-    made = blank(6.4, run.provenance.model or run.provenance.simulator, beside=BESIDE)
-    panels = stacked(made, [1.0, 1.0], [0.16])
-    told = (
-        ("Coordinates", "q (m, rad)", run.coordinates, run.q),
-        ("Speeds", "u (m/s, rad/s)", run.speeds, run.u),
+
+    def columns(entries: Sequence[str], values: Array) -> list[tuple[str, Array]]:
+        return [(n, values[:, k]) for k, n in enumerate(entries) if chosen is None or n in chosen]
+
+    made = _drawn(
+        run.provenance.model or run.provenance.simulator,
+        by_name("Coordinates", run.t, columns(run.coordinates, run.q), "m, rad"),
+        by_name("Speeds", run.t, columns(run.speeds, run.u), "m/s, rad/s"),
     )
-    for panel, (title, label, entries, values) in zip(panels, told):
-        _columns(panel, run.t, entries, values, chosen)
-        panel.set_title(title)
-        panel.set_ylabel(label)
-        _instants(panel, run)
+    for panel in made.axes:
+        for k, event in enumerate(run.events):
+            label = "_" if k else "impacts, switches, events"
+            panel.axvline(
+                event.t, color=GREY, linewidth=0.5, linestyle=DOTTED, label=label, zorder=1
+            )
         legend_beside(panel)
-    panels[-1].set_xlabel("time t (s)")
-    align_labels(made)
     return made
 
 
-def _columns(
-    panel: Axes, t: Array, names: Sequence[str], values: Array, chosen: Sequence[str] | None
-) -> None:
-    """The chosen columns; without a choice those with the largest ranges, and the others in grey."""
-    order = [int(k) for k in np.argsort(-np.ptp(values, axis=0), kind="stable")]
-    if chosen is not None:
-        order = [names.index(name) for name in chosen if name in names]
-    shown = sorted(order[: len(MANY)])
-    for k, colour in zip(shown, MANY):
-        panel.plot(*thinned(t, values[:, k]), color=colour, linewidth=1.3, label=names[k])
-    rest = order[len(MANY) :]
-    for j, k in enumerate(rest):
-        label = f"{len(rest)} that move less" if chosen is None else f"{len(rest)} more"
-        look: dict[str, Any] = {"color": "#bbbbbb", "linewidth": 0.7, "zorder": 1.5}
-        panel.plot(*thinned(t, values[:, k]), label="_" if j else label, **look)
-    panel.margins(x=0)
+# --- panels ----------------------------------------------------------------------------------------
 
+MANY = (BLUE, VERMILION, GREEN, ORANGE, PINK, BLACK)
+"""Colours of curves of one panel; those that follow are grey."""
 
-def _instants(panel: Axes, run: Trajectory) -> None:
-    """Impacts and switches as hair lines."""
-    for k, event in enumerate(run.events):
-        label = "_" if k else "impacts, switches, events"
-        panel.axvline(event.t, color=GREY, linewidth=0.5, linestyle=DOTTED, label=label, zorder=1)
+NEUTRAL = {"ink": BLACK, "grey": GREY}
+"""Colours of curves by name."""
 
+MARKS = "osD^vPX*<>ph"
 
-# --- where the energy went -----------------------------------------------------------------------
-
-MOST_CHANNELS = 5
-"""Channels drawn one by one; all smaller ones are drawn as one line."""
-
-MOST_BARS = 12
-
-NOTHING = 1e-6
-"""Share of the energy exchanged below which a work is not drawn by itself: it could not be seen."""
+MOST_BARS = 30
+"""Sizes drawn one by one; the largest ones."""
 
 GAP = 0.72
 """Between two panels that each have a title and a label (inches)."""
 
 
-def _ledger(ledger: Ledger) -> Figure:
-    curves = {name: (d, ledger.error_bar[name]) for name, d in ledger.delta_c.items()}
-    return _energy_figure("Energy ledger", ledger, curves, None)
-
-
-def _audit(audit: Audit) -> Figure:
-    run = audit.run.provenance
-    made = " ".join(filter(None, (run.simulator, run.solver)))
-    curves = {audit.function: (audit.energy_error, audit.ledger.error_bar[audit.function])}
-    title = f"{audit.mechanism.name}, by {made}: {audit.verdict.kind}"
-    return _energy_figure(title, audit.ledger, curves, audit.tolerance * audit.beside)
-
-
-def _energy_figure(
-    title: str, ledger: Ledger, curves: Mapping[str, tuple[Array, Array]], allowed: float | None
-) -> Figure:
-    """K, V and works over time; |ΔC| beside its error bar and the energy exchanged; works at the end."""
-    bars = _final(ledger)
-    heights = [2.0, GAP, 1.5, GAP, 0.2 * len(bars) + 0.1]
-    made = blank(sum(heights) + 1.12, title, beside=BESIDE)
-    grid = made.add_gridspec(5, 1, height_ratios=heights, hspace=0.0)
-    flows, left, ends = (made.add_subplot(grid[row, 0]) for row in (0, 2, 4))
-    _flows(flows, ledger)
-    _size_of_errors(left, ledger, curves, allowed)
-    for panel in (flows, left):
-        panel.margins(x=0)
-        panel.set_xlabel("time t (s)")
-        legend_beside(panel)
+def _drawn(title: str, *panels: Panel) -> Figure:
+    """A figure of those panels below one another that have something to show."""
+    shown = [panel for panel in panels if not isinstance(panel, TimePlot) or panel.lines]
+    heights = [_HEIGHTS[type(panel)](panel) for panel in shown]
+    ratios = [heights[0]]
+    for height in heights[1:]:
+        ratios += [GAP, height]
+    made = blank(sum(ratios) + 1.12, title, beside=BESIDE)
+    grid = made.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
+    for k, panel in enumerate(shown):
+        _DRAWERS[type(panel)](made.add_subplot(grid[2 * k, 0]), panel)
     align_labels(made)
-    _ends(ends, bars)
+    for panel in shown:
+        if isinstance(panel, Bars):  # names stand where the label would
+            letters = max(len(fitted(name, 18).splitlines()[0]) for name, *_ in panel.bars)
+            made.subplots_adjust(left=(0.5 + 0.08 * letters) / made.get_figwidth())
     return made
 
 
-def _flows(panel: Axes, ledger: Ledger) -> None:
-    K, V = ledger.kinetic, ledger.potential_energy
-    panel.plot(*thinned(ledger.t, K - K[0]), color=BLACK, linewidth=1.8, label="K − K(0)")
-    if ledger.potential:
-        look: dict[str, Any] = {"color": BLACK, "linewidth": 1.2, "linestyle": DASHED}
-        panel.plot(*thinned(ledger.t, V - V[0]), label="V − V(0)", **look)
-    flowing = _flowing(ledger)
-    ranked = sorted(flowing.items(), key=lambda item: -float(np.ptp(item[1])))
-    shown, rest = ranked[:MOST_CHANNELS], ranked[MOST_CHANNELS:]
-    for (name, work), colour in zip(shown, MANY):
-        panel.plot(*thinned(ledger.t, work), color=colour, linewidth=1.3, label=str(name))
-    if rest:
-        others = np.sum([work for _, work in rest], axis=0)
-        panel.plot(*thinned(ledger.t, others), color="#999999", label=f"{len(rest)} smaller works")
-    panel.set_title("Energies, and works of what is not in V" if flowing else "Energies")
-    panel.set_ylabel("energy (J)")
+def _time(panel: Axes, plot: TimePlot) -> None:
+    """Curves over time; what a page shows on demand only is grey here. On a log axis bars are a band."""
+    shown = [line for line in plot.lines if line.shown][: len(MANY)]
+    rest = [line for line in plot.lines if line not in shown]
+    guides = [guide.value for guide in plot.guides]
+    sizes = [float(np.nanmax(np.abs(line.y), initial=0.0)) for line in plot.lines]
+    floor = max(0.1 * EPS * max([*sizes, *guides], default=0.0), TINY)
 
+    def values(y: Array) -> Array:
+        return np.fmax(np.abs(y), floor) if plot.log else y
 
-def _flowing(ledger: Ledger) -> dict[str, Array]:
-    """Works (T,) of what is not in V and can be seen."""
-    seen = NOTHING * ledger.energy_exchanged
-    works = {str(n): w - w[0] for n, w in ledger.work.items() if n not in ledger.potential}
-    return {name: work for name, work in works.items() if float(np.ptp(work)) > seen}
-
-
-def _size_of_errors(
-    panel: Axes,
-    ledger: Ledger,
-    curves: Mapping[str, tuple[Array, Array]],
-    allowed: float | None,
-) -> None:
-    """|ΔC| on a log axis, from rounding to the energy exchanged; below its error bar the band is grey."""
-    scale = ledger.energy_exchanged
-    floor = max(0.1 * EPS * scale, TINY)
-    for (name, (delta_c, _)), colour in zip(curves.items(), MANY):
-        t, size = thinned(ledger.t, np.abs(delta_c))
-        panel.semilogy(
-            t, np.maximum(size, floor), color=colour, linewidth=1.2, label=f"|ΔC| {name}"
+    for k, line in enumerate(shown):
+        colour = MANY[k % len(MANY)]
+        if isinstance(line.colour, str):
+            colour = NEUTRAL[line.colour]
+        elif line.colour is not None:
+            colour = MANY[line.colour % len(MANY)]
+        look: dict[str, Any] = {"color": colour, "linewidth": 1.3}
+        if line.dashed:
+            look |= {"linestyle": DASHED, "linewidth": 1.1}
+        panel.plot(*thinned(plot.t, values(line.y)), label=line.name, **look)
+        if line.bar is not None:
+            low, high = (floor, line.bar) if plot.log else (line.y - line.bar, line.y + line.bar)
+            t, top = thinned(plot.t, np.fmax(high, floor) if plot.log else high)
+            below = np.full(len(t), floor) if plot.log else np.interp(t, plot.t, low)
+            label = "its error bar" if len(shown) == 1 else None
+            band: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0, "label": label}
+            panel.fill_between(t, below, top, **band)
+    for k, line in enumerate(rest):
+        look = {"color": "#bbbbbb", "linewidth": 0.7, "zorder": 1.5}
+        panel.plot(
+            *thinned(plot.t, values(line.y)), label="_" if k else f"{len(rest)} more", **look
         )
-    bars = np.max([bar for _, bar in curves.values()], axis=0, initial=floor)
-    t, bar = thinned(ledger.t, np.maximum(bars, floor))
+    if plot.log:
+        panel.set_yscale("log")
+    _guides(panel, plot.guides, plot.unit)
+    if plot.log:
+        panel.set_ylim(bottom=floor)
+    panel.margins(x=0)
+    panel.set_title(plot.title)
+    panel.set_xlabel("time t (s)")
+    panel.set_ylabel(plot.unit)
+    legend_beside(panel)
+
+
+def _points(panel: Axes, plot: LogPlot) -> None:
+    """Points on two log axes, with the lines through them."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for k, cloud in enumerate(plot.clouds):
+        colour, mark = MANY[k % len(MANY)], MARKS[k % len(MARKS)]
+        look: dict[str, Any] = {"color": colour, "marker": mark, "markersize": 4.5}
+        style = "solid" if cloud.joined and cloud.fit is None else "none"
+        panel.plot(cloud.x, cloud.y, label=cloud.name, linewidth=0.9, linestyle=style, **look)
+        if cloud.fit is not None:
+            panel.plot(*zip(*cloud.fit), color=colour, linewidth=1.0, label=cloud.fit_name)
+        if cloud.mark is not None:
+            ring: dict[str, Any] = {"marker": "o", "markersize": 12, "markerfacecolor": "none"}
+            ring |= {"markeredgecolor": VERMILION, "linestyle": "none", "label": "recommended"}
+            panel.plot(cloud.x[cloud.mark], cloud.y[cloud.mark], **ring)
+    panel.set_xscale("log")
     panel.set_yscale("log")
-    panel.fill_between(
-        t, np.full(len(t), floor), bar, color=GREY, alpha=0.25, linewidth=0, label="its error bar"
-    )
-    if allowed is not None and allowed > 0.0:
-        label = f"accepted, {number(allowed, 'J', 2)}"
-        panel.axhline(allowed, color=GREEN, linewidth=1.1, linestyle=DASHED, label=label)
-    if scale > 0.0:
-        label = f"energy exchanged, {number(scale, 'J', 3)}"
-        panel.axhline(scale, color=GREY, linewidth=1.1, linestyle=DASHED, label=label)
-        panel.set_ylim(floor, 10.0 * scale)
-    panel.set_title("What is left: |ΔC|, which an exact motion keeps at zero")
-    panel.set_ylabel("|ΔC| (J)")
+    _guides(panel, plot.guides, "")
+    low, high = panel.get_xlim()
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+    panel.xaxis.set_major_formatter(lambda x, _: number(x))
+    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_title(f"{plot.title}: {plot.y}")
+    panel.set_xlabel(plot.x)
+    legend_beside(panel)
 
 
-def _final(ledger: Ledger) -> list[tuple[str, float, str]]:
-    """Name, energy (J) and colour of each bar: where energy came from, and where it is now."""
-    flowing = _flowing(ledger)
-    works = {str(n): w["work"] for n, w in ledger.works().items() if str(n) in flowing}
-    rest = list(works)[MOST_BARS:]
-    if rest:
-        works[f"{len(rest)} smaller works"] = sum(works.pop(name) for name in rest)
-    bars = [(name, work, VERMILION) for name, work in works.items()]
-    return bars + [(f"Δ{name}", change, BLUE) for name, change in ledger.energies().items()]
+def _bars(panel: Axes, plot: Bars) -> None:
+    """Sizes on a log axis; the largest ones, in their order."""
+    ranked = sorted(range(len(plot.bars)), key=lambda k: -plot.bars[k][1])[:MOST_BARS]
+    shown = [plot.bars[k] for k in sorted(ranked)]
+    floor = 0.25 * EPS
+    for row, (_, size, large) in enumerate(shown):
+        size = size if math.isfinite(size) else 1.0 / EPS
+        colour = VERMILION if large else BLUE
+        panel.plot([floor, max(size, floor)], [row, row], color=colour, linewidth=5.0)
+    panel.set_xscale("log")
+    panel.set_xlim(left=0.5 * floor)
+    _guides(panel, (Guide("accepted", plot.limit),), "", upright=True)
+    panel.set_yticks(range(len(shown)), [fitted(name, 18).splitlines()[0] for name, *_ in shown])
+    panel.set_ylim(max(len(shown), 3) - 0.4, -0.6)
+    panel.set_title(plot.title)
+    panel.set_xlabel("relative residual")
+    legend_beside(panel)
 
 
-def _ends(panel: Axes, bars: Sequence[tuple[str, float, str]]) -> None:
-    """Works that went in, against the energies that they changed."""
-    places = np.arange(len(bars))
-    panel.barh(places, [b[1] for b in bars], color=[b[2] for b in bars], height=0.66)
-    panel.set_yticks(places, [""] * len(bars))
+def _flows(panel: Axes, plot: Flows) -> None:
+    """Works that went in, the energies that they changed, and what is left."""
+    colours = {"flow": VERMILION, "store": BLUE, "left": BLACK}
+    places = np.arange(len(plot.flows))
+    energies, of = [f.energy for f in plot.flows], [colours[f.group] for f in plot.flows]
+    panel.barh(places, energies, color=of, height=0.66)
+    panel.set_yticks(places, [""] * len(places))
     panel.tick_params(axis="y", length=0)
-    for place, (name, value, colour) in zip(places, bars):
+    for place, flow, colour in zip(places, plot.flows, of):
         look: dict[str, Any] = {"va": "center", "fontsize": SMALL, "annotation_clip": False}
         panel.annotate(
-            f"{fitted(name, 22).splitlines()[0]}  {number(value, 'J', 3)}".replace("-", "−"),
+            f"{fitted(flow.name, 22).splitlines()[0]}  {number(flow.energy, 'J', 3)}".replace(
+                "-", "−"
+            ),
             (1.01, place),
             xycoords=panel.get_yaxis_transform(),
             color=colour,
@@ -275,187 +279,73 @@ def _ends(panel: Axes, bars: Sequence[tuple[str, float, str]]) -> None:
     panel.invert_yaxis()
     panel.axvline(0.0, color=GREY, linewidth=0.8)
     panel.grid(visible=False, axis="y")
-    panel.set_title("Over the whole time: works, and the changes of energy that they add up to")
+    panel.set_title(plot.title)
     panel.set_xlabel("energy (J)")
 
 
-# --- a study -------------------------------------------------------------------------------------
+def _guides(panel: Axes, guides: Sequence[Guide], unit: str, *, upright: bool = False) -> None:
+    """Levels that curves are compared with; what is accepted is green."""
+    for guide in guides:
+        line = panel.axvline if upright else panel.axhline
+        colour = GREY if guide.name == "energy exchanged" else GREEN
+        label = f"{guide.name}, {number(guide.value, unit, 3)}"
+        line(guide.value, color=colour, linewidth=1.1, linestyle=DASHED, label=label)
 
-DECADES = 1e-6
-"""What is smaller than this share of the finest run's largest |ΔC| is drawn there."""
 
-SEEN = 0.02
-"""Points of one step that differ by more than this are drawn as two."""
+_DRAWERS: dict[type, Callable[[Axes, Any], None]] = {
+    TimePlot: _time, LogPlot: _points, Bars: _bars, Flows: _flows,
+}  # fmt: skip
+
+_HEIGHTS: dict[type, Callable[[Any], float]] = {
+    TimePlot: lambda plot: 2.0 if plot.tall else 1.6,
+    LogPlot: lambda plot: 2.5,
+    Bars: lambda plot: 0.3 * max(min(len(plot.bars), MOST_BARS), 3),
+    Flows: lambda plot: 0.2 * len(plot.flows) + 0.1,
+}
+"""Of panels, inches."""
+
+
+def _ledger(ledger: Ledger) -> Figure:
+    function = next((n for n in ("wang", "liu-huston") if n in ledger.delta_c), None)
+    flows = () if function is None else (flows_of(ledger, function),)
+    return _drawn("Energy ledger", *energy_plots(ledger), all_functions(ledger), *flows)
+
+
+def _audit(audit: Audit) -> Figure:
+    run = audit.run.provenance
+    made = " ".join(filter(None, (run.simulator, run.solver)))
+    return _drawn(
+        f"{audit.mechanism.name}, by {made}: {audit.verdict.kind}",
+        *energy_plots(audit.ledger),
+        audit_errors(audit),
+        flows_of(audit.ledger, audit.function, audit.energy_error),
+    )
 
 
 def _study(study: Study) -> Figure:
-    """Largest |ΔC| (J) and state difference (of the range) over the step, log-log; |ΔC|(t) at each step.
-
-    The line has the observed order; where ΔC tends to a limit, the limit is drawn with its uncertainty.
-    """
     title = f"{study.mechanism.name}, by {study.solver}: {study.verdict.kind}"
-    made = blank(7.2, title, beside=BESIDE)
-    grid = made.add_gridspec(2, 1, height_ratios=[1.15, 1.0], hspace=0.38)
-    for row, draw in enumerate((_over_steps, _over_time)):
-        panel = made.add_subplot(grid[row, 0])
-        draw(panel, study)
-        legend_beside(panel)
-    align_labels(made)
-    return made
-
-
-def _over_steps(panel: Axes, study: Study) -> None:
-    m = study.measures
-    h, left, bars = (np.asarray(x) for x in (m.steps, m.left, m.bars))
-    panel.loglog(h, np.maximum(left, TINY), "o", color=BLUE, markersize=6, label="largest |ΔC| (J)")
-    energy, state = study.observed_order[study.function], study.observed_order["state"]
-    fitted_to = np.asarray(energy.sizes)
-    common = h[len(h) - len(fitted_to) :]
-    if (np.abs(fitted_to - left[len(h) - len(fitted_to) :]) > SEEN * fitted_to).any():
-        panel.loglog(
-            common,
-            np.maximum(fitted_to, TINY),
-            "o",
-            color=BLUE,
-            markerfacecolor="none",
-            markersize=9,
-            label="the same, before the motions part"
-            if study.horizon < study.comparison.t[-1]
-            else "the same, at times that all steps share",
-        )
-    _line(panel, common, fitted_to, energy, BLUE, limited=energy.trend == "tends to a limit")
-    sizes = np.asarray(state.sizes)
-    if len(sizes) and (sizes > 0.0).any():
-        shown = h[len(h) - len(sizes) - 1 : -1]
-        label = "state, difference to the next (of its range)"
-        panel.loglog(shown, sizes, "s", color=VERMILION, markersize=5, label=label)
-        _line(panel, shown, sizes, state, VERMILION)
-    panel.loglog(
-        *(h, np.maximum(bars, TINY)),
-        color=GREY,
-        linestyle=DOTTED,
-        label="rounding and quadrature (J)",
-    )
-    if m.allowed > 0.0:
-        label = f"accepted, {number(m.allowed, 'J', 2)}"
-        panel.axhline(m.allowed, color=GREEN, linewidth=1.1, linestyle=DASHED, label=label)
-    if energy.trend == "tends to a limit":
-        label = f"limit of |ΔC|, {number(energy.limit, 'J', 3)}"
-        panel.axhline(energy.limit, color=BLUE, linewidth=1.2, linestyle=DASHED, label=label)
-    panel.set_title("What is left, over the step" if m.unit else "What is left, over the tolerance")
-    panel.set_xlabel("step h (s)" if m.unit else "tolerance")
-    panel.set_ylabel("error")
-    panel.set_xlim(h[-1] / 1.5, h[0] * 1.5)
-    panel.set_xticks(h, [f"{x:g}" for x in h])
-    panel.minorticks_off()
-
-
-def _line(
-    panel: Axes, h: Array, sizes: Array, found: Convergence, colour: str, *, limited: bool = False
-) -> None:
-    """The observed order through the finest of the points that gave it; `sizes` are what it was fitted to."""
-    if found.order is None or not found.steps or found.trend == "does not settle" or limited:
-        return
-    near = [int(np.argmin(np.abs(h - step))) for step in found.steps]
-    through = near[-1]
-    if sizes[through] <= 0.0:
-        return
-    line = sizes[through] * (h / h[through]) ** found.order
-    label = f"order {order_text(found)}"
-    panel.loglog(h, line, color=colour, linewidth=1.0, alpha=0.7, label=label)
-
-
-def _over_time(panel: Axes, study: Study) -> None:
-    runs = [r for r in study.runs if r.step in study.measures.steps and r.run is not None]
-    m = study.measures
-    floor = max(EPS * m.energy_exchanged, DECADES * m.left[-1], TINY)
-    colours = [MANY[k % len(MANY)] for k in range(len(runs))]
-    for k, (entry, colour) in enumerate(zip(runs, colours)):
-        assert entry.run is not None and entry.energy_error is not None
-        t, size = thinned(entry.run.t, np.abs(entry.energy_error[study.function]))
-        name = "h" if study.measures.unit else "tolerance"
-        panel.semilogy(
-            *(t, np.maximum(size, floor)),
-            color=colour,
-            linewidth=max(2.0 - 0.5 * k, 0.8),
-            label=f"{name} = {entry.step:g}" + (" s" if study.measures.unit else ""),
-        )
-    if study.horizon < float(study.comparison.t[-1]):
-        look: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": DASHED}
-        panel.axvline(study.horizon, label="motions part", **look)
-    panel.set_title("|ΔC| over time")
-    panel.set_xlabel("time t (s)")
-    panel.set_ylabel("|ΔC| (J)")
-    panel.margins(x=0)
-
-
-# --- equations at random states ------------------------------------------------------------------
-
-MOST_ROWS = 30
-"""Equations, or speeds, drawn one by one; the worst ones."""
+    return _drawn(title, orders(study), study_errors(study))
 
 
 def _check(check: EquationCheck) -> Figure:
-    """The relative residual of every equation at every state, a point each, beside what is accepted."""
-    values = np.where(np.isfinite(check.residuals.relative), check.residuals.relative, np.nan)
-    speeds, failing = check.test.speeds, {blame.number - 1 for blame in check.blame}
-    worst = np.nan_to_num(np.nanmax(np.where(np.isnan(values), 0.0, values), axis=1, initial=0.0))
-    shown = sorted(int(k) for k in np.argsort(-worst, kind="stable")[:MOST_ROWS])
-    title = f"{check.name}: {check.verdict.kind}"
-    made = blank(1.4 + 0.3 * max(len(shown), 3), title, beside=BESIDE)
-    panel = made.subplots()
-    floor = EPS / 4.0
-    jitter = np.linspace(-0.28, 0.28, values.shape[1])
-    first: set[str] = set()
-    for row, k in enumerate(shown):
-        wrong = k in failing
-        label = "at a state, of an equation that fails" if wrong else "at a state"
-        panel.plot(
-            *(np.fmax(values[k], floor), row + jitter),
-            "o",
-            color=VERMILION if wrong else BLUE,
-            markersize=2.6,
-            alpha=0.6,
-            markeredgewidth=0,
-            label="_" if label in first else label,
-        )
-        first.add(label)
-        rough = max(float(check.roughness[k]), floor)
-        label = "_" if row else "rounding of the function"
-        panel.plot([rough] * 2, [row - 0.36, row + 0.36], color=BLACK, linewidth=1.2, label=label)
-    label = f"accepted, {number(check.tolerance, digits=2)}"
-    panel.axvline(check.tolerance, color=GREEN, linewidth=1.1, linestyle=DASHED, label=label)
-    panel.set_xscale("log")
-    panel.set_xlim(floor / 2.0, max(10.0 * worst.max(initial=0.0), 1.0))
-    names = [fitted(speeds[k], 18).splitlines()[0] for k in shown]
-    panel.set_yticks(range(len(shown)), names)
-    panel.set_ylim(len(shown) - 0.4, -0.6)
-    letters = max(map(len, names), default=0)
-    made.subplots_adjust(left=(0.5 + 0.08 * letters) / made.get_figwidth())
-    most = f", the {MOST_ROWS} worst of {len(speeds)}" if len(shown) < len(speeds) else ""
-    panel.set_title(f"What the equations leave of their terms at {check.count} states{most}")
-    panel.set_xlabel("relative residual")
-    legend_beside(panel)
-    return made
+    return _drawn(f"{check.name}: {check.verdict.kind}", residuals(check))
+
+
+def _recommendation(advice: Recommendation) -> Figure:
+    title = f"Work and precision: {advice.summary()}"
+    return _drawn(title, *fronts(advice))
 
 
 def _localisation(found: Localisation) -> Figure:
     """What is left of each equation over time, and the power that each joint takes beyond the model's."""
-    made = blank(6.0, "Where the motion departs from the model", beside=BESIDE)
-    panels = stacked(made, [1.0, 1.0], [0.18])
-    _columns(panels[0], found.t, found.speeds, found.residual, None)
-    panels[0].set_title("Residual of each equation")
-    panels[0].set_ylabel("F + F* (N, N·m)")
-    joints = list(found.joints)
-    powers = np.array([found.joints[name] for name in joints]).T.reshape(len(found.t), len(joints))
-    _columns(panels[1], found.t, joints, powers, None)
-    panels[1].set_title("Power beyond what the model supplies, by joint")
-    panels[1].set_ylabel("power (W)")
-    panels[1].set_xlabel("time t (s)")
-    for panel in panels:
-        legend_beside(panel)
-    align_labels(made)
-    return made
+    left = [(name, found.residual[:, k]) for k, name in enumerate(found.speeds)]
+    return _drawn(
+        "Where the motion departs from the model",
+        by_name("Residual of each equation, F + F*", found.t, left, "N, N·m"),
+        by_name(
+            "Power beyond what the model supplies, by joint", found.t, [*found.joints.items()], "W"
+        ),
+    )
 
 
 def _explanation(found: Explanation) -> Figure:
@@ -513,71 +403,6 @@ def _mutants(found: MutationReport) -> Figure:
     for side in panel.spines.values():
         side.set_visible(False)
     return made
-
-
-# --- a recommendation: time against error, a curve for each solver --------------------------------
-
-MARKS = "osD^vPX*<>ph"
-
-
-def _recommendation(advice: Recommendation) -> Figure:
-    """Every trial by the time it takes, against the largest |ΔC| and, below, the error of the motion."""
-    made = blank(7.2, f"Work and precision: {advice.summary()}", beside=BESIDE)
-    energy, motion = stacked(made, [1.0, 1.0], [0.2])
-    _scatter(energy, advice, "energy", advice.tolerance)
-    _scatter(motion, advice, "motion", advice.motion_tolerance)
-    energy.set_title("Largest |ΔC| of a run")
-    energy.set_ylabel("share of the energy exchanged")
-    motion.set_title("Error of the motion (where the energy is kept)")
-    motion.set_ylabel("share of the ranges of q, u")
-    motion.set_xlabel("time of a run (s)")
-    legend_beside(energy)
-    align_labels(made)
-    return made
-
-
-def _scatter(panel: Axes, advice: Recommendation, what: str, tolerance: float) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    solvers = sorted({t.solver for t in advice.trials})
-    marks = MARKS * (1 + len(solvers) // len(MARKS))
-    for solver, colour, mark in zip(solvers, shades(len(solvers)), marks):
-        shown = [t for t in advice.trials if t.solver == solver and _drawn(t, what)]
-        shown.sort(key=lambda t: -t.setting)
-        panel.plot(
-            [t.seconds for t in shown],
-            [getattr(t, what) for t in shown],
-            color=colour,
-            marker=mark,
-            markersize=4.5,
-            linewidth=0.9,
-            label=solver,
-        )
-    if math.isfinite(tolerance):
-        look: dict[str, Any] = {"color": GREEN, "linewidth": 1.1, "linestyle": DASHED}
-        panel.axhline(tolerance, label=f"asked for, {number(tolerance)}", **look)
-    if advice.best is not None and _drawn(advice.best, what):
-        panel.plot(
-            advice.best.seconds,
-            getattr(advice.best, what),
-            marker="o",
-            markersize=12,
-            markerfacecolor="none",
-            markeredgecolor=VERMILION,
-            linestyle="none",
-            label="recommended",
-        )
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    low, high = panel.get_xlim()
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
-    panel.xaxis.set_major_formatter(lambda x, _: number(x))
-    panel.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _drawn(trial: Trial, what: str) -> bool:
-    value = getattr(trial, what)
-    return math.isfinite(value) and value > 0.0 and math.isfinite(trial.seconds)
 
 
 # --- other results -------------------------------------------------------------------------------

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import DeltacError
+from deltac.errors import DeltacError, InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.simulation.constraints.singular import SingularMotion
@@ -24,6 +25,42 @@ LOST = 1e-3
 
 NEARLY_DEPENDENT = 1e-3
 """Smallest pivot of the constraints at a sample that an adaptive run is told of."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a run records.
+
+    Attributes:
+        testing: names of the testing functions whose power is integrated by the same solver and step; the
+            integrals (J) are in the trajectory's `integrals`.
+        every: keep every so many steps of a fixed-step solver. By default `simulate` keeps each step, and
+            `simulate_ensemble` the start and the end.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
+            Of a mechanism with constraints they may be as many as there are independent ones, or more: the
+            constraints give the others. The trajectory's provenance holds them.
+    """
+
+    testing: Sequence[str] = ("wang", "liu-huston")
+    every: int | None = None
+    coordinates: CoordinateMap | None = None
+
+    @staticmethod
+    def of(given: Record | Sequence[str] | int) -> Record:
+        """What the argument `record` says: names of testing functions alone, or every how many steps."""
+        if isinstance(given, Record):
+            return given
+        if isinstance(given, int | np.integer) and not isinstance(given, bool):
+            return Record(every=int(given))
+        if isinstance(given, list | tuple) and all(isinstance(name, str) for name in given):
+            return Record(testing=tuple(given))
+        raise InputError(
+            f"record is {given!r}; expected names of testing functions, a whole number (every so many "
+            "steps), or deltac.Record(testing=..., every=...)"
+        )
+
+
+RECORD = Record()
 
 
 def observer(flow: Flow) -> Kernel:

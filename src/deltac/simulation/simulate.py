@@ -22,6 +22,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, opened
+from deltac.progress import Progress
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
@@ -40,6 +41,8 @@ from deltac.simulation.equations import Controller, Equations, as_equations, by_
 from deltac.simulation.events.run import Eventful, EventRun, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import (
+    RECORD,
+    Record,
     observed,
     observer,
     recorded,
@@ -74,41 +77,6 @@ class SimulationStoppedWarning(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
-@dataclass(frozen=True)
-class Record:
-    """What a run records.
-
-    Attributes:
-        testing: names of the testing functions whose power is integrated by the same solver and step; the
-            integrals (J) are in the trajectory's `integrals`.
-        every: keep every so many steps of a fixed-step solver.
-        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
-            Of a mechanism with constraints they may be as many as there are independent ones, or more: the
-            constraints give the others. The trajectory's provenance holds them.
-    """
-
-    testing: Sequence[str] = ("wang", "liu-huston")
-    every: int = 1
-    coordinates: CoordinateMap | None = None
-
-    @staticmethod
-    def of(given: Record | Sequence[str] | int) -> Record:
-        """What the argument `record` says: names of testing functions alone, or every how many steps."""
-        if isinstance(given, Record):
-            return given
-        if isinstance(given, int | np.integer) and not isinstance(given, bool):
-            return Record(every=int(given))
-        if isinstance(given, list | tuple) and all(isinstance(name, str) for name in given):
-            return Record(testing=tuple(given))
-        raise InputError(
-            f"record is {given!r}; expected names of testing functions, a whole number (every so many "
-            "steps), or deltac.Record(testing=..., every=...)"
-        )
-
-
-RECORD = Record()
-
-
 @renamed_keywords(mechanism="model")
 @interruptible()
 def simulate(
@@ -122,14 +90,14 @@ def simulate(
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
-    vary: Sequence[str] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     **renamed: Any,
 ) -> Trajectory:
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
     Args:
-        model: what moves: a Mechanism, a Problem, or what else `load_model` takes.
+        model: what moves: a Mechanism, a Problem, or what else `load_model` takes. The code that runs is
+            compiled once for all values of the parameters named by `Mechanism.varying`.
         state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
         duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
@@ -143,8 +111,6 @@ def simulate(
         controller: sets the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
-        vary: parameters that stay parameters of the compiled code, so that other values of them need no
-            new compilation.
         progress: called with the fraction done.
         **renamed: arguments of version 0.1, which say what to write now.
 
@@ -165,14 +131,15 @@ def simulate(
             scale.
     """
     mechanism, state, duration = opened(model, state, duration)
-    mechanism = mechanism.opened(*vary, where="vary: ")
     if renamed:
         solver, record, constraints = _as_before(renamed, solver, record, constraints)
+        mechanism = mechanism.varying(*renamed.get("vary", ()))
+    vary = mechanism.varied
     options = solver_options(solver)
     found, wanted, kept = options.solver, Record.of(record), keeping(constraints)
     equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
-    every = count(wanted.every, "record: every")
+    every = 1 if wanted.every is None else count(wanted.every, "record: every")
     check_request(mechanism, state, found, equations, controller, step)
     watching = check_events(mechanism, equations, options.switches)
     check_correction(kept, found, watching=watching)
@@ -412,6 +379,7 @@ def _as_before(
 _RENAMED = {
     "coordinates": ("deltac.Record(coordinates=…)",),
     "speeds": ("deltac.Record(coordinates=…)",),
+    "vary": ("Mechanism.varying(…)",),
     "switches": ("an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",),
     "testing": ("simulate(record=…)",),
     "record_every": ("deltac.Record(every=…)",),

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from deltac import rotations
 from deltac.arguments import checked
 from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
-from deltac.trajectories.rates import rotation_matrices, rotation_vectors
+from deltac.trajectories.rates import rotation_vectors
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
@@ -307,7 +308,7 @@ def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
     better = (reading for reading in readings if reading[0].beats(readings[0][0]))
     fit, order, frame, p = next(better, readings[0])
     found = tuple(_of_turning(joint, fit, order, frame)) if fit.good else ()
-    return _Turning(joint, fit, rotation_matrices(p), found)
+    return _Turning(joint, fit, rotations.matrices(p), found)
 
 
 def _of_turning(joint: str, fit: _Fit, order: str, frame: str) -> Iterator[Suspicion]:

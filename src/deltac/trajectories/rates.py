@@ -94,19 +94,6 @@ def rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
     return result
 
 
-def rotation_matrices(p: FloatArray) -> FloatArray:
-    """Rotation matrices (T, 3, 3), body to parent; the identity where a quaternion is zero."""
-    length = np.linalg.norm(p, axis=1)
-    usable = np.where((length > 0.0)[:, None], p, [1.0, 0.0, 0.0, 0.0])
-    w, x, y, z = (usable / np.linalg.norm(usable, axis=1)[:, None]).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
 def _speeds(t: FloatArray, q: FloatArray, kinematics: Kinematics, count: int) -> FloatArray:
     u = np.zeros((len(t), count))
     if kinematics.rates:

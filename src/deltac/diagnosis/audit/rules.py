@@ -11,7 +11,7 @@ import numpy as np
 from deltac.diagnosis.audit.evidence import OF_THE_LOG, Evidence, beyond
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
-from deltac.diagnosis.residuals.one_step import OneStep
+from deltac.diagnosis.residuals.one_step import NAMED, OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 
 NOTHING = 1e-12
@@ -161,8 +161,10 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         closed = terms is not None and not terms.significant.any()
         # Equations closed by forces as logged do not speak for the model.
         told = () if closed else (*equations, *_slight(measures))
-        by_steps = step is not None and step.significant.any()
-        sure = not by_steps or float(step.ratio.max()) > BEYOND if step is not None else True
+        by_steps = step is not None and bool(step.significant.any())
+        sure = not by_steps or (
+            step is not None and step.clear > NAMED and float(step.residual.ratio.max()) > BEYOND
+        )
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
     by_samples = terms is not None and terms.significant.any()
     if unlogged and (by_samples or (step is not None and beyond(step, measures.tolerance))):
@@ -180,7 +182,8 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
             findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations, accounted)
     if step is not None and beyond(step, measures.tolerance):
-        far = step.significant & (step.ratio > BEYOND) & (step.relative > FAR * measures.tolerance)
+        r = step.residual
+        far = step.significant & (r.ratio > BEYOND) & (r.relative > FAR * measures.tolerance)
         if far.any() and like_a_mistake:
             return verdict("equation-error", "medium", balance, *equations)
         if measures.left > measures.allowed:
@@ -190,7 +193,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         explained = terms is not None or any(
             f.factor is not None and _of_model(f) for f in findings
         )
-        if explained and step.spent >= HALF * measures.left:
+        if explained and step.residual.spent >= HALF * measures.left:
             findings = _accused(findings)
             return verdict("equation-error", "medium", balance, *equations)
         if step.known_but_for_causes:
@@ -292,14 +295,15 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
     unlike = any(f.kind == "not-reproducible" for f in evidence.findings)
     if step is None or unlike or not step.significant.any() or beyond(step, measures.tolerance):
         return []
-    k = int(np.argmax(np.where(step.significant, step.ratio, 0.0)))
+    r = step.residual
+    k = int(np.argmax(np.where(step.significant, r.ratio, 0.0)))
     return [
         Finding(
             "small-but-real",
-            f"the equations have a residual of {percent(step.relative[k])} of the terms of "
-            f"{step.speeds[k]!r}: within the tolerance, but {step.ratio[k]:.2g} times its error bar",
+            f"the equations have a residual of {percent(r.relative[k])} of the terms of "
+            f"{step.speeds[k]!r}: within the tolerance, but {r.ratio[k]:.2g} times its error bar",
             f"|ΔC| {percent(energy)} of the energy; an integrator may leave "
-            f"{percent(step.bar[k] / step.scale[k])} at most",
+            f"{percent(r.bar[k] / r.scale[k])} at most",
             "See the notes for possible causes; strict=True makes it count",
             "note",
             step.speeds[k],
@@ -309,7 +313,7 @@ def small_but_real(measures: Measures, evidence: Evidence) -> list[Finding]:
 
 def _hides(step: OneStep) -> float:
     """Energy (J) that a mistake may have done in the time of the log."""
-    return step.hidden + (step.spent if step.significant.any() else 0.0)
+    return step.residual.hidden + (step.residual.spent if step.significant.any() else 0.0)
 
 
 def _steps(step: OneStep | None) -> str:
@@ -324,25 +328,26 @@ def _steps(step: OneStep | None) -> str:
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "
             f"equations"
         )
-    k = int(np.argmax(np.where(step.significant, step.relative, 0.0)))
+    r = step.residual
+    k = int(np.argmax(np.where(step.significant, r.relative, 0.0)))
     if step.known_but_for_causes and step.scheme is not None:
         by = f"a step of {step.scheme.name}" if step.scheme.name else "one step"
         return (
-            f"Each of {len(step.t)} rows follows from the previous one by {by}, except for "
-            f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r}; all but "
-            f"{percent(1.0 / step.ratio[k])} of that has one cause"
+            f"Each of {len(r.t)} rows follows from the previous one by {by}, except for "
+            f"{percent(r.relative[k])} of the terms of {step.speeds[k]!r}; all but "
+            f"{percent(1.0 / r.ratio[k])} of that has one cause"
         )
     if not step.significant.any():
-        k = int(np.argmax(step.bar / step.scale))
+        k = int(np.argmax(r.bar / r.scale))
         return (
             f"Over {step.rows} rows, each follows from the previous one as far as an integrator, the "
             f"digits of the log and the unknown motion between rows permit: "
-            f"{percent(step.bar[k] / step.scale[k])} of the terms "
+            f"{percent(r.bar[k] / r.scale[k])} of the terms "
             f"({step.speeds[k]})"
         )
     return (
         f"Over {step.rows} rows, the next does not follow from the previous one by the model's equations: "
-        f"{percent(step.relative[k])} of the terms of {step.speeds[k]!r} remain, {step.ratio[k]:.2g} "
+        f"{percent(r.relative[k])} of the terms of {step.speeds[k]!r} remain, {r.ratio[k]:.2g} "
         f"times what any integrator, the digits and the noise can explain"
     )
 

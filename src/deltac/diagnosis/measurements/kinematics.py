@@ -77,6 +77,12 @@ ROUNDED = 1e-6
 CLEARLY = 0.3
 """An even clock is believed where it leaves this share of the unsteadiness, or less."""
 
+JUMP = 3.0
+"""How many times farther than by the fastest speed of the log a coordinate must move to have jumped."""
+
+JUMPS = 0.01
+"""Share of the intervals that jumps may be: episodes have some rows."""
+
 DEPARTS = 0.05
 """Share of a column's movement that its rate may miss before the log is doubted."""
 
@@ -172,25 +178,28 @@ def _compared(
     edges: Sequence[tuple[int, int]],
     projected: bool,
 ) -> list[Comparison | None]:
-    parts = []
     # A scheme, or a delay, is late by a time that is the same where rows are lost.
     typical = float(np.median(np.diff(t)))
+    straight = []
     for a, b in edges:
-        s = t[a:b]
-        fine, coarse = (spline_integrals(s, rate[a:b], k).T for k in (5, 3))
         x = np.ascontiguousarray(rate[a:b].T)  # a row of every array is a column of the log
-        change = np.diff(x)
+        change, half = np.diff(x), 0.5 * np.diff(t[a:b])
+        straight.append((half * (x[:, 1:] + x[:, :-1]), typical * change, half, change))
+    trapezoid, L = (np.hstack([part[k] for part in straight]) for k in (0, 1))
+    start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
+    D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
+    exact = _of_a_scheme(D, trapezoid, L, noise, start, np.diff(t)[start])
+    if exact:
+        return exact
+    parts = []
+    for (a, b), (own, _, half, change) in zip(edges, straight):
+        fine, coarse = (spline_integrals(t[a:b], rate[a:b], k).T for k in (5, 3))
         second = np.diff(change)
-        half = 0.5 * np.diff(s)
-        trapezoid = half * (x[:, 1:] + x[:, :-1])
         ends = (second[:, :1], second, second[:, -1:])
         curved = half * (np.hstack(ends[1:]) + np.hstack(ends[:2]))
         bias = fine - coarse
-        spread = np.abs(bias) + 0.02 * np.abs(fine - trapezoid)
-        parts.append((fine, trapezoid, typical * change, curved, spread, bias))
-    start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
-    fine, trapezoid, L, C, S, B = (np.hstack(x) for x in zip(*parts))
-    D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
+        parts.append((fine, curved, np.abs(bias) + 0.02 * np.abs(fine - own), bias))
+    fine, C, S, B = (np.hstack(x) for x in zip(*parts))
     extent = _sizes(D)
     moving = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
     found: list[Comparison | None] = [None] * len(D)
@@ -254,6 +263,41 @@ def _compared(
             float(unsteady[k]),
         )
     return found
+
+
+EXACT = 1e-7
+"""Share of the movement that no interval misses where the rows are a scheme's, to next to rounding."""
+
+
+def _of_a_scheme(
+    moved: Array, trapezoid: Array, linear: Array, noise: Array, start: NDArray[np.intp], h: Array
+) -> list[Comparison | None]:
+    """The comparisons of columns (n, I) that one scheme moves by its own rates; none if one does not follow.
+
+    Nearly all logs of every step do: q moves by the speed before, by that after, or by their mean. No spline
+    can tell more of them.
+    """
+    extent = _sizes(moved)
+    if not extent.all():
+        return []
+    late, left = 0.0, moved - trapezoid
+    for theta in (0.5, -0.5, 0.0):
+        late, rest = theta, np.abs(left - theta * linear)
+        if np.all(rest.max(axis=-1) <= EXACT * extent):
+            break
+    else:
+        return []
+    left = left - late * linear
+    off = (_sizes(left) / extent).tolist()
+    instant = (_sizes(linear) > 4.0 * _sizes(noise)).tolist()
+    none = np.zeros(len(h), dtype=np.bool_)
+    return [
+        Comparison(
+            1.0, LEAST_RATIO, late, left[k], noise[k], moved[k], trapezoid[k], start, h,
+            off[k], 1.0, False, none, False, instant[k], 0.0,
+        )
+        for k in range(len(moved))
+    ]  # fmt: skip
 
 
 COLLINEAR = 1e-9
@@ -531,7 +575,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
         if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
             found.append(_jitter(run, even))
             run, comparisons = even, other
-    found += list(_wrong_rates(mechanism, run, comparisons))
+    found += [*_jumps(run, comparisons), *_wrong_rates(mechanism, run, comparisons)]
     return Cleaned(run, tuple(found), comparisons)
 
 
@@ -549,11 +593,15 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
     step = float(np.median(h))
     if run.integrals or run.events or float(np.ptp(h)) <= ROUNDED * step:
         return None
-    even = run.t
-    for _ in range(3):  # the median of rounded stamps is not their mean
-        rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
-        step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
-        even = start + step * rows
+    # However much single steps vary: no row is lost where each is nearest to its own place.
+    rows = np.arange(float(len(run)))
+    even = np.polyval(np.polyfit(rows, run.t, 1), rows)
+    if np.abs(run.t - even).max() >= 0.5 * step:
+        even = run.t
+        for _ in range(3):  # the median of rounded stamps is not their mean
+            rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
+            step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
+            even = start + step * rows
     scatter = float(np.abs(run.t - even).max())
     return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
 
@@ -728,6 +776,29 @@ def _without_spikes(
         element=rows[first],
     )
     return _rows(run, keep), [finding]
+
+
+def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+    """Single intervals over which coordinates move farther than any speed in the log would take them."""
+    jumped: dict[int, str] = {}
+    for name, made in comparisons.items():
+        farthest = float(np.abs(made.told).max(initial=0.0))
+        far = made.outliers & (np.abs(made.defect) > JUMP * farthest)
+        jumped |= dict.fromkeys(made.start[far].tolist(), name)
+    rows = np.array(sorted(jumped), dtype=np.intp)
+    if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
+        return
+    first = int(rows[0])
+    times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
+    yield Finding(
+        "jump",
+        "the state jumps from one row to the next, as where an episode begins anew or a state was set",
+        f"{'once' if len(rows) == 1 else f'{len(rows)} times'}, after t = {times} s: {jumped[first]!r} moves "
+        f"{JUMP:g} times as far as its largest speed would take it, or farther",
+        "Audit what is before and after each jump by itself, or log a column `episode`",
+        "doubt",
+        jumped[first],
+    )
 
 
 def _wrong_rates(

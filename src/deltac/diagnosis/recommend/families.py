@@ -15,7 +15,8 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import with_base
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.simulate import Record, simulate
+from deltac.simulation.recording import Record
+from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
 from deltac.trajectories import Trajectory
 

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltac.arrays import TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, Point, times
@@ -109,17 +110,20 @@ class EquationTest:
         coordinates: CoordinateMap | None = None,
         scales: Scales | None = None,
         *,
+        p: ArrayLike = (),
         strict: bool = True,
     ) -> None:
         """Evaluate all coefficients at the states (`scales`: natural ones, found if not given).
+
+        `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic.
 
         Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
         """
         kane = mechanism if isinstance(mechanism, Kane) else Kane(mechanism, coordinates)
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.scales = natural_scales(kane) if scales is None else scales
-        self.point: Point = kane.point(states.t, states.q, states.u)
-        known: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u)
+        self.point: Point = kane.point(states.t, states.q, states.u, p)
+        known: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
         self.terms = known
         if strict:
             self._check(known)

@@ -13,6 +13,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, Array
 from deltac.dynamics.admissible import onto_positions
@@ -55,15 +56,17 @@ class Kane:
         mechanism: Mechanism,
         coordinates: CoordinateMap | None = None,
         start: State | None = None,
+        vary: Sequence[str] = (),
     ) -> None:
         """Trace the mechanism and the map; InputError where the map does not fit it.
 
-        `start` tells which assembly of its loops is meant, where own coordinates leave that open.
+        `start` tells which assembly of its loops is meant, where own coordinates leave that open. Parameters
+        named in `vary` stay symbols; only `EquationTest.M`, `residual` and `acceleration` take their values.
         """
         self.mechanism = mechanism
         self.start = start
         self.coordinates = coordinates
-        self.motion: EquationsOfMotion = equations_of_motion(mechanism)
+        self.motion: EquationsOfMotion = equations_of_motion(mechanism, vary)
         self.system: System = self.motion.system
         self.parts: tuple[Channel, ...] = self.motion.channels
         self.rows: Rows = self.motion.rows
@@ -166,15 +169,16 @@ class Kane:
         own, t = self.own, self.system.t
         rest = own.udot(self.system, ca.SX.zeros(own.own_u.shape[0]))
         columns = [ca.densify(ca.vec(x)) for x in (own.q, own.u, own.Y, rest)]
-        return ca.Function("map", [t, own.own_q, own.own_u], columns, {"cse": True})
+        given = [t, own.own_q, own.own_u, self.system.p]
+        return ca.Function("map", given, columns, {"cse": True})
 
-    def point(self, t: Array, own_q: Array, own_u: Array) -> Point:
-        """The mechanism's coordinates and speeds from own ones."""
+    def point(self, t: Array, own_q: Array, own_u: Array, p: ArrayLike = ()) -> Point:
+        """The mechanism's coordinates and speeds from own ones; `p` as in `EquationsOfMotion.terms`."""
         if self.own is None:
             n, batch = own_u.shape
             eye = np.broadcast_to(np.eye(n), (batch, n, n))
             return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
-        q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u)
+        q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u, p)
         return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
 
     @cached_property

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -123,8 +124,8 @@ class Model:
 
     def inertia(self, t: Array, q: Array) -> Array:
         """Inertia N (T, n, n): M, or with constraints that of the motions that these leave, M C M."""
-        M, G = self._matrices(t, q)
-        return M @ self._compliance(M, G) @ M if self.rows_of_G else M
+        M, G = self.matrices(t, q)
+        return M @ self.compliance(M, G) @ M if self.rows_of_G else M
 
     def size(self, t: Array, q: Array, w: Array) -> Array:
         """√(wᵀN w) (T,) of accelerations (T, n), N as `inertia`."""
@@ -134,17 +135,18 @@ class Model:
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What forces (T, n) add to the accelerations (T, n)."""
-        M, G = self._matrices(t, q)
+        M, G = self.matrices(t, q)
         if self.rows_of_G:
-            return multiply(self._compliance(M, G), force)
+            return multiply(self.compliance(M, G), force)
         return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
-    def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
         flat, g = self.functions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
         return flat.reshape(len(t), self.n, self.n), G
 
-    def _compliance(self, M: Array, G: Array) -> Array:
+    def compliance(self, M: Array, G: Array) -> Array:
         """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         response = inverse @ G.transpose(0, 2, 1)
@@ -192,6 +194,14 @@ class Rows:
     def D(self) -> Array:
         """Mean accelerations (T − 1, n)."""
         return np.asarray(np.diff(self.u, axis=0) / self.h)
+
+    @cached_property
+    def smooth_F(self) -> Callable[[Array], Array]:
+        """The forces of any times by a spline of degree 5."""
+        from scipy.interpolate import make_interp_spline
+
+        spline: Callable[[Array], Array] = make_interp_spline(self.t, self.F, k=5)
+        return spline
 
     def taken(self, rows: slice | NDArray[np.intp]) -> Rows:
         """Some of them."""

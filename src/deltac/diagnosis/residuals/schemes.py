@@ -36,8 +36,20 @@ IDENTIFYING = 120
 CLOSED = 1e-8
 """A scheme closes if it leaves this share of the accelerations: iterations of implicit methods stop there."""
 
+ROUNDING = 1e-11
+"""What is left of steps that no filter and no unfinished iteration has touched."""
+
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
+
+SAME_LENGTH, SINGLE = 1e-6, 24
+"""Relative difference of steps of one length; single steps among others that are enough to tell by."""
+
+STARTING = 5
+"""Steps in which a method of several steps may start in another way."""
+
+NEARLY_ALL, EVERY = 0.9, 5
+"""Share of the steps that what a scheme leaves is told of; of which every so many are looked at first."""
 
 ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
@@ -52,8 +64,7 @@ class Scheme:
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
-    "start" or the "end" of a step, or "smooth" ones. `everywhere`: it closes so far that this `PROVES` the
-    equations not only in the steps that were looked at, but in all.
+    "start" or the "end" of a step, or "smooth" ones.
     """
 
     name: str
@@ -63,7 +74,11 @@ class Scheme:
     forces: str
     typical: float
     among: tuple[str, ...] = ()
-    everywhere: bool = False
+
+    @property
+    def exact(self) -> bool:
+        """Whether it leaves of most steps nothing but rounding."""
+        return self.typical <= ROUNDING
 
     @property
     def late_forces(self) -> bool:
@@ -84,6 +99,9 @@ ORDERS = {
     "explicit-midpoint-on-the-group": 2,
 }  # fmt: skip
 
+
+OF_SEVERAL_STEPS = ("adams-bashforth-2", "generalized-alpha", "trapezoidal")
+"""Methods that carry something over from the step before; Newmark's is a trapezoidal rule."""
 
 EXPLICIT = (
     "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
@@ -114,16 +132,20 @@ TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """What an integrator makes of some steps: their mean accelerations `a` (I, n), found when asked for.
+    """What an integrator makes of some steps; what it takes is found when asked for.
 
-    `forces` tells which ones it took ("start", "end", "smooth"), `at` the instants (t, q, u, F) of which its
-    equations are, or the middle of a step where it takes several.
+    `forces` tells which ones it took ("start", "end", "smooth").
     """
 
     name: str
     forces: str
-    at: Rows
+    locate: Callable[[], Rows]
     find: Callable[[], Array]
+
+    @cached_property
+    def at(self) -> Rows:
+        """The instants (t, q, u, F) of its equations, or the middle of a step where it takes several."""
+        return self.locate()
 
     @cached_property
     def a(self) -> Array:
@@ -137,7 +159,7 @@ class Relation:
 
     def of(self, some: slice) -> Relation:
         """Its part for some of the steps."""
-        return Relation(self.name, self.forces, self.at.taken(some), lambda: self.a[some])
+        return Relation(self.name, self.forces, lambda: self.at.taken(some), lambda: self.a[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +176,10 @@ class Chosen:
 
     @staticmethod
     def alike(whole: Rows, k: NDArray[np.intp]) -> tuple[bool, bool]:
-        """Whether forces change from row to row there, and whether all steps of a log are of one length."""
+        """Whether forces change there, and whether these steps and those before are of one length."""
         held = whole.F.shape[1] > 0 and bool(np.any(whole.F[k] != whole.F[k + 1]))
-        return held, bool(np.ptp(whole.h) < 1e-6 * float(whole.h.min()))
+        h = np.concatenate([whole.h[k], whole.h[np.maximum(k - 1, 0)]])
+        return held, bool(np.ptp(h) < SAME_LENGTH * float(h.min()))
 
     def rows(self, j: int) -> Rows:
         """The rows j after the starts of the steps; the last one in place of those beyond."""
@@ -182,7 +205,7 @@ class Steps:
     """Some steps of a log: from `start` (I rows), by D (I, n), and what integrators make of them.
 
     N (I, n, n) is the inertia at their starts, `digits` the share of the accelerations that digits
-    and noise seem to leave, `late` θ of q against u.
+    and noise seem to leave, `late` θ of q against u. `few` are those of `EVERY` so many of the steps.
     """
 
     model: Model
@@ -192,6 +215,7 @@ class Steps:
     relations: Sequence[Relation]
     digits: float
     late: float
+    few: Sequence[Relation]
 
     def named(self, relation: Relation) -> str:
         """The name of its integrator; Euler's are told apart by θ of q against u, "" where none is meant."""
@@ -203,59 +227,94 @@ class Steps:
         """What a relation leaves of each step (I,), in the mass metric."""
         return mass_norm(self.N, self.D - relation.a)
 
-    @cached_property
-    def offs(self) -> Array:
-        """The same of all relations but `ACCURATE`, which comes last (I, number of them)."""
-        left = np.empty((*self.D.shape, sum(r.name != ACCURATE for r in self.relations)))
-        for k in range(left.shape[2]):
-            np.subtract(self.D, self.relations[k].a, out=left[..., k])
-        energy: Array = np.sum(left * (self.N @ left), axis=1)
-        return np.sqrt(np.maximum(energy, 0.0))
+    def offs(self, places: Sequence[int]) -> Array:
+        """The same of relations at some places of the dictionary (I, number of them)."""
+        return _offs(self.D, self.N, [self.relations[k] for k in places])
+
+    def candidates(self, level: float) -> list[int]:
+        """Places of the relations that may leave less than `level` of nearly all steps.
+
+        Of the others so many of a few steps are beyond it that they cannot. `ACCURATE`, which comes last, is
+        none of them.
+        """
+        every = [k for k, r in enumerate(self.relations) if r.name != ACCURATE]
+        count = len(self.D)
+        enough = count - int(NEARLY_ALL * (count - 1))
+        if len(self.few) != len(self.relations) or count < EVERY * enough:
+            return every
+        offs = _offs(self.D[::EVERY], self.N[::EVERY], [self.few[k] for k in every])
+        beyond = np.count_nonzero(offs > level, axis=0)
+        return [k for k, many in zip(every, beyond) if many < enough]
 
 
-_INSTANTS = {
+def _offs(D: Array, N: Array, relations: Sequence[Relation]) -> Array:
+    left = np.empty((*D.shape, len(relations)))
+    for k, relation in enumerate(relations):
+        np.subtract(D, relation.a, out=left[..., k])
+    energy: Array = np.sum(left * (N @ left), axis=1)
+    return np.sqrt(np.maximum(energy, 0.0))
+
+
+INSTANTS = {
     "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
     "implicit-euler": (1, 1, 1), "semi-implicit-euler-vu": (0, 1, 0), "implicit-speed-euler": (1, 0, 1),
 }  # fmt: skip
 """Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
 
 
-def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
-    """Some steps of a stretch, evenly over it; none of a stretch of few rows."""
-    most = len(whole.t) - 2
-    if most < 4:
+def _single(log: StretchesOfLog) -> list[NDArray[np.bool_]]:
+    """Which intervals of each stretch are single steps: of the shortest length that many have, or all."""
+    lengths = [rows.h[:, 0] for rows, _ in log.stretches]
+    h = np.sort(np.concatenate(lengths))
+    same = SAME_LENGTH * h[0]
+    many = h[SINGLE - 1 :] - h[: max(len(h) - SINGLE + 1, 0)] < same
+    if not many.any():
+        return [np.ones(len(x), dtype=np.bool_) for x in lengths]
+    return [np.asarray(np.abs(x - h[np.argmax(many)]) < same) for x in lengths]
+
+
+def _steps_looked_at(own: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Some single steps of a stretch, evenly over it, after others if possible; none of a short stretch."""
+    k = np.arange(1, len(own))
+    k = k[own[k]]
+    after = k[own[k - 1]]
+    k = after if len(after) >= SINGLE else k
+    if len(k) < 4:
         return np.zeros(0, dtype=np.intp)
-    return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+    return k[np.unique(np.linspace(0, len(k) - 1, min(len(k), IDENTIFYING)).astype(np.intp))]
 
 
 def _relations(chosen: Chosen) -> list[Relation]:
     """Every integrator of the dictionary at some steps."""
-    from scipy.interpolate import make_interp_spline
-
     model, start, end = chosen.model, chosen.rows(0), chosen.rows(1)
     t0, q0, u0, F0 = start.t, start.q, start.u, start.F
     t1, q1, u1, F1 = end.t, end.q, end.u, end.F
     h0 = (t1 - t0)[:, None]
     held, even = Chosen.alike(*chosen.parts[0])
-    middle = model.moved(q0, 0.5 * (u0 + u1), 0.5 * h0)
-    half_t, half_u, mean = 0.5 * (t0 + t1), 0.5 * (u0 + u1), 0.5 * (F0 + F1)
-    between = [make_interp_spline(r.t, r.F, k=5) for r, _ in chosen.parts] if held else []
+    mean = 0.5 * (F0 + F1)
     found = list[Relation]()
+
+    @cache
+    def middle() -> tuple[Array, Array, Array]:
+        half_u = 0.5 * (u0 + u1)
+        return 0.5 * (t0 + t1), model.moved(q0, half_u, 0.5 * h0), half_u
 
     def smooth(c: float) -> Array:
         if not held:
             return F0
-        splines = zip(between, chosen.parts)
-        return np.concatenate([f(r.t[k] + c * np.diff(r.t)[k]) for f, (r, k) in splines])
+        return np.concatenate([r.smooth_F(r.t[k] + c * np.diff(r.t)[k]) for r, k in chosen.parts])
 
     def offer(marked: str, find: Callable[[], Array]) -> None:
         name, _, forces = marked.partition("@")
         F = {"": F0, "end": F1, "smooth": mean}[forces]
-        at = Rows(half_t, middle, half_u, F)
-        if name in _INSTANTS:
-            at_t, at_q, at_u = _INSTANTS[name]
-            at = Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
-        found.append(Relation(name, forces or "start", at, find))
+
+        def locate() -> Rows:
+            if name not in INSTANTS:
+                return Rows(*middle(), F)
+            at_t, at_q, at_u = INSTANTS[name]
+            return Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
+
+        found.append(Relation(name, forces or "start", locate, find))
 
     @cache
     def rate() -> Array:
@@ -299,7 +358,7 @@ def _relations(chosen: Chosen) -> list[Relation]:
         offer("semi-implicit-euler-vu" + mark, lambda: model.acceleration(t0, q1, u0, F))
         offer("implicit-speed-euler" + mark, lambda: model.acceleration(t1, q0, u1, F))
         offer("trapezoidal" + mark, lambda: 0.5 * (a() + a_end()))
-        offer("implicit-midpoint" + mark, lambda: model.acceleration(half_t, middle, half_u, F))
+        offer("implicit-midpoint" + mark, lambda: model.acceleration(*middle(), F))
         offer(
             "verlet" + mark,
             lambda: 0.5 * (a() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a(), F)),
@@ -313,8 +372,7 @@ def _relations(chosen: Chosen) -> list[Relation]:
         offer_held("@end", F1)
         offer("trapezoidal@smooth", lambda: 0.5 * (a00() + a11()))
         for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
-            along = (half_t, middle, half_u, F)
-            offer("implicit-midpoint@smooth", partial(model.acceleration, *along))
+            offer("implicit-midpoint@smooth", partial(_at_middle, model, middle, F))
 
         def carried() -> Array:
             before = model.acceleration(t0, q0, u0, chosen.rows(-1).F)
@@ -371,7 +429,7 @@ def _two_step_relations(chosen: Chosen) -> list[Relation]:
         scale = 1.0 / (1.0 - am)
         y0, y2 = (1.0 - gamma) * af * scale, gamma * (1.0 - af) * scale
         methods.append(("generalized-alpha", am * scale, y0, y2))
-    start = chosen.rows(0)
+    start = partial(chosen.rows, 0)
     return [Relation(name, "smooth", start, partial(made, *of)) for name, *of in methods]
 
 
@@ -379,8 +437,35 @@ ACCURATE = "accurate"
 """The relation of a motion that steps follow to more digits than rows are told by."""
 
 
-Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None]"
-"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at."""
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the relation of an integrator leaves of every step of a log, n free speeds.
+
+    t         the middle of each step (W,)
+    forces    generalized forces (W, n), N or N·m
+    allowed   what iterations of implicit methods may leave of them (W, n)
+    work      energy (J) that they do, without sign
+    """
+
+    t: Array
+    forces: Array
+    allowed: Array
+    work: float
+
+    @property
+    def closes(self) -> bool:
+        """Whether it leaves no step more than that."""
+        return bool(np.all(np.abs(self.forces) <= self.allowed))
+
+
+Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None, Callable[[], Left | None]]"
+"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at; and what
+it leaves of all, None where it closes only to the digits of the log."""
+
+
+def _nothing() -> None:
+    """What no integrator leaves."""
+
 
 SIDE_BY_SIDE = 4096
 """Steps of several logs that are looked at side by side: their numbers stay in the processor's cache."""
@@ -391,11 +476,11 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
 
     What is left is a share of the accelerations.
     """
-    found: list[Identified] = [(None, 1.0, None)] * len(logs)
+    found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
     alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
-        whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
-        k = _steps_looked_at(whole)
+        (whole, size), own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
+        k = _steps_looked_at(own_steps)
         if len(k):
             alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
     at_once = SIDE_BY_SIDE // IDENTIFYING
@@ -403,6 +488,9 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
         for several in (same[i : i + at_once] for i in range(0, len(same), at_once)):
             chosen = Chosen(model, [(whole, k) for _, whole, _, k in several])
             relations = _relations(chosen)
+            few = _relations(Chosen(model, [(whole, k[::EVERY]) for _, whole, _, k in several]))
+            if [(r.name, r.forces) for r in few] != [(r.name, r.forces) for r in relations]:
+                few = []  # other ones are offered where no force changes
             here, a00, D = chosen.rows(0), chosen.acceleration(0), chosen.D()
             N = model.inertia(here.t, here.q)
             # Digits of u in D, and of q and u in a: by moving them.
@@ -414,7 +502,7 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
             fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
             digits_of = mass_norm(N, np.concatenate(fine)) + mass_norm(N, shaken)
             of_a, of_D = mass_norm(N, a00), mass_norm(N, D)
-            last = 0
+            last = last_few = 0
             for place, whole, _, k in several:
                 some = slice(last, last := last + len(k))
                 a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
@@ -422,41 +510,48 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
                 digits = float(medians(digits_of[some])) / typical
                 least = float(np.abs(whole.u[k]).max(initial=0.0) / whole.h[k].min())
                 least *= 50.0 * EPS / max(float(np.abs(D[some]).max()), 1e-300)
-                own = [r.of(some) for r in relations] if len(several) > 1 else relations
+                some_few = slice(last_few, last_few := last_few + len(k[::EVERY]))
                 steps = Steps(
-                    model, whole.taken(k), D[some], N[some], own, max(digits, least),
-                    logs[place].late,
+                    model, whole.taken(k), D[some], N[some], [r.of(some) for r in relations],
+                    max(digits, least), logs[place].late, [r.of(some_few) for r in few],
                 )  # fmt: skip
                 two_step = _two_step(whole, a, D[some], N[some], k, typical)
-                found[place] = _identified(steps, two_step, typical, logs[place].stretches)
+                found[place] = _identified(steps, two_step, typical, logs[place])
     return found
 
 
 def _identified(
-    steps: Steps, two_step: _TwoStep, typical: float, stretches_: Sequence[tuple[Rows, Rows]]
+    steps: Steps, two_step: _TwoStep, typical: float, log: StretchesOfLog
 ) -> Identified:
     """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
     relations, N, digits = steps.relations, steps.N, steps.digits
-    offs = steps.offs
-    ranked = sorted((float(left) / typical, k) for k, left in enumerate(_nearly_all(offs)))
     limit = 3.0 * digits + CLOSED
+    # Next to one that closes, those that leave far more of a few steps are no rivals.
+    for level in (DISTINCT * max(limit, PROVES), np.inf):
+        places = steps.candidates(level * typical)
+        offs = steps.offs(places)
+        ranked = sorted((float(left) / typical, k) for k, left in zip(places, _nearly_all(offs)))
+        if ranked and ranked[0][0] <= limit:
+            break
     best, first = ranked[0]
     closes = two_step.left <= 3.0 * digits + 1e-10
     if closes and two_step.name and two_step.left < best / DISTINCT:
         found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
-        return found, two_step.left, steps
+        return found, two_step.left, steps, _nothing
     if best > limit:
         left = np.median(offs, axis=0)
-        half = relations[int(np.argmin(left))]
+        half = relations[places[int(np.argmin(left))]]
         typical_left = float(left.min()) / typical
         if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
-            return None, min(best, two_step.left), steps
+            return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
-        return found, min(best, two_step.left), steps
+        by = _left_by(steps.model, log, places[int(np.argmin(left))], half, PROVES * typical)
+        return found, min(best, two_step.left), steps, by if found.exact else _nothing
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
-    apart = np.abs(offs - offs[:, [first]]).max(axis=0)  # no more than their distance
-    near_by = (relations[int(k)] for k in np.flatnonzero(apart <= ALIKE * typical))
+    own = dict(zip(places, offs.T))
+    # Which is no more than their distance.
+    near_by = (relations[k] for k in places if np.abs(own[k] - own[first]).max() <= ALIKE * typical)
     same = [r for r in near_by if mass_norm(N, r.a - relations[first].a).max() <= ALIKE * typical]
     chosen = same[0]
     alike = {r.name for r in same}
@@ -466,27 +561,46 @@ def _identified(
     base = steps.named(chosen)
     name, order = (base, ORDERS[base]) if unique else ("", 0)
     place = next(k for k, r in enumerate(relations) if r is chosen)
-    typical_left = float(medians(offs[:, place])) / typical
+    typical_left = float(medians(own[place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    everywhere = best <= PROVES and all(
-        _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
-        for rows, _ in stretches_
-    )
-    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
-    return scheme, best, steps
+    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among)
+    by = _left_by(steps.model, log, place, chosen, PROVES * typical)
+    return scheme, best, steps, by if scheme.exact or best <= PROVES else _nothing
 
 
-def _closes_everywhere(
-    model: Model, rows: Rows, place: int, relation: Relation, most: float
-) -> bool:
-    """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
-    k = np.arange(1, len(rows.t) - 1)
-    chosen = Chosen(model, [(rows, k)])
-    found = _relations(chosen)[place : place + 1]
-    if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
-        return False  # other ones are offered where no force changes
-    return bool(np.all(model.size(rows.t[k], rows.q[k], chosen.D() - found[0].a) <= most))
+def _left_by(
+    model: Model, log: StretchesOfLog, place: int, relation: Relation, most: float
+) -> Callable[[], Left | None]:
+    """What a relation, of a place in the dictionary, leaves of all single steps, when it is wanted."""
+
+    @cache
+    def left() -> Left | None:
+        several = relation.name in OF_SEVERAL_STEPS
+        t, forces, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
+        for (rows, _), own in zip(log.stretches, _single(log)):
+            k = np.flatnonzero(own)
+            if several:
+                k = k[(k >= STARTING) & own[k - 1]]
+            chosen = Chosen(model, [(rows, k)])
+            offered = _relations(chosen) if len(k) else []
+            # Others are offered where no force changes: then all of one name are the same.
+            there = [r for r in offered[place : place + 1] if r.mark == relation.mark]
+            same = [r for r in (*there, *offered) if r.name == relation.name]
+            if not same:
+                continue
+            here, h = chosen.rows(0), rows.h[k]
+            N = model.inertia(here.t, here.q)
+            force = multiply(N, chosen.D() - same[0].a)
+            t.append(here.t + 0.5 * h[:, 0])
+            forces.append(force)
+            allowed.append(most * np.sqrt(np.maximum(np.einsum("tii->ti", N), 0.0)))
+            work += float(np.sum(np.abs(here.u * force) * h))
+        if not t:
+            return None
+        return Left(np.concatenate(t), np.concatenate(forces), np.concatenate(allowed), work)
+
+    return left
 
 
 def _euler(late: float) -> str:
@@ -495,12 +609,16 @@ def _euler(late: float) -> str:
 
 def _nearly_all(values: Array) -> Array:
     """What nine tenths of the steps stay within: a force that is missing now and then must not pass."""
-    return np.asarray(np.quantile(values, 0.9, axis=0))
+    return np.asarray(np.quantile(values, NEARLY_ALL, axis=0))
 
 
 def _held(F: Array, c: float) -> Array:
     """Forces that do not change within a step."""
     return F
+
+
+def _at_middle(model: Model, middle: Callable[[], tuple[Array, Array, Array]], F: Array) -> Array:
+    return model.acceleration(*middle(), F)
 
 
 def _runge_kutta(

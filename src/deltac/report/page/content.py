@@ -28,34 +28,32 @@ from deltac.models import Model
 from deltac.procedure import TITLES, Examination
 from deltac.repair.outcome import Fix, Repair
 from deltac.report.page.parts import (
-    Bars,
     Chapter,
-    Cloud,
     Code,
     Grid,
-    Guide,
-    Line,
-    LogPlot,
     Page,
     Part,
-    TimePlot,
     Told,
     Tone,
     Words,
 )
-from deltac.report.page.plots import (
+from deltac.report.page.scene import Scene, scene
+from deltac.report.panels import (
     MOST_LINES,
+    Line,
+    TimePlot,
     all_functions,
     audit_errors,
     energy_plots,
     flows_of,
-    motion_plots,
+    fronts,
+    motions,
     named,
     orders,
     resampled,
+    residuals,
     study_errors,
 )
-from deltac.report.page.scene import Scene, scene
 from deltac.results import Finding, Report, Section, Table, Verbatim, number, percent
 from deltac.simulation.equations import Equations
 from deltac.simulation.simulate import simulate
@@ -100,7 +98,7 @@ class Beside:
 @singledispatch
 def page_of(report: Report, beside: Beside) -> Page:
     """The page of a report; of one that has no page of its own, its text and its tables."""
-    chapters = [*_motion(beside), *_told(report)]
+    chapters = [*_motion(beside.run, beside.mechanism), *_told(report)]
     return Page(
         title=type(report).__name__,
         asked=_first_line(report),
@@ -127,7 +125,7 @@ def _(report: Audit, beside: Beside) -> Page:
             "Where the energy went",
             (flows_of(ledger, report.function, report.energy_error), *energy_plots(ledger)),
         ),
-        *motion_plots(run, mechanism),
+        *_motion(run, mechanism),
         Chapter("In numbers", tuple(_tables(report.sections()))),
         *(c for other in beside.more for c in _told(other, "What would explain it")),
     ]
@@ -185,9 +183,7 @@ def _(report: Study, beside: Beside) -> Page:
             ("confidence", report.verdict.confidence),
         ),
         chapters=(
-            Chapter(
-                "The evidence", (study_errors(report, usable), orders(report), _rests_on(report))
-            ),
+            Chapter("The evidence", (study_errors(report), orders(report), _rests_on(report))),
             _findings(report.findings, finest.ledger, finest.run),
             Chapter(
                 "Where the energy went",
@@ -196,7 +192,7 @@ def _(report: Study, beside: Beside) -> Page:
                     *energy_plots(finest.ledger),
                 ),
             ),
-            *motion_plots(finest.run, report.mechanism, usable),
+            *_motion(finest.run, report.mechanism),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
         scene=moving(report.mechanism, runs),
@@ -220,7 +216,7 @@ def _(report: Ledger, beside: Beside) -> Page:
         chapters=(
             Chapter("The testing functions", tuple(plots)),
             Chapter("Where the energy went", (*flows, *energy_plots(report))),
-            *_motion(beside),
+            *_motion(beside.run, beside.mechanism),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
         scene=moving(beside.mechanism, [("run", beside.run)]),
@@ -233,7 +229,7 @@ def _(report: Ledger, beside: Beside) -> Page:
 def _(report: EquationCheck, beside: Beside) -> Page:
     repairs = [other for other in beside.more if isinstance(other, Repair)]
     fixed = [fix for repair in repairs for fix in repair.fixes]
-    evidence: list[Part] = [_rests_on(report), _residuals(report)]
+    evidence: list[Part] = [_rests_on(report), residuals(report)]
     where = [_sentence(f"{found}.") for found in report.blame[:MOST_LINES]]
     if report.example is not None:
         where.append(f"{report.example}.")
@@ -288,18 +284,6 @@ _CHECKED = {
     "consistent": "The equations are right",
     "equation-error": "The equations are wrong",
 }
-
-
-def _residuals(report: EquationCheck) -> Bars:
-    rows = report.relative_residual.items()
-    return Bars(
-        "Residual of each equation, as a share of its terms",
-        tuple(
-            (f"equation {k} ({speed})", value, k in {found.number for found in report.blame})
-            for k, (speed, value) in enumerate(rows, 1)
-        ),
-        report.tolerance,
-    )
 
 
 ROWS = 20_000
@@ -388,6 +372,7 @@ def _(report: Recommendation, beside: Beside) -> Page:
             ("time of a run", number(1e3 * best.seconds, "ms", 3)),
             ("evaluations", f"{best.evaluations:,}" if best.evaluations else "not counted"),
         ]
+    energy, *motion = fronts(report)
     run = beside.run
     if run is None and best is not None and beside.model is not None:
         run = _recommended(beside.model, best, report.duration)
@@ -401,7 +386,7 @@ def _(report: Recommendation, beside: Beside) -> Page:
         chapters=(
             Chapter(
                 "The evidence",
-                (_front(report, "energy", "|ΔC|, share of the energy exchanged"),),
+                (energy,),
             ),
             Chapter(
                 "Why this one",
@@ -410,13 +395,8 @@ def _(report: Recommendation, beside: Beside) -> Page:
                     *([Words("What was left out", tuple(notes), folded=True)] if notes else []),
                 ),
             ),
-            Chapter(
-                "The error of the motion",
-                (_front(report, "motion", "error of q and u, share of their ranges"),)
-                if any(np.isfinite(t.motion) and t.motion > 0.0 for t in report.trials)
-                else (),
-            ),
-            *(() if run is None else motion_plots(run, beside.mechanism)),
+            Chapter("The error of the motion", tuple(motion)),
+            *_motion(run, beside.mechanism),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
         scene=moving(beside.mechanism, [("as recommended", run)]),
@@ -442,35 +422,6 @@ def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | Non
         return simulate(model.mechanism, model.start(), lasting, best.setting, best.solver)
     except DeltacError:
         return None
-
-
-def _front(report: Recommendation, what: str, says: str) -> LogPlot:
-    """Work and precision: what every trial leaves over the time that it took."""
-    clouds = []
-    for solver in dict.fromkeys(trial.solver for trial in report.trials):
-        own = [
-            t
-            for t in sorted(report.trials, key=lambda t: t.seconds)
-            if t.solver == solver
-            and np.isfinite(t.seconds)
-            and np.isfinite(getattr(t, what))
-            and getattr(t, what) > 0.0
-        ]
-        if own:
-            chosen = report.best
-            clouds.append(
-                Cloud(
-                    solver,
-                    tuple(t.seconds for t in own),
-                    tuple(getattr(t, what) for t in own),
-                    tuple(f"{solver}, {setting_of(t)}" for t in own),
-                    mark=own.index(chosen) if chosen in own else None,
-                )
-            )
-    asked = report.tolerance if what == "energy" else report.motion_tolerance
-    guides = (Guide("asked for", asked),) if np.isfinite(asked) else ()
-    note = "Down and to the left is better. The ring marks the recommended setting."
-    return LogPlot("Work and precision", "time of a run (s)", says, tuple(clouds), guides, note)
 
 
 @page_of.register
@@ -561,9 +512,9 @@ def _element(finding: Finding) -> str:
     return element if element and kind in KINDS else finding.element
 
 
-def _motion(beside: Beside) -> Iterator[Chapter]:
-    if beside.run is not None:
-        yield from motion_plots(beside.run, beside.mechanism)
+def _motion(run: Trajectory | None, mechanism: Mechanism | None) -> Iterator[Chapter]:
+    if run is not None and mechanism is not None:
+        yield Chapter("The motion", tuple(motions(run, mechanism)))
 
 
 # --- scene, words, provenance --------------------------------------------------------------------

@@ -21,9 +21,9 @@ from deltac.report.files import output_folder
 from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Link, Page
-from deltac.report.page.plots import by_name, energy_plots, motion_plots
 from deltac.report.page.scene import Scene
 from deltac.report.page.sketch import sketch
+from deltac.report.panels import by_name, energy_plots, motions
 from deltac.results import number
 from deltac.simulation.arguments import positive
 from deltac.simulation.simulate import simulate
@@ -87,7 +87,7 @@ def motion_page(mechanism: Mechanism, run: Trajectory, ledger: Ledger, about: st
         numbers=tuple(facts),
         chapters=(
             Chapter("Motion and energies", (replace(energies, tall=True),)),
-            *motion_plots(run, mechanism),
+            Chapter("The motion", tuple(motions(run, mechanism))),
             Chapter("Where the energy went", tuple(others)),
         ),
         scene=moving(mechanism, [("run", run)]),

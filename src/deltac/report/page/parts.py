@@ -11,11 +11,12 @@ import base64
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.report.panels import Bars, Flows, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Table
 
 NUMBERS = 900_000
@@ -41,92 +42,6 @@ class Numbers:
         with np.errstate(over="ignore"):
             flat = np.ascontiguousarray(self.values, dtype=f"<{kind}")
         return {kind: base64.b64encode(flat.tobytes()).decode("ascii")}
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A curve of a plot over time.
-
-    y        (T,) values in the plot's unit
-    name     in the legend and in the CSV
-    bar      (T,) half width of a band about it; on a log axis the band reaches from below up to it
-    dashed   for what is only compared with
-    shown    whether it is drawn at first
-    colour   which of the palette; by default the next one; "ink" and "grey" are neutral
-    """
-
-    name: str
-    y: Array
-    bar: Array | None = None
-    dashed: bool = False
-    shown: bool = True
-    colour: int | str | None = None
-
-
-@dataclass(frozen=True)
-class Guide:
-    """A level that a curve is compared with: y = `value`."""
-
-    name: str
-    value: float
-
-
-class Panel:
-    """A part of a page; its fields make its JSON, under the name of its kind."""
-
-    kind: ClassVar[str]
-
-
-@dataclass(frozen=True, eq=False)
-class TimePlot(Panel):
-    """Curves over time, of one unit. With `log` the sizes |y| are drawn."""
-
-    title: str
-    t: Array
-    lines: tuple[Line, ...]
-    unit: str
-    log: bool = False
-    guides: tuple[Guide, ...] = ()
-    note: str = ""
-    tall: bool = False
-    kind = "time"
-
-    def numbers(self, stretches: int) -> int:
-        """How many numbers it takes in the page."""
-        columns = len(self.lines) + 2 * sum(line.bar is not None for line in self.lines)
-        return (columns + 2) * min(len(self.t), 2 * stretches)
-
-    def packed(self, stretches: int) -> dict[str, Any]:
-        """Its JSON, its curves cut down to the extremes of so many stretches."""
-        cut = Stretches.of(self.t, stretches)
-        lines = []
-        for line in self.lines:
-            y = np.abs(line.y) if self.log else line.y
-            entry: dict[str, Any] = {
-                "name": line.name,
-                "y": Numbers(cut.extremes(y)),
-                "dashed": line.dashed,
-                "shown": line.shown,
-                "colour": line.colour,
-            }
-            if line.bar is not None:
-                entry["high"] = Numbers(cut.largest(line.bar if self.log else y + line.bar))
-                if not self.log:
-                    entry["low"] = Numbers(cut.smallest(y - line.bar))
-            lines.append(entry)
-        return {
-            "kind": self.kind,
-            "title": self.title,
-            "t": Numbers(cut.t, exact=True),
-            "lines": lines,
-            "unit": self.unit,
-            "log": self.log,
-            "guides": self.guides,
-            "note": self.note,
-            "tall": self.tall,
-            "rows": len(self.t),
-            "whole": cut.whole,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,67 +83,6 @@ class Stretches:
         ends = np.append(self.starts[1:], self.rows) - 1
         rises = y[ends] >= y[self.starts]
         return np.column_stack([np.where(rises, low, high), np.where(rises, high, low)]).ravel()
-
-
-@dataclass(frozen=True, eq=False)
-class Cloud:
-    """Points of a plot on two log axes; `fit` is a straight line (x, y) through them, `fit_name` its name."""
-
-    name: str
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    labels: tuple[str, ...] = ()
-    joined: bool = True
-    fit: tuple[tuple[float, float], tuple[float, float]] | None = None
-    fit_name: str = ""
-    mark: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class LogPlot(Panel):
-    """Points on two log axes: errors over steps, errors over time."""
-
-    title: str
-    x: str
-    y: str
-    clouds: tuple[Cloud, ...]
-    guides: tuple[Guide, ...] = ()
-    note: str = ""
-    kind = "points"
-
-
-@dataclass(frozen=True)
-class Bars(Panel):
-    """Sizes on a log axis, a bar each: (name, size, whether it is too large); `limit` is what is accepted."""
-
-    title: str
-    bars: tuple[tuple[str, float, bool], ...]
-    limit: float
-    note: str = ""
-    kind = "bars"
-
-
-@dataclass(frozen=True)
-class Flow:
-    """Energy (J) that went one way over the whole run; `error` how far it may be off.
-
-    group  "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
-    """
-
-    name: str
-    energy: float
-    error: float = 0.0
-    group: Literal["flow", "store", "left"] = "flow"
-
-
-@dataclass(frozen=True)
-class Flows(Panel):
-    """Where the energy went: works into and out of the system, changes of what is stored, what is left."""
-
-    title: str
-    flows: tuple[Flow, ...]
-    note: str = ""
-    kind = "flows"
 
 
 @dataclass(frozen=True)
@@ -338,10 +192,49 @@ class Page:
         """The page in terms of JSON."""
         plots = [p for chapter in self.chapters for p in chapter.parts if isinstance(p, TimePlot)]
         stretches = STRETCHES
-        while stretches > 250 and sum(plot.numbers(stretches) for plot in plots) > NUMBERS:
+        while stretches > 250 and sum(_numbers(plot, stretches) for plot in plots) > NUMBERS:
             stretches //= 2
-        packed: dict[str, Any] = _packed(self, lambda plot: plot.packed(stretches))
+        packed: dict[str, Any] = _packed(self, lambda plot: _cut(plot, stretches))
         return packed
+
+
+def _numbers(plot: TimePlot, stretches: int) -> int:
+    """How many numbers a plot takes in the page."""
+    columns = len(plot.lines) + 2 * sum(line.bar is not None for line in plot.lines)
+    return (columns + 2) * min(len(plot.t), 2 * stretches)
+
+
+def _cut(plot: TimePlot, stretches: int) -> dict[str, Any]:
+    """A plot in terms of JSON, its curves cut down to the extremes of so many stretches."""
+    cut = Stretches.of(plot.t, stretches)
+    lines = []
+    for line in plot.lines:
+        y = np.abs(line.y) if plot.log else line.y
+        entry: dict[str, Any] = {
+            "name": line.name,
+            "y": Numbers(cut.extremes(y)),
+            "dashed": line.dashed,
+            "shown": line.shown,
+            "colour": line.colour,
+        }
+        if line.bar is not None:
+            entry["high"] = Numbers(cut.largest(line.bar if plot.log else y + line.bar))
+            if not plot.log:
+                entry["low"] = Numbers(cut.smallest(y - line.bar))
+        lines.append(entry)
+    return {
+        "kind": plot.kind,
+        "title": plot.title,
+        "t": Numbers(cut.t, exact=True),
+        "lines": lines,
+        "unit": plot.unit,
+        "log": plot.log,
+        "guides": plot.guides,
+        "note": plot.note,
+        "tall": plot.tall,
+        "rows": len(plot.t),
+        "whole": cut.whole,
+    }
 
 
 def _packed(value: Any, plot: Callable[[TimePlot], Any]) -> Any:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.arrays import Array
 from deltac.caching import LRUCache, derived
 from deltac.deprecation import renamed_keywords
-from deltac.errors import InputError, ModelError
+from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
@@ -42,6 +42,7 @@ from deltac.simulation.ensemble.members import (
 )
 from deltac.simulation.ensemble.steps import LANES, Advance, Span
 from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Solver
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.trajectories import Provenance, Trajectory
@@ -119,7 +120,7 @@ class Ensemble:
         )
 
 
-@renamed_keywords(mechanism="model")
+@renamed_keywords(mechanism="model", testing="record", record_every="record")
 @interruptible()
 def simulate_ensemble(
     model: ModelLike,
@@ -127,10 +128,9 @@ def simulate_ensemble(
     duration: float | None,
     step: ArrayLike,
     solver: str | FixedStep | Sequence[str | FixedStep] = "ode5",
-    testing: Sequence[str] = ("wang", "liu-huston"),
+    record: Record | Sequence[str] | int = RECORD,
     *,
     vary: Mapping[str, ArrayLike] | None = None,
-    record_every: int | None = None,
     sensitivity: Sequence[str] = (),
     threads: int | None = None,
     progress: Progress | None = None,
@@ -146,11 +146,10 @@ def simulate_ensemble(
         duration: how long, s; by default the problem's.
         step: of the solver, s, or (N,); it must divide the duration.
         solver: a fixed-step one, see `simulate`, or N of them.
-        testing: names of the testing functions integrated in the loop.
+        record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
+            steps, the longest ones where steps differ; by default the start and the end alone.
         vary: values (N,) of parameters by name, other ones in each member; no compilation is repeated for
             other values.
-        record_every: keep every so many steps, the longest ones where steps differ; by default the start
-            and the end alone.
         sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
             from a start that does not depend on them. Each adds about two steps' work to every step.
         threads: how many cores; all by default.
@@ -166,6 +165,12 @@ def simulate_ensemble(
         states = loaded.start(states)
     duration = positive(duration, "duration")
     threads = None if threads is None else count(threads, "threads")
+    wanted = Record.of(record)
+    if wanted.coordinates is not None:
+        raise ArgumentsError(
+            "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
+            "one by one, or leave the coordinates out"
+        )
     if mechanism.events:
         raise ModelError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
@@ -177,7 +182,7 @@ def simulate_ensemble(
     members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
     Q, U, p, h = (repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
     solvers = solvers * (members // len(solvers))
-    interval, records = record_grid(h, duration, record_every)
+    interval, records = record_grid(h, duration, wanted.every)
     if not isinstance(states, State):  # one state for all keeps its prescribed joints to itself
         check_prescribed(mechanism, t0, Q, U, names, p)
     first = State(t0, Q[0], U[0])
@@ -191,7 +196,7 @@ def simulate_ensemble(
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
-    flow = _flow(mechanism, tuple(testing), tuple(names), rows)
+    flow = _flow(mechanism, tuple(wanted.testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))
     q_part, u_part, _ = flow.parts

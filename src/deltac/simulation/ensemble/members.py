@@ -70,9 +70,9 @@ def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, in
     """The time between records and their number, not counting the start."""
     longest = float(h.max())
     steps = round(duration / longest)
-    every = steps if every is None else count(every, "record_every")
+    every = steps if every is None else count(every, "record: every")
     if steps % every:
-        raise SolverError(f"record_every {every} does not divide the number of steps, {steps}")
+        raise SolverError(f"record: every {every} does not divide the number of steps, {steps}")
     records = steps // every
     interval = duration / records
     for size in set(h.tolist()):
@@ -80,7 +80,7 @@ def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, in
         if abs(between - round(between)) > 1e-9 * between:
             raise SolverError(
                 f"step {size:g} does not divide the time between records, {interval:g} s; choose "
-                "record_every so that all steps do"
+                "what is recorded so that all steps do"
             )
     return interval, records
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from deltac.arrays import EPS, Array
 from deltac.report.page.content import Beside, page_of
-from deltac.report.page.parts import Chapter, Grid, Guide, Line, Page, Part, TimePlot, Words
+from deltac.report.page.parts import Chapter, Grid, Page, Part, Words
 from deltac.report.page.scene import scene
+from deltac.report.panels import Guide, Line, TimePlot
 from deltac.results import Table
 from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.reproduction import Reproduction

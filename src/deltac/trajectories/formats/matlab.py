@@ -1,4 +1,4 @@
-"""MATLAB's .mat files: versions 4 to 7 are parsed by `mat5`, version 7.3 by h5py, Octave's text here.
+"""MATLAB's .mat files: versions 4 to 7 by SciPy, version 7.3 by h5py, Octave's text here.
 
 Read are numeric arrays and structures of them, at any depth: ``s.joint.q`` is the column of that
 name, so that structures ``q`` and ``u`` with one field for each coordinate give the columns of the
@@ -13,19 +13,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from deltac.errors import FileError, LogError
-from deltac.files import read_bytes, read_text
+from deltac.files import read_text
 from deltac.isolation import apart
+from deltac.limits import Limits
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
-from deltac.trajectories.formats.mat5 import MatlabObject, variables
 from deltac.trajectories.formats.raw import (
+    Budget,
     Collector,
     RawLog,
+    damage_named,
     from_arrays,
     labelled,
     parse_header,
@@ -53,6 +56,13 @@ _REMEDIES = {
 }
 
 
+@dataclass(frozen=True)
+class MatlabObject:
+    """An object of a MATLAB class, of which only the class is known."""
+
+    kind: str
+
+
 def write_mat(run: Trajectory, header: str, file: BinaryIO) -> None:
     """Write the arrays of `to_arrays` as version 5, with the names of their columns as cells."""
     from scipy.io import savemat
@@ -75,7 +85,7 @@ def read_mat(path: Path) -> RawLog:
     if start.startswith(b"#"):
         return _octave(read_text(path))
     modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
-    found = _hdf5_variables(path) if modern else dict(variables(read_bytes(path)))
+    found = _hdf5_variables(path) if modern else variables(path)
     if isinstance(header := found.get("deltac"), str):
         return from_arrays(found, parse_header(header) or {})
     collector = Collector()
@@ -226,6 +236,61 @@ def _explained(kind: str) -> str:
     family = max(fitting, key=len, default=None)
     remedy = _REMEDIES[family] if family else "save its numbers as a structure of arrays"
     return f"is an object of MATLAB's class {kind!r}, which only MATLAB can read; {remedy}"
+
+
+# -- versions 4 to 7 ------------------------------------------------------------------------------
+
+
+@apart
+def variables(path: Path) -> dict[str, Any]:
+    """Arrays, texts, dictionaries (structures), lists (cells) and objects by name."""
+    from scipy.io import loadmat
+
+    budget = Budget(path.stat().st_size)
+    with damage_named("MATLAB"):
+        found = loadmat(path, chars_as_strings=False)
+        return {
+            _name(name, value): _value(value, budget, 0)
+            for name, value in found.items()
+            if name and not name.startswith("__")  # the header, and what MATLAB keeps of objects
+        }
+
+
+def _name(name: str, value: Any) -> str:
+    """SciPy files objects under one name, so that it keeps the last of them, with its own name inside."""
+    from scipy.io.matlab import MatlabOpaque
+
+    return str(value[0]["s0"], "utf-8", "replace") if isinstance(value, MatlabOpaque) else name
+
+
+def _value(value: Any, budget: Budget, depth: int) -> Any:
+    """What SciPy makes of a variable, in plain terms."""
+    from scipy.io import matlab
+    from scipy.sparse import issparse
+
+    if depth > (limits := Limits.current()).nesting:
+        limits.refuse("nesting", f"its structures are nested {depth} levels deep")
+    if isinstance(value, matlab.MatlabFunction):
+        return MatlabObject("function_handle")
+    if isinstance(value, matlab.MatlabOpaque):
+        return MatlabObject(str(value[0]["s2"], "utf-8", "replace"))
+    if isinstance(value, matlab.MatlabObject):
+        return MatlabObject(value.classname)
+    budget.take(8 * int(np.prod(value.shape, dtype=np.float64)))
+    if issparse(value):
+        return value.toarray()
+    if value.dtype.kind == "U":
+        return "".join(value.ravel())
+    if value.dtype.names is not None:
+        items = [
+            {key: _value(one[key], budget, depth + 1) for key in value.dtype.names}
+            for one in value.ravel(order="F")
+        ]
+        return items[0] if len(items) == 1 else items
+    if value.dtype.hasobject:
+        cells = [_value(one, budget, depth + 1) for one in value.ravel(order="F")]
+        return cells[0] if len(cells) == 1 else cells
+    return value
 
 
 # -- version 7.3 ---------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
+from deltac import rotations
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
 from deltac.mechanism.laws import Law, at_times, symbol_names
 from deltac.trajectories.columns import (
@@ -25,7 +26,7 @@ from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.recognition import Recognised, is_time, recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
-from deltac.trajectories.rates import derived_speeds, rotation_matrices
+from deltac.trajectories.rates import derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
@@ -307,7 +308,7 @@ def in_schema_frames(
             )
         if told == {usual[letter]}:
             continue
-        R = rotation_matrices(np.column_stack([columns[name] for name in quaternion]))
+        R = rotations.matrices(np.column_stack([columns[name] for name in quaternion]))
         vector = np.column_stack([columns[part] for part in parts])
         if letter == "v" and stem.startswith("udot."):
             speeds = stem.replace("udot.", "u.", 1)

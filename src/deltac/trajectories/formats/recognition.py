@@ -142,6 +142,8 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     taken: set[str] = set()
 
     def take(candidates: Iterator[Recognised]) -> None:
+        if "time" in found and raw.columns.keys() <= taken:
+            return  # no column is left to be anything
         for one in candidates:
             if one.target not in found and (one.column not in taken or not one.column):
                 found[one.target] = one

@@ -1,31 +1,140 @@
-"""The plots of pages: |ΔC|, energies and works, orders, coordinates."""
+"""What results show of themselves: curves over time, errors over steps, sizes, flows of energy.
+
+A panel says what is shown, not how: `plots` draws panels with matplotlib, pages hold them as JSON.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.audit.audit import Audit
 from deltac.diagnosis.study.convergence import order_text
-from deltac.diagnosis.study.runs import StudyRun
-from deltac.diagnosis.study.study import Study
-from deltac.energy import Ledger
-from deltac.mechanism.mechanism import Mechanism
-from deltac.report.page.parts import (
-    Chapter,
-    Cloud,
-    Flow,
-    Flows,
-    Guide,
-    Line,
-    LogPlot,
-    TimePlot,
-)
 from deltac.results import number
-from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.audit.audit import Audit
+    from deltac.diagnosis.check.check import EquationCheck
+    from deltac.diagnosis.recommend.result import Recommendation
+    from deltac.diagnosis.study.runs import StudyRun
+    from deltac.diagnosis.study.study import Study
+    from deltac.energy import Ledger
+    from deltac.mechanism.mechanism import Mechanism
+    from deltac.trajectories import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A curve of a plot over time.
+
+    y        (T,) values in the plot's unit
+    name     in the legend and in the CSV
+    bar      (T,) half width of a band about it; on a log axis the band reaches from below up to it
+    dashed   for what is only compared with
+    shown    whether it is drawn at first
+    colour   which of the palette; by default the next one; "ink" and "grey" are neutral
+    """
+
+    name: str
+    y: Array
+    bar: Array | None = None
+    dashed: bool = False
+    shown: bool = True
+    colour: int | str | None = None
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A level that a curve is compared with: y = `value`."""
+
+    name: str
+    value: float
+
+
+class Panel:
+    """A part of a page; its fields make its JSON, under the name of its kind."""
+
+    kind: ClassVar[str]
+
+
+@dataclass(frozen=True, eq=False)
+class TimePlot(Panel):
+    """Curves over time, of one unit. With `log` the sizes |y| are drawn."""
+
+    title: str
+    t: Array
+    lines: tuple[Line, ...]
+    unit: str
+    log: bool = False
+    guides: tuple[Guide, ...] = ()
+    note: str = ""
+    tall: bool = False
+    kind = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of a plot on two log axes; `fit` is a straight line (x, y) through them, `fit_name` its name."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    labels: tuple[str, ...] = ()
+    joined: bool = True
+    fit: tuple[tuple[float, float], tuple[float, float]] | None = None
+    fit_name: str = ""
+    mark: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LogPlot(Panel):
+    """Points on two log axes: errors over steps, errors over time."""
+
+    title: str
+    x: str
+    y: str
+    clouds: tuple[Cloud, ...]
+    guides: tuple[Guide, ...] = ()
+    note: str = ""
+    kind = "points"
+
+
+@dataclass(frozen=True)
+class Bars(Panel):
+    """Sizes on a log axis, a bar each: (name, size, whether it is too large); `limit` is what is accepted."""
+
+    title: str
+    bars: tuple[tuple[str, float, bool], ...]
+    limit: float
+    note: str = ""
+    kind = "bars"
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Energy (J) that went one way over the whole run; `error` how far it may be off.
+
+    group  "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
+    """
+
+    name: str
+    energy: float
+    error: float = 0.0
+    group: Literal["flow", "store", "left"] = "flow"
+
+
+@dataclass(frozen=True)
+class Flows(Panel):
+    """Where the energy went: works into and out of the system, changes of what is stored, what is left."""
+
+    title: str
+    flows: tuple[Flow, ...]
+    note: str = ""
+    kind = "flows"
+
 
 MOST_LINES = 8
 """Channels whose curves are shown at first; the others are there to be switched on."""
@@ -179,9 +288,10 @@ def named(entry: StudyRun, unit: str) -> str:
     return f"h = {number(entry.step, 's')}" if unit else f"tolerance {number(entry.step)}"
 
 
-def study_errors(report: Study, usable: Sequence[StudyRun]) -> TimePlot:
+def study_errors(report: Study) -> TimePlot:
     """|ΔC| of every run, on the times of the finest."""
     name = report.function
+    usable = [entry for entry in report.runs if entry.ledger is not None]
     finest = usable[-1]
     assert finest.ledger is not None
     t = finest.ledger.t
@@ -243,32 +353,16 @@ def orders(report: Study) -> LogPlot:
             )
         )
     knob = "step h (s)" if report.measures.unit else "tolerance"
+    energy = order[report.function]
+    limited = energy.trend == "tends to a limit"
+    limit = (Guide("limit of |ΔC|", energy.limit / exchanged),) if limited else ()
     return LogPlot(
         "How the errors fall with the step",
         knob,
         "share of the energy exchanged, or of the ranges",
         tuple(clouds),
-        (Guide("accepted", report.tolerance),),
+        (Guide("accepted", report.tolerance), *limit),
         note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
-    )
-
-
-def motion_plots(
-    run: Trajectory, mechanism: Mechanism | None, others: Sequence[StudyRun] = ()
-) -> Iterator[Chapter]:
-    """The coordinates by unit, then the speeds."""
-    if mechanism is None:
-        return
-    yield Chapter(
-        "The motion",
-        tuple(
-            part
-            for what, values, entries in (
-                ("Coordinates", run.q, mechanism.coordinates),
-                ("Speeds", run.u, mechanism.speeds),
-            )
-            for part in _by_unit(what, run.t, values, entries)
-        ),
     )
 
 
@@ -285,7 +379,7 @@ def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimeP
 def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
     """Columns with their names; those that move most are shown at first."""
     ranges = [float(np.ptp(values)) for _, values in columns]
-    least = sorted(ranges, reverse=True)[:MOST_LINES][-1]
+    least = min(sorted(ranges, reverse=True)[:MOST_LINES], default=0.0)
     left = MOST_LINES
     lines = []
     for (name, values), size in zip(columns, ranges):
@@ -293,3 +387,59 @@ def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: st
         left -= shown
         lines.append(Line(name, values, shown=shown))
     return TimePlot(title, t, tuple(lines), unit)
+
+
+def motions(run: Trajectory, mechanism: Mechanism) -> Iterator[TimePlot]:
+    """The coordinates by unit, then the speeds."""
+    yield from _by_unit("Coordinates", run.t, run.q, mechanism.coordinates)
+    yield from _by_unit("Speeds", run.t, run.u, mechanism.speeds)
+
+
+def residuals(report: EquationCheck) -> Bars:
+    """What each equation leaves at random states, beside what is accepted."""
+    rows = report.relative_residual.items()
+    return Bars(
+        "Residual of each equation, as a share of its terms",
+        tuple(
+            (f"equation {k} ({speed})", value, k in {found.number for found in report.blame})
+            for k, (speed, value) in enumerate(rows, 1)
+        ),
+        report.tolerance,
+    )
+
+
+def fronts(report: Recommendation) -> Iterator[LogPlot]:
+    """Work and precision: |ΔC| of every trial over the time that it took, then the error of the motion."""
+    yield _front(report, "energy", "|ΔC|, share of the energy exchanged")
+    if any(np.isfinite(trial.motion) and trial.motion > 0.0 for trial in report.trials):
+        yield _front(report, "motion", "error of q and u, share of their ranges")
+
+
+def _front(report: Recommendation, what: str, says: str) -> LogPlot:
+    from deltac.diagnosis.recommend.result import setting_of
+
+    clouds = []
+    for solver in dict.fromkeys(trial.solver for trial in report.trials):
+        own = [
+            t
+            for t in sorted(report.trials, key=lambda t: t.seconds)
+            if t.solver == solver
+            and np.isfinite(t.seconds)
+            and np.isfinite(getattr(t, what))
+            and getattr(t, what) > 0.0
+        ]
+        if own:
+            chosen = report.best
+            clouds.append(
+                Cloud(
+                    solver,
+                    tuple(t.seconds for t in own),
+                    tuple(getattr(t, what) for t in own),
+                    tuple(f"{solver}, {setting_of(t)}" for t in own),
+                    mark=own.index(chosen) if chosen in own else None,
+                )
+            )
+    asked = report.tolerance if what == "energy" else report.motion_tolerance
+    guides = (Guide("asked for", asked),) if np.isfinite(asked) else ()
+    note = "Down and to the left is better. The ring marks the recommended setting."
+    return LogPlot("Work and precision", "time of a run (s)", says, tuple(clouds), guides, note)

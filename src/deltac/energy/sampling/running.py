@@ -156,9 +156,9 @@ class Piece:
 class Running:
     """Integrals within a block of rows, of several columns; it owns the memory that it works in.
 
-    `powers` (rows + 2 `REACH` + 1, n) are to be written first, from row −`REACH` of the block on; then `start`
-    is to be called, and the `pieces` one after the other, each when what it needs is there. A block begins at
-    a multiple of four rows, and `rows` are a multiple of eight.
+    `powers` (rows + 2 `REACH` + 1, n) are to be written first, from row −`REACH` of the block on; then
+    `start` is to be called, and the `pieces` one after the other, each when what it needs is there. A block
+    begins at a multiple of four rows, and `rows` are a multiple of eight.
     """
 
     def __init__(self, rows: int, columns: int) -> None:

@@ -590,11 +590,10 @@ def _left_by(
             if not same:
                 continue
             here, h = chosen.rows(0), rows.h[k]
-            N = model.inertia(here.t, here.q)
-            force = multiply(N, chosen.D() - same[0].a)
+            force, inertia = model.inertial(here.t, here.q, chosen.D() - same[0].a)
             t.append(here.t + 0.5 * h[:, 0])
             forces.append(force)
-            allowed.append(most * np.sqrt(np.maximum(np.einsum("tii->ti", N), 0.0)))
+            allowed.append(most * np.sqrt(np.maximum(inertia, 0.0)))
             work += float(np.sum(np.abs(here.u * force) * h))
         if not t:
             return None

@@ -87,6 +87,9 @@ MOSTLY, QUIET = 0.6, 0.1
 NOT_OF_FORCES = 3.0
 """How many times the largest change of a force must be missing beside one of its changes to be none of it."""
 
+TOUCHING = ("contact", "limit", "friction", "impact")
+"""Kinds of forces that begin and end between two rows."""
+
 BESIDE = 2.5
 """Steps from a change of a held force within which a window is beside it."""
 
@@ -244,6 +247,9 @@ def gather(
         else:
             several = parts.part("several")
             step, more = _of_steps(mechanism, log, step, tolerance, deadline, several)
+        if terms is not None and _hold(terms) and not _isolated(step):
+            # A force that lasts longer than a step shows in the accelerations.
+            more = [f for f in more if f.kind != "missing-contact"]
         if not any(f.weight == "cause" and f.kind != "missing-contact" for f in more):
             more = _in_a_part(mechanism, log, step, tolerance, deadline) or more
         again = {(f.kind, f.element) for f in more}
@@ -699,6 +705,17 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     return _missing(step, share)
 
 
+def _hold(terms: EquationTerms) -> bool:
+    """Whether measured accelerations close the equations at every sample."""
+    return not terms.significant.any() and float(terms.relative.max(initial=0.0)) <= LEAST
+
+
+def _isolated(step: OneStep) -> bool:
+    """Whether the windows that stand out are single steps, as of impacts."""
+    out = step.standing_out
+    return bool(out.any() and not (out[1:] & out[:-1]).any())
+
+
 def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     """Windows that stand out now and then, but for those beside a change of forces that are held.
 
@@ -716,6 +733,18 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
         speeds = [run.speeds.index(name) for name in step.speeds]
         far = np.abs(step.local.forces) > NOT_OF_FORCES * most[speeds]
         local = local & (away | np.any(far, axis=1))
+    touching = [np.abs(force) for name, force in run.forces.items() if name.kind in TOUCHING]
+    if touching and local.any():
+        # Within a step a contact may begin, end, or slip the other way: up to twice its force.
+        speeds = [run.speeds.index(name) for name in step.speeds]
+        acting = np.asarray(sum(touching))[:, speeds]
+        at = np.clip(np.searchsorted(run.t, step.local.t), 1, len(run) - 1)
+        nearby = np.clip(at[:, None] + np.arange(-2, 2), 0, len(run) - 1)
+        far = (
+            np.abs(step.local.forces)
+            > NOT_OF_FORCES * acting[nearby].max(axis=1) + step.local.allowed
+        )
+        local = local & np.any(far, axis=1)
     return local
 
 

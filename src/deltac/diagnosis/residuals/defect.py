@@ -600,9 +600,10 @@ def _mistakes(
 ) -> float:
     """The largest work (J) that a simple mistake may have done in a time without being seen.
 
-    A damper, a constant force or another inertia of one joint is fitted to the residual (W, n) together with
-    the scheme columns, each of which may be as large as its bound; three standard errors are added. Those are
-    the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
+    A damper of one joint or of all alike, a constant force or another inertia of one joint is fitted to the
+    residual (W, n) together with the scheme columns, each of which may be as large as its bound; three
+    standard errors are added. Those are the larger of two: of white noise, and of the scatter of the scores
+    over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
     energy = np.sum((residual / np.maximum(rms(residual), 1e-100)) ** 2, axis=1)
@@ -628,20 +629,26 @@ def _mistakes(
     def by_block(x: Array) -> Array:
         return np.asarray(np.add.reduceat(x, starts))
 
+    def and_of_all(x: Array) -> Array:
+        """What is of each joint (.., n, ..), and of dampers of all of them alike, as of a wrong default."""
+        every = [x.sum(axis=1, keepdims=True)] if kind is speeds else []
+        return np.concatenate([x, *every], axis=1)
+
     of_columns = by_block(np.einsum("wnp,wn->wp", U, y))
-    u = np.concatenate([r.u[p.at] for (r, _), p in zip(pieces, parts)])
+    speeds = [r.u[p.at] for (r, _), p in zip(pieces, parts)]
+    u = np.concatenate(speeds)
     share = np.concatenate(lengths)[:, None] * (time / sum(float(h.sum()) for h in lengths))
     most = 0.0
     for kind in (
-        [r.u[p.at] for (r, _), p in zip(pieces, parts)],
+        speeds,
         [np.ones_like(p.w) for p in parts],
         [multiply(p.N, p.a) for p in parts],
     ):
         m = weighted(kind)
         with_columns, products, squares = (
-            by_block(U * m[..., None]),
-            by_block(m * y),
-            by_block(m * m),
+            and_of_all(by_block(U * m[..., None])),
+            and_of_all(by_block(m * y)),
+            and_of_all(by_block(m * m)),
         )
         a = with_columns.sum(axis=0)
         total = squares.sum(axis=0)
@@ -652,8 +659,10 @@ def _mistakes(
         scores = products - of_columns @ (taken * a).T
         scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
         error = np.sqrt(np.maximum(1.0 / seen, np.sum((scores / seen) ** 2, axis=0)))
-        done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
-        most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))
+        works = and_of_all(np.cumsum(np.concatenate(kind) * u * share, axis=0))
+        done = np.abs(works).max(axis=0)
+        sure = np.where(np.arange(len(theta)) < n, 3.0, 1.0)  # noise of each joint counts already
+        most = max(most, float(np.max((np.abs(theta) + sure * error) * done * exists)))
     return most
 
 

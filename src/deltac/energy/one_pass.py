@@ -39,7 +39,8 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
 from deltac.kernels import Kernel
-from deltac.kernels.calls import Call, in_turn
+from deltac.kernels.calls import in_turn
+from deltac.kernels.native import Call
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.kernels.transposing import aligned, transposing
 from deltac.mechanism.channels import ChannelName

@@ -7,42 +7,17 @@ microsecond, as long as some of these functions take: so machine code goes throu
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from deltac.kernels.evaluators import evaluator_name
-
-Call: TypeAlias = Callable[[int], object]
-"""Something to be done for the rows of a log that begin at some `first`."""
+from deltac.kernels.native import Call, NativeCall
 
 ARGUMENTS = 6
 """Of a native function at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class NativeCall:
-    """``function(*arguments)``, whole numbers and addresses; `code` and `arrays` live as long as this.
-
-    The address that comes first goes on by `step` bytes with each row of a log.
-    """
-
-    address: int
-    arguments: tuple[int, ...]
-    kept: tuple[object, ...]
-    step: int = 0
-
-    @cached_property
-    def _function(self) -> Any:
-        return ctypes.CFUNCTYPE(None, *(ctypes.c_int64,) * len(self.arguments))(self.address)
-
-    def __call__(self, first: int = 0) -> None:
-        """Call it for rows from `first` on."""
-        start, *others = self.arguments
-        self._function(start + first * self.step, *others)
 
 
 def in_turn(calls: Sequence[Call]) -> Call:

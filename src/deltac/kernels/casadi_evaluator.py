@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.kernels.calls import Call
+from deltac.kernels.native import Call
 
 _COLUMNS = 256
 """Columns per call: enough to hide the cost of a call, few enough for the processor's cache."""

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
-from deltac.kernels.calls import Call
 from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
+from deltac.kernels.native import Call
 
 SX: TypeAlias = Any  # casadi.SX
 

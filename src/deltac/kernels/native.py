@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import partial
-from typing import Any, Protocol
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, Protocol, TypeAlias
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.kernels.calls import NativeCall
 
 FUNCTIONS = ("evaluate", "iterate", "call")
 """What code has to hold.
@@ -23,6 +23,32 @@ _POINTER, _COUNT = ctypes.c_void_p, ctypes.c_int64
 _EVALUATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _COUNT, _COUNT)
 _ITERATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _COUNT, _COUNT)
 _CALL = ctypes.PYFUNCTYPE(None, _POINTER)  # keeps the GIL: giving it up takes longer than the call
+
+
+Call: TypeAlias = Callable[[int], object]
+"""Something to be done for the rows of a log that begin at some `first`."""
+
+
+@dataclass(frozen=True, eq=False)
+class NativeCall:
+    """``function(*arguments)``, whole numbers and addresses; `code` and `arrays` live as long as this.
+
+    The address that comes first goes on by `step` bytes with each row of a log.
+    """
+
+    address: int
+    arguments: tuple[int, ...]
+    kept: tuple[object, ...]
+    step: int = 0
+
+    @cached_property
+    def _function(self) -> Any:
+        return ctypes.CFUNCTYPE(None, *(ctypes.c_int64,) * len(self.arguments))(self.address)
+
+    def __call__(self, first: int = 0) -> None:
+        """Call it for rows from `first` on."""
+        start, *others = self.arguments
+        self._function(start + first * self.step, *others)
 
 
 class Code(Protocol):

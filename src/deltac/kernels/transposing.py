@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.kernels.calls import Call, NativeCall
 from deltac.kernels.evaluators import evaluator_name
+from deltac.kernels.native import Call, NativeCall
 from deltac.kernels.simd import simd_width
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import lagrange_kernel
 from deltac.kernels import Kernel
-from deltac.kernels.calls import Call
 from deltac.kernels.kernel import SX
+from deltac.kernels.native import Call
 from deltac.kernels.transposing import aligned
 
 SAMPLED = 8

@@ -97,8 +97,8 @@ def test_forces_that_rest_are_known(every: int) -> None:
     run = held(RIGHT, 10).every(every)
     assert stairs(run.forces["actuator motor"]).held
     right = stepped(run)
-    assert float(right.ratio.max()) < 1.0
-    assert np.all(right.bars["forces between rows"] < 1e-3 * right.scale)
+    assert float(right.residual.ratio.max()) < 1.0
+    assert np.all(right.residual.bars["forces between rows"] < 1e-3 * right.residual.scale)
     assert stepped(held(CartPole(gravity=9.81 * 1.1), 10).every(every)).significant.any()
 
 
@@ -176,7 +176,7 @@ def test_one_cause_counts_from_three_error_bars_on() -> None:
     """Some bars are not significant alone; that gravity explains all of it is."""
     run = log(CartPole(gravity=9.81 * 1.002), "heun", accelerations=False)
     run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))
-    assert 3.0 < stepped(run).ratio.max() < 10.0
+    assert 3.0 < stepped(run).residual.ratio.max() < 10.0
     found = dc.audit(MECHANISM, run)
     assert "F-SMALL-BUT-REAL" in codes(found)
     cause = next(f for f in found.findings if f.code == "F-GRAVITY")

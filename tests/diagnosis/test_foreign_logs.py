@@ -96,9 +96,9 @@ def test_forces_that_rest_are_known(every: int) -> None:
     """Jumps of 8 N between the rows leave no error bar where the controls are held."""
     run = held(RIGHT, 10).every(every)
     assert stairs(run.forces["actuator motor"]).held
-    right = stepped(run)
-    assert float(right.residual.ratio.max()) < 1.0
-    assert np.all(right.residual.bars["forces between rows"] < 1e-3 * right.residual.scale)
+    right = stepped(run).residual
+    assert float(right.ratio.max()) < 1.0
+    assert np.all(right.bars["forces between rows"] < 1e-3 * right.scale)
     assert stepped(held(CartPole(gravity=9.81 * 1.1), 10).every(every)).significant.any()
 
 

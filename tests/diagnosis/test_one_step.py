@@ -36,7 +36,7 @@ def test_integrators_are_identified(scheme: str) -> None:
     assert step.closes and step.scheme.defect < 1e-11
     assert not step.significant.any()
     # The residual, which nobody asks for then, says the same.
-    assert step.scheme.everywhere and not step.standing_out.any()
+    assert step.local.closes and not step.standing_out.any()
 
 
 def test_a_row_that_does_not_follow_is_seen_among_those_that_do() -> None:
@@ -45,7 +45,7 @@ def test_a_row_that_does_not_follow_is_seen_among_those_that_do() -> None:
     u[301, 0] += 1e-3
     step = made(replace(run, u=u))
     assert step.scheme is not None and step.scheme.name == "heun"
-    assert not step.scheme.everywhere and step.closes  # a spike, by the residual
+    assert not step.local.closes and step.closes  # a spike, by the residual
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -90,7 +90,7 @@ def test_imperfect_right_logs_are_borne(form: str) -> None:
         kept = np.sort(rng.choice(len(run), int(0.6 * len(run)), replace=False))
         run = replace(run, t=run.t[kept], q=run.q[kept], u=run.u[kept],
                       forces={"actuator motor": force[kept]})  # fmt: skip
-    assert float(made(run).ratio.max()) < 0.5 * CLEAR
+    assert float(made(run).residual.ratio.max()) < 0.5 * CLEAR
 
 
 def test_late_forces_are_told() -> None:
@@ -107,7 +107,7 @@ def test_the_error_bar_falls_with_the_step() -> None:
     coarse, fine = (
         made(log(RIGHT, "heun", step=h, accelerations=False).every(2)) for h in (0.008, 0.004)
     )
-    assert np.all(fine.bar < 0.35 * coarse.bar)
+    assert np.all(fine.residual.bar < 0.35 * coarse.residual.bar)
 
 
 def test_nothing_free_or_too_few_rows() -> None:

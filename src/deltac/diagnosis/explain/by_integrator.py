@@ -30,17 +30,29 @@ from deltac.diagnosis.explain.regression import (
     weights_of,
 )
 from deltac.diagnosis.explain.search import Found, promise, search
+from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import trimmed
-from deltac.diagnosis.residuals.schemes import ORDERS, TABLEAUS, Relation, Scheme, Steps
+from deltac.diagnosis.residuals.schemes import (
+    INSTANTS,
+    ORDERS,
+    TABLEAUS,
+    Relation,
+    Scheme,
+    Steps,
+)
 from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.mechanism import Mechanism
 from deltac.progress import Deadline, Progress, counted, untold
 from deltac.trajectories import Trajectory
 
 FAR_LESS = 0.1
 """Share that a pair may leave of what an unknown integrator leaves, and of what there is to explain."""
+
+SURELY = 3.0
+"""How many times more than a pair may leave digits must leave for none to be looked for."""
 
 MOST = 3
 """Relations for which the search is made in full."""
@@ -50,6 +62,16 @@ APART = 3.0
 
 CLEAR = 30.0
 """How many times digits and rounding a mistake must be."""
+
+
+NEARLY = 1.1
+"""How many times what an implicit step makes a cause may be to be that."""
+
+DAMPS_AT_THE_END = (
+    "implicit-damping-euler", "linearly-implicit-euler", "implicit-euler", "implicit-speed-euler",
+)  # fmt: skip
+SPRINGS_AT_THE_END = ("implicit-euler", "semi-implicit-euler-vu")
+"""Methods that take the forces of dampers, and of springs, from the end of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +108,7 @@ def known_but_for_one(
     """
     steps = step.steps
     prescribed = len(mechanism.free.u) < len(mechanism.speeds)
-    if steps is None or step.closes or prescribed:
+    if steps is None or step.closes or prescribed or _below_digits(run, step, steps):
         return None
     evaluator = Evaluator(mechanism, run)
     for end, of in zip(evaluator.reach, (np.min, np.max)):  # of the rows that are looked at
@@ -102,6 +124,10 @@ def known_but_for_one(
         still = np.zeros_like(at.F)
         columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
         whole = evaluate(function, columns, kernels.speeds)[0]
+        if relation.name in INSTANTS and not np.array_equal(udot, steps.D):
+            # What implicit terms take off an acceleration is no part of what inertias multiply.
+            columns[3] = steps.D
+            whole[..., 1:] = evaluate(function, columns, kernels.speeds)[0][..., 1:]
         several = ORDERS.get(relation.name, 2) > 1  # instants, of which the columns are of one
         change = np.gradient(whole, at.t, axis=0) * h if several else None
         tried.append((relation, *_regression(whole, kernels, change)))
@@ -119,6 +145,22 @@ def known_but_for_one(
     if not known.significant.any():
         return None
     return known, told(mechanism, run, best.prepared, best.found).findings
+
+
+def _below_digits(run: Trajectory, step: OneStep, steps: Steps) -> bool:
+    """Whether the digits of the speeds alone leave more than any pair may that counts.
+
+    They are in the mean accelerations D, and so in what every relation leaves; no cause takes them off.
+    """
+    rows = np.searchsorted(run.t, steps.start.t)
+    speeds = steps.model.mechanism.free.u
+    rounded = digits_of(run)["u"].half(rows)[:, speeds] * math.sqrt(2.0 / 3.0)  # of two rows
+    rounded = rounded / (run.t[rows + 1] - run.t[rows])[:, None]
+    digits = np.sqrt(np.mean((steps.N**2 @ rounded[..., None] ** 2)[..., 0], axis=0))
+    found, scale = step.residual, np.maximum(step.residual.scale, 1e-300)
+    return float(np.linalg.norm(digits / scale)) > SURELY * FAR_LESS * float(
+        np.linalg.norm(found.size / scale)
+    )
 
 
 def _distinct(steps: Steps) -> list[Relation]:
@@ -147,7 +189,7 @@ def _regression(
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
     # What digits and noise leave needs no estimate: no cause takes it off.
-    precise = np.sum((LEAST["samples"] * scale * weight) ** 2)
+    precise = np.sum((LEAST * scale * weight) ** 2)
     blur: Array | None = None
     if change is not None:
         blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
@@ -164,8 +206,8 @@ def _regression(
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
     residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
     prepared = Prepared(
-        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), len(whole), 0.0,
-        False,
+        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), whole[..., 1:],
+        np.zeros(whole.shape[:2]), 0.0, len(whole), 0.0, False,
     )  # fmt: skip
     return prepared, whole[..., 0], weight
 
@@ -183,26 +225,36 @@ def _counts(pair: _Pair, step: OneStep, h: float) -> bool:
 
 
 def _of_an_integrator(pair: _Pair, h: float) -> bool:
-    """Whether the cause is what an implicit step makes: an inertia of h times a damping, and the like."""
-    mechanism = pair.prepared.kernels.evaluator.mechanism
+    """Whether the cause is what forces of the end of a step make, as an inertia of h times a damping.
+
+    A relation that takes these at the end already has that; more of it is no integrator's.
+    """
+    mechanism, name = pair.prepared.kernels.evaluator.mechanism, pair.relation.name
     for k, theta in zip(pair.found.best.chosen, pair.found.best.theta):
         c = pair.prepared.regression.candidates[k]
-        if len(theta) != 1 or c.element not in {j.name for j in mechanism.joints}:
-            continue
-        joint = mechanism.joint(c.element)
-        damping, stiffness = (
-            abs(mechanism.number(x)) if np.ndim(x) == 0 and x is not None else 0.0
-            for x in (getattr(joint, "damping", 0.0), getattr(joint, "stiffness", 0.0))
-        )
+        joint = c.element.split(".")[0]  # of a speed of several: joint.speed
+        damping = 0.0 if name in DAMPS_AT_THE_END else _largest(mechanism, JointDamper, joint)
+        stiffness = 0.0 if name in SPRINGS_AT_THE_END else _largest(mechanism, JointSpring, joint)
         like = {
             "armature": h * damping + h * h * stiffness,
             "missing-rotor-inertia": h * damping + h * h * stiffness,
             "damping": h * stiffness,
             "missing-damper": h * stiffness,
         }
-        if abs(float(theta[0])) <= 1.1 * like.get(c.kind, 0.0):
+        if len(theta) == 1 and abs(float(theta[0])) <= NEARLY * like.get(c.kind, 0.0):
             return True
     return False
+
+
+def _largest(mechanism: Mechanism, of: type[JointDamper] | type[JointSpring], joint: str) -> float:
+    """The largest constant damping or stiffness of the dampers or springs of a joint."""
+    laws = (
+        law
+        for e in mechanism.elements
+        if isinstance(e, of) and e.joint == joint
+        for law in (e.damping if isinstance(e, JointDamper) else e.stiffness)
+    )
+    return max((abs(law) for law in laws if isinstance(law, float)), default=0.0)
 
 
 def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
@@ -231,5 +283,6 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         step,
         scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
         found=lambda: left,
+        by_scheme=lambda: None,
         known_but_for_causes=True,
     )

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -28,14 +28,14 @@ from deltac.diagnosis.residuals.rows import (
     rms,
     rows_of,
 )
-from deltac.diagnosis.residuals.schemes import CLOSED, PROVES, Scheme, Steps, identify
+from deltac.diagnosis.residuals.schemes import CLOSED, PROVES, Left, Scheme, Steps, identify
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
 
-NAMED = 3.0
+NAMED = 1.0
 """Error bars beyond which it is, where one cause explains it all along the log."""
 
 LOCAL = 30.0
@@ -47,17 +47,15 @@ LEAST = 2e-5
 NEAR = 3
 """Windows around one that stands out that may show traces of the same."""
 
-MATERIAL = 5e-2
-"""Share of the terms that a force which is missing now and then must be."""
+MATERIAL, SLIGHT = 5e-2, 1e-2
+"""Share of the terms that a force which is missing now and then must be; and where a known integrator closes.
+"""
 
-TAKEN_BACK = 0.1
+TAKEN_BACK = 0.5
 """Share of its last residual that the sum over a spike may leave."""
 
 SPIKE = 3
 """Steps in which a spike is over: its own two, and one more where windows overlap."""
-
-STARTING = 5
-"""Steps in which a method of several steps may start in another way."""
 
 FEWEST = 3
 """Windows that must stand out to speak of a force that is missing now and then."""
@@ -75,6 +73,7 @@ class OneStep:
         steps: some of the steps, and what every integrator makes of them.
         found: the residual, sought when it is first wanted: where every row follows from the one before by a
             scheme nobody asks for it.
+        by_scheme: what the scheme leaves of all steps, where it closes typical ones to rounding, else None.
         known_but_for_causes: whether `scheme` closes once the causes that were found are taken off; the
             residual is then what it leaves without them.
         clear: error bars beyond which the residual is significant.
@@ -86,6 +85,7 @@ class OneStep:
     off_scheme: float
     steps: Steps | None
     found: Callable[[], Residual]
+    by_scheme: Callable[[], Left | None]
     known_but_for_causes: bool = False
     clear: float = CLEAR
 
@@ -103,7 +103,9 @@ class OneStep:
         """
         if self.scheme is None or self.scheme.defect > PROVES:
             return False
-        return self.scheme.everywhere or bool(self.standing_out.sum() < FEWEST)
+        left = self.by_scheme()
+        closes = left is not None and left.closes
+        return closes or bool(self.standing_out.sum() < FEWEST)
 
     @property
     def closes_mostly(self) -> bool:
@@ -132,28 +134,43 @@ class OneStep:
             "rows": self.rows,
         }
 
-    @property
-    def now_and_then(self) -> NDArray[np.bool_]:
-        """Windows (W,) that stand far out of their own error bars, where the others do not."""
-        rows = self.standing_out
-        if self.closes_mostly:
-            return rows
-        around = np.convolve(rows, np.ones(2 * NEAR + 1), "same") > 0.5
-        quiet = self.residual.forces[~around]
-        # What is left all the time is no contact, however much it varies.
-        silent = len(quiet) > len(rows) // 3 and np.all(
-            rms(quiet) < CLEAR * self.residual.bar + LEAST * self.residual.scale
-        )
-        return rows if silent else np.zeros_like(rows)
+    @cached_property
+    def local(self) -> Left:
+        """What an integrator that closes most steps leaves in each, or else the flow in each window."""
+        left = self.by_scheme()
+        if left is not None:
+            return left
+        r = self.residual
+        return Left(r.t, r.forces, r.allowed + r.bar, r.spent)
 
     @property
+    def now_and_then(self) -> NDArray[np.bool_]:
+        """Windows (W,) of `local` that stand far out of their own error bars, where the others do not."""
+        if self.closes_mostly:
+            return self.standing_out
+        around = np.convolve(self._out, np.ones(2 * NEAR + 1), "same") > 0.5
+        quiet = self.local.forces[~around]
+        # What is left all the time is no contact, however much it varies.
+        silent = len(quiet) > len(around) // 3 and np.all(
+            rms(quiet) < CLEAR * self.residual.bar + LEAST * self.residual.scale
+        )
+        return self.standing_out & silent
+
+    @cached_property
+    def _out(self) -> NDArray[np.bool_]:
+        """Windows (W,) of `local` that are far out of their error bars, and no small part of the terms."""
+        material = SLIGHT if self.scheme is not None and self.scheme.exact else MATERIAL
+        out = (
+            np.abs(self.local.forces) > LOCAL * self.local.allowed + material * self.residual.scale
+        )
+        return np.asarray(out.any(axis=1))
+
+    @cached_property
     def standing_out(self) -> NDArray[np.bool_]:
-        """Windows (W,) whose residual is far out of their own error bars, and no small part of the terms."""
-        r = self.residual
-        out = np.abs(r.forces) > LOCAL * (r.allowed + r.bar) + MATERIAL * r.scale
-        rows = np.asarray(out.any(axis=1))
+        """The same without spikes, and what filters leave at the ends."""
+        rows = self._out.copy()
         # A force changes the momentum for good; what is taken back in the next steps is a spike of a speed.
-        size = r.forces / np.maximum(r.scale, 1e-300)
+        size = self.local.forces / np.maximum(self.residual.scale, 1e-300)
         spikes = np.zeros_like(rows)
         for first in map(int, np.flatnonzero(rows)):
             for last in range(first + 1, min(first + SPIKE, len(rows) - 1) + 1):
@@ -161,10 +178,9 @@ class OneStep:
                 if rows[last] and left < TAKEN_BACK * np.abs(size[last]).max():
                     spikes[first : last + 1] = True
         rows &= ~spikes
-        # Filters leave traces at the ends of a log, methods of several steps where they start.
-        exact = self.scheme is not None and self.scheme.typical <= CLOSED
-        edge = STARTING if exact else max(1, len(rows) // 50)
-        rows[:edge] = rows[-edge:] = False
+        if self.scheme is None or not self.scheme.exact:
+            edge = max(1, len(rows) // 50)
+            rows[:edge] = rows[-edge:] = False
         return rows
 
 
@@ -204,7 +220,12 @@ def one_steps(
 
 
 def _tested(
-    model: Model, log: StretchesOfLog, scheme: Scheme | None, off: float, steps: Steps | None
+    model: Model,
+    log: StretchesOfLog,
+    scheme: Scheme | None,
+    off: float,
+    steps: Steps | None,
+    by_scheme: Callable[[], Left | None],
 ) -> OneStep:
     """The test of a log of which it is known what integrators leave."""
 
@@ -214,4 +235,5 @@ def _tested(
 
     mechanism = model.mechanism
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
-    return OneStep(scheme, speeds, sum(len(r.t) for r, _ in log.stretches), off, steps, found)
+    rows = sum(len(r.t) for r, _ in log.stretches)
+    return OneStep(scheme, speeds, rows, off, steps, found, by_scheme)

@@ -68,7 +68,7 @@ class Functions:
         self.terms = Expression("s", inputs, size)
         M, w = crba(s)[at, at], ca.SX.sym("w", len(at))
         self.matrices = Expression("m", place, M, G)
-        self.energy = Expression("e", {**place, "w": w}, ca.bilin(M, w, w))
+        self.inertial = Expression("i", {**place, "w": w}, M @ w, ca.diag(M))
         self.qdot = Expression("r", {**place, "u": s.u}, s.qdot)
         if bound is not None:
             terms = ca.mtimes(ca.fabs(G), ca.fabs(s.u_all[at]))
@@ -124,28 +124,31 @@ class Model:
 
     def inertia(self, t: Array, q: Array) -> Array:
         """Inertia N (T, n, n): M, or with constraints that of the motions that these leave, M C M."""
-        M, G = self._matrices(t, q)
-        return M @ self._compliance(M, G) @ M if self.rows_of_G else M
+        M, G = self.matrices(t, q)
+        return M @ self.compliance(M, G) @ M if self.rows_of_G else M
 
-    def size(self, t: Array, q: Array, w: Array) -> Array:
-        """√(wᵀN w) (T,) of accelerations (T, n), N as `inertia`."""
+    def inertial(self, t: Array, q: Array, w: Array) -> tuple[Array, Array]:
+        """Forces N w (T, n) of accelerations (T, n), N as `inertia`, and its diagonal (T, n)."""
         if self.rows_of_G:
-            return mass_norm(self.inertia(t, q), w)
-        return np.asarray(np.sqrt(np.maximum(self.functions.energy(t, q, w)[0][:, 0], 0.0)))
+            N = self.inertia(t, q)
+            return multiply(N, w), np.einsum("tii->ti", N)
+        force, diagonal = self.functions.inertial(t, q, w)
+        return force, diagonal
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What forces (T, n) add to the accelerations (T, n)."""
-        M, G = self._matrices(t, q)
+        M, G = self.matrices(t, q)
         if self.rows_of_G:
-            return multiply(self._compliance(M, G), force)
+            return multiply(self.compliance(M, G), force)
         return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
-    def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
         flat, g = self.functions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
         return flat.reshape(len(t), self.n, self.n), G
 
-    def _compliance(self, M: Array, G: Array) -> Array:
+    def compliance(self, M: Array, G: Array) -> Array:
         """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         response = inverse @ G.transpose(0, 2, 1)

@@ -36,8 +36,17 @@ IDENTIFYING = 120
 CLOSED = 1e-8
 """A scheme closes if it leaves this share of the accelerations: iterations of implicit methods stop there."""
 
+ROUNDING = 1e-11
+"""What is left of steps that no filter and no unfinished iteration has touched."""
+
 PROVES = 1e-7
 """A scheme that leaves less than this share of the accelerations proves the equations."""
+
+SAME_LENGTH, SINGLE = 1e-6, 24
+"""Relative difference of steps of one length; single steps among others that are enough to tell by."""
+
+STARTING = 5
+"""Steps in which a method of several steps may start in another way."""
 
 NEARLY_ALL, EVERY = 0.9, 5
 """Share of the steps that what a scheme leaves is told of; of which every so many are looked at first."""
@@ -55,8 +64,7 @@ class Scheme:
 
     `defect` is what it leaves in nine tenths of the steps, as a share of the accelerations, `typical` in
     half of them, `precision` what digits and noise may; `forces` tells which ones it took: those of the
-    "start" or the "end" of a step, or "smooth" ones. `everywhere`: it closes so far that this `PROVES` the
-    equations not only in the steps that were looked at, but in all.
+    "start" or the "end" of a step, or "smooth" ones.
     """
 
     name: str
@@ -66,7 +74,11 @@ class Scheme:
     forces: str
     typical: float
     among: tuple[str, ...] = ()
-    everywhere: bool = False
+
+    @property
+    def exact(self) -> bool:
+        """Whether it leaves of most steps nothing but rounding."""
+        return self.typical <= ROUNDING
 
     @property
     def late_forces(self) -> bool:
@@ -87,6 +99,9 @@ ORDERS = {
     "explicit-midpoint-on-the-group": 2,
 }  # fmt: skip
 
+
+OF_SEVERAL_STEPS = ("adams-bashforth-2", "generalized-alpha", "trapezoidal")
+"""Methods that carry something over from the step before; Newmark's is a trapezoidal rule."""
 
 EXPLICIT = (
     "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
@@ -161,14 +176,15 @@ class Chosen:
 
     @staticmethod
     def alike(whole: Rows, k: NDArray[np.intp]) -> tuple[bool, bool]:
-        """Whether forces change from row to row there, and whether all steps of a log are of one length."""
+        """Whether forces change there, and whether these steps and those before are of one length."""
         held = whole.F.shape[1] > 0 and bool(np.any(whole.F[k] != whole.F[k + 1]))
-        return held, bool(np.ptp(whole.h) < 1e-6 * float(whole.h.min()))
+        h = np.concatenate([whole.h[k], whole.h[np.maximum(k - 1, 0)]])
+        return held, bool(np.ptp(h) < SAME_LENGTH * float(h.min()))
 
     def rows(self, j: int) -> Rows:
         """The rows j after the starts of the steps; the last one in place of those beyond."""
         if j not in self._rows:
-            here = [r.taken(np.minimum(k + j, len(r.t) - 1)) for r, k in self.parts]
+            here = [r.taken(_after(k, j, len(r.t))) for r, k in self.parts]
             self._rows[j] = Rows.joined(here)
         return self._rows[j]
 
@@ -182,6 +198,14 @@ class Chosen:
         """Mean accelerations (I, n) of the steps, or of those that start j rows later."""
         a, b = self.rows(j), self.rows(j + 1)
         return np.asarray((b.u - a.u) / (b.t - a.t)[:, None])
+
+
+def _after(k: NDArray[np.intp], j: int, count: int) -> slice | NDArray[np.intp]:
+    """The rows j after rows k, or the last of so many; neighbours as a slice, which copies nothing."""
+    first, last = int(k[0]) + j, int(k[-1]) + j
+    if last < count and last - first == len(k) - 1:
+        return slice(first, last + 1)
+    return np.minimum(k + j, count - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,19 +263,33 @@ def _offs(D: Array, N: Array, relations: Sequence[Relation]) -> Array:
     return np.sqrt(np.maximum(energy, 0.0))
 
 
-_INSTANTS = {
+INSTANTS = {
     "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
     "implicit-euler": (1, 1, 1), "semi-implicit-euler-vu": (0, 1, 0), "implicit-speed-euler": (1, 0, 1),
 }  # fmt: skip
 """Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
 
 
-def _steps_looked_at(whole: Rows) -> NDArray[np.intp]:
-    """Some steps of a stretch, evenly over it; none of a stretch of few rows."""
-    most = len(whole.t) - 2
-    if most < 4:
+def _single(log: StretchesOfLog) -> list[NDArray[np.bool_]]:
+    """Which intervals of each stretch are single steps: of the shortest length that many have, or all."""
+    lengths = [rows.h[:, 0] for rows, _ in log.stretches]
+    h = np.sort(np.concatenate(lengths))
+    same = SAME_LENGTH * h[0]
+    many = h[SINGLE - 1 :] - h[: max(len(h) - SINGLE + 1, 0)] < same
+    if not many.any():
+        return [np.ones(len(x), dtype=np.bool_) for x in lengths]
+    return [np.asarray(np.abs(x - h[np.argmax(many)]) < same) for x in lengths]
+
+
+def _steps_looked_at(own: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Some single steps of a stretch, evenly over it, after others if possible; none of a short stretch."""
+    k = np.arange(1, len(own))
+    k = k[own[k]]
+    after = k[own[k - 1]]
+    k = after if len(after) >= SINGLE else k
+    if len(k) < 4:
         return np.zeros(0, dtype=np.intp)
-    return np.unique(np.linspace(1, most, min(most, IDENTIFYING)).astype(np.intp))
+    return k[np.unique(np.linspace(0, len(k) - 1, min(len(k), IDENTIFYING)).astype(np.intp))]
 
 
 def _relations(chosen: Chosen) -> list[Relation]:
@@ -279,9 +317,9 @@ def _relations(chosen: Chosen) -> list[Relation]:
         F = {"": F0, "end": F1, "smooth": mean}[forces]
 
         def locate() -> Rows:
-            if name not in _INSTANTS:
+            if name not in INSTANTS:
                 return Rows(*middle(), F)
-            at_t, at_q, at_u = _INSTANTS[name]
+            at_t, at_q, at_u = INSTANTS[name]
             return Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
 
         found.append(Relation(name, forces or "start", locate, find))
@@ -407,8 +445,35 @@ ACCURATE = "accurate"
 """The relation of a motion that steps follow to more digits than rows are told by."""
 
 
-Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None]"
-"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at."""
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the relation of an integrator leaves of every step of a log, n free speeds.
+
+    t         the middle of each step (W,)
+    forces    generalized forces (W, n), N or N·m
+    allowed   what iterations of implicit methods may leave of them (W, n)
+    work      energy (J) that they do, without sign
+    """
+
+    t: Array
+    forces: Array
+    allowed: Array
+    work: float
+
+    @cached_property
+    def closes(self) -> bool:
+        """Whether it leaves no step more than that."""
+        return bool(np.all(np.abs(self.forces) <= self.allowed))
+
+
+Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None, Callable[[], Left | None]]"
+"""The integrator whose steps the rows are, or None; what the best one leaves; the steps looked at; and what
+it leaves of all, None where it closes only to the digits of the log."""
+
+
+def _nothing() -> None:
+    """What no integrator leaves."""
+
 
 SIDE_BY_SIDE = 4096
 """Steps of several logs that are looked at side by side: their numbers stay in the processor's cache."""
@@ -419,11 +484,11 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
 
     What is left is a share of the accelerations.
     """
-    found: list[Identified] = [(None, 1.0, None)] * len(logs)
+    found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
     alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
-        whole, size = max(log.stretches, key=lambda pair: len(pair[0].t))
-        k = _steps_looked_at(whole)
+        (whole, size), own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
+        k = _steps_looked_at(own_steps)
         if len(k):
             alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
     at_once = SIDE_BY_SIDE // IDENTIFYING
@@ -459,12 +524,12 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
                     max(digits, least), logs[place].late, [r.of(some_few) for r in few],
                 )  # fmt: skip
                 two_step = _two_step(whole, a, D[some], N[some], k, typical)
-                found[place] = _identified(steps, two_step, typical, logs[place].stretches)
+                found[place] = _identified(steps, two_step, typical, logs[place])
     return found
 
 
 def _identified(
-    steps: Steps, two_step: _TwoStep, typical: float, stretches_: Sequence[tuple[Rows, Rows]]
+    steps: Steps, two_step: _TwoStep, typical: float, log: StretchesOfLog
 ) -> Identified:
     """The integrator of a log by what all of them leave of some steps; `typical` accelerations."""
     relations, N, digits = steps.relations, steps.N, steps.digits
@@ -480,16 +545,17 @@ def _identified(
     closes = two_step.left <= 3.0 * digits + 1e-10
     if closes and two_step.name and two_step.left < best / DISTINCT:
         found = Scheme(two_step.name, 2, two_step.left, digits, "smooth", two_step.left)
-        return found, two_step.left, steps
+        return found, two_step.left, steps, _nothing
     if best > limit:
         left = np.median(offs, axis=0)
         half = relations[places[int(np.argmin(left))]]
         typical_left = float(left.min()) / typical
         if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
-            return None, min(best, two_step.left), steps
+            return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
-        return found, min(best, two_step.left), steps
+        by = _left_by(steps.model, log, places[int(np.argmin(left))], half, PROVES * typical)
+        return found, min(best, two_step.left), steps, by if found.exact else _nothing
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
     own = dict(zip(places, offs.T))
     # Which is no more than their distance.
@@ -506,24 +572,42 @@ def _identified(
     typical_left = float(medians(own[place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
     among = () if unique else tuple(dict.fromkeys(steps.named(r) for r in near))
-    everywhere = best <= PROVES and all(
-        _closes_everywhere(steps.model, rows, place, chosen, PROVES * typical)
-        for rows, _ in stretches_
-    )
-    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among, everywhere)
-    return scheme, best, steps
+    scheme = Scheme(name, order, best, digits, chosen.forces, typical_left, among)
+    by = _left_by(steps.model, log, place, chosen, PROVES * typical)
+    return scheme, best, steps, by if scheme.exact or best <= PROVES else _nothing
 
 
-def _closes_everywhere(
-    model: Model, rows: Rows, place: int, relation: Relation, most: float
-) -> bool:
-    """Whether a relation, of a place in the dictionary, leaves no step of a stretch more than that."""
-    k = np.arange(1, len(rows.t) - 1)
-    chosen = Chosen(model, [(rows, k)])
-    found = _relations(chosen)[place : place + 1]
-    if [(r.name, r.forces) for r in found] != [(relation.name, relation.forces)]:
-        return False  # other ones are offered where no force changes
-    return bool(np.all(model.size(rows.t[k], rows.q[k], chosen.D() - found[0].a) <= most))
+def _left_by(
+    model: Model, log: StretchesOfLog, place: int, relation: Relation, most: float
+) -> Callable[[], Left | None]:
+    """What a relation, of a place in the dictionary, leaves of all single steps, when it is wanted."""
+
+    @cache
+    def left() -> Left | None:
+        several = relation.name in OF_SEVERAL_STEPS
+        t, forces, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
+        for (rows, _), own in zip(log.stretches, _single(log)):
+            k = np.flatnonzero(own)
+            if several:
+                k = k[(k >= STARTING) & own[k - 1]]
+            chosen = Chosen(model, [(rows, k)])
+            offered = _relations(chosen) if len(k) else []
+            # Others are offered where no force changes: then all of one name are the same.
+            there = [r for r in offered[place : place + 1] if r.mark == relation.mark]
+            same = [r for r in (*there, *offered) if r.name == relation.name]
+            if not same:
+                continue
+            here, h = chosen.rows(0), rows.h[k]
+            force, inertia = model.inertial(here.t, here.q, chosen.D() - same[0].a)
+            t.append(here.t + 0.5 * h[:, 0])
+            forces.append(force)
+            allowed.append(most * np.sqrt(np.maximum(inertia, 0.0)))
+            work += float(np.sum(np.abs(here.u * force) * h))
+        if not t:
+            return None
+        return Left(np.concatenate(t), np.concatenate(forces), np.concatenate(allowed), work)
+
+    return left
 
 
 def _euler(late: float) -> str:

@@ -57,6 +57,9 @@ FEW = 3
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
+CONVENTIONS = 10.0
+"""Seconds that conventions may take beside the search: a log misread accuses nobody however long"""
+
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
 
@@ -170,7 +173,7 @@ def gather(
     found: list[Finding] = []
     whole = log.consecutive is log.run
     foreign = step is not None and not step.closes and not given and whole
-    other = conventions.units(mechanism, log.run) if foreign else None
+    other = conventions.units(mechanism, log.run, deadline.beside(CONVENTIONS)) if foreign else None
     if other is not None:
         return Evidence(log, None, None, (other,))
 
@@ -246,7 +249,7 @@ def gather(
         again = {(f.kind, f.element) for f in more}
         found = [f for f in found if (f.kind, f.element) not in again] + more
     if foreign:
-        found = _or_conventions(mechanism, log.run, found, deadline)
+        found = _or_conventions(mechanism, log.run, found, deadline.beside(CONVENTIONS))
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
@@ -259,7 +262,7 @@ def _or_conventions(
     as its equal.
     """
     causes = [f for f in found if f.weight == "cause"]
-    other = conventions.orders_and_signs(mechanism, run)
+    other = conventions.orders_and_signs(mechanism, run, deadline)
     if other is None:
         axis = None if causes else conventions.axes(mechanism, run, deadline)
         return found if axis is None else [axis, *found]

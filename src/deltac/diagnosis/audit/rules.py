@@ -248,6 +248,13 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         return verdict("unresolved", "medium", balance, *equations, wanted)
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
+    few = step.by_scheme() if step is not None and proven else None
+    if few is not None and few.work >= HALF * measures.left:
+        when = ", ".join(f"{t:.4g}" for t in few.t[few.unclosed][:FEW])
+        wanted = (
+            f"The energy error comes from single steps, near t = {when} s: log what acted there"
+        )
+        return verdict("unresolved", "medium", balance, *equations, wanted)
     if any(f.kind == "forces-not-of-this-row" for f in findings):
         wanted = "The energy error may come from the logged forces, which belong to other rows"
         return verdict("unresolved", "medium", balance, *equations, wanted)
@@ -323,8 +330,11 @@ def _steps(step: OneStep | None) -> str:
     if step.closes and step.scheme is not None:
         several = f"one step of several methods ({', '.join(step.scheme.among[:FEW])})"
         by = f"a step of {step.scheme.name}" if step.scheme.name else several
+        few = step.by_scheme()
+        out = 0 if few is None else int(few.unclosed.sum())
+        but = f" but {out}" if out else ""
         return (
-            f"Each of {step.rows} rows follows from the previous one by {by}, to "
+            f"Each of {step.rows} rows{but} follows from the previous one by {by}, to "
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "
             f"equations"
         )
